@@ -1,6 +1,6 @@
 """The pictures of a film: what stands still is drawn once, a frame draws what moves on top of it.
 
-What a film of a run shows: the arm with links and motors apart, positions, the springs' wind-up, the inputs.
+A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ HAND = 0.62
 
 
 def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
-    """By how much wind-ups (N, n), rad or m, are drawn larger: the largest of `FACTORS` with which all stay small
+    """Factor by which wind-ups (N, n), rad or m, are enlarged: the largest of `FACTORS` with which all stay small
     enough for a robot of this size, m."""
     largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
     return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
@@ -65,7 +65,7 @@ class ArmFilm:
 
     @staticmethod
     def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
-        """Of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
+        """The film of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
         robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
@@ -118,7 +118,7 @@ class ArmFilm:
         return hands
 
     def in_plot_units(self, values: np.ndarray) -> np.ndarray:
-        """Positions (…, n) in degrees and mm."""
+        """Convert positions (…, n) from rad and m to degrees and mm."""
         return values * np.where(self.slides, 1e3, np.degrees(1.0))
 
 
@@ -251,7 +251,7 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
 def _draw_lines(
     axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
 ) -> Moving:
-    """Signals (N, n) over time, faint; what has been is drawn over it."""
+    """Draw signals (N, n) over time, faint, and return what draws the part up to sample k over them."""
     values, few = film.in_plot_units(positions), max(1, len(film.time) // 800)
     artists, single = [], values.shape[1] == 1
     for j, column in enumerate(values.T):

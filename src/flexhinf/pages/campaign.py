@@ -293,7 +293,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
 
 
 def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Any]:
-    """The tracked signal that differs most, its end, and the input that does, of three runs with one noise."""
+    """Figure of three runs with one noise: the tracked signal that differs most, its end, and such an input."""
     plants = {"worst found": case.found, f"sample {case.sample}": case.sampled, "nominal": case.nominal}
     trajectories = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
     names = [name.removeprefix(TRACE) for name in judged.table.names("trace")]
@@ -361,7 +361,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
 
 # Signals and metrics -----------------------------------------------------------------------------------------
 def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
-    """Signals that are kept, in a panel each, and the one that differs most close to its end; the worst run apart."""
+    """Figure of the kept signals, and of the end of the one that differs most; the worst run is drawn apart."""
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
     ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)

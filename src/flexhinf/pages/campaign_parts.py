@@ -1,4 +1,4 @@
-"""What the reports of campaigns are made of, in words, tables and small panels, on a page and in a terminal; the report
+"""Texts, tables and small panels of the reports of campaigns, on a page and in a terminal; the report
 of two designs on the same samples: success and failure, paired differences, extremes."""
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ NO_LIMIT = 1e8
 
 
 def metric_text(metric: str, unit: str = "") -> str:
-    """A metric in a sentence, its unit in parentheses; of a joint with the joint's name behind it."""
+    """Name of a metric in a sentence, with its unit in parentheses, and of a joint's metric with the joint."""
     whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
     joint = metric.removeprefix(whole).replace("_", " ")
     text = f"{METRIC_LABELS.get(whole, '')}{joint}"
@@ -86,7 +86,7 @@ def percent_text(fraction: float) -> str:
 
 
 def interval_text(interval: Interval) -> str:
-    """An interval of a fraction."""
+    """A confidence interval of a fraction, in per cent."""
     return f"{percent_text(interval.low)} to {percent_text(interval.high)}"
 
 
@@ -96,7 +96,7 @@ def value_text(value: float, unit: str) -> str:
 
 
 def limit_text(requirement: Requirement, unit: str) -> str:
-    """The limit of a requirement."""
+    """The limit of a requirement, for example ``at most 5 %``."""
     return (
         "within the run"
         if requirement.at_most and requirement.limit >= NO_LIMIT
@@ -105,7 +105,7 @@ def limit_text(requirement: Requirement, unit: str) -> str:
 
 
 def percent_change(name: str, value: float, nominal: float | None) -> str:
-    """Per cent of the nominal number; empty where that is zero, not known, or a payload's."""
+    """Change from the nominal number in per cent; empty where that is zero, not known, or a payload's."""
     if not nominal or "payload" in name:
         return ""
     change = 100.0 * (value / nominal - 1.0)
@@ -146,13 +146,13 @@ def replay_command(folder: Path | str, which: str) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Per cent on the line of its number."""
+    """Replace the space before each per cent sign by one at which no line breaks."""
     return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 # Sentences and tables for a terminal too -----------------------------------------------------------------------
 def campaign_verdict(judged: CampaignJudgement) -> str:
-    """How many fail, with what confidence, and the worst of the main metric with its parameters."""
+    """Number of failures, confidence interval of the success rate, and the worst sample by the main metric."""
     interval, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
     text = f"{judged.failures} of {judged.count} failed"
     text += f", {unstable} of them unstable ({unstable_text(judged)})" if unstable else ""
@@ -168,7 +168,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
 
 
 def unstable_text(judged: CampaignJudgement) -> str:
-    """How many of the unstable runs moved on to their end, and how many diverged."""
+    """Number of unstable runs that still moved at their end, and number of those that diverged."""
     return (
         f"{judged.of_status(UNSTABLE)} oscillate or run away to the end of the run, "
         f"{judged.of_status(DIVERGED)} diverged"
@@ -176,7 +176,7 @@ def unstable_text(judged: CampaignJudgement) -> str:
 
 
 def worst_text(case: WorstCase) -> str:
-    """What the search found, in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
+    """Result of the search in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
     name, sampled = metric_text(case.metric), plant_text(case, case.sampled)
     if not case.worse:
         return f"worst {name}: {sampled} of sample {case.sample}; the search found no worse robot."
@@ -193,13 +193,13 @@ def plant_text(case: WorstCase, plant: FoundPlant) -> str:
 
 
 def by_effect(case: WorstCase) -> list[str]:
-    """The numbers, those first whose return to nominal changes the metric most."""
+    """Names of the varied numbers, those first whose return to nominal changes the metric most."""
     effect = {name: abs(value - case.found.value) for name, value in case.alone.items()}
     return sorted(effect, key=lambda name: -np.nan_to_num(effect[name], nan=1e300, posinf=1e300))
 
 
 def missed_by(case: WorstCase, requirements: Sequence[Requirement]) -> list[Requirement]:
-    """The requirements of its metric that the worst plant misses, all where its run does not come to its end."""
+    """Requirements on the metric that the worst plant misses; all of them if its run does not come to its end."""
     value = np.array([case.found.value])
     done = case.found.status == COMPLETED
     return [rule for rule in requirements if rule.metric == case.metric and not (done and rule.met(value)[0])]
@@ -221,18 +221,18 @@ def square_text(gain: float) -> str:
 
 
 def share_text(row: GainRow) -> str:
-    """The attained ∫|z|²/∫|d|² over γ²."""
+    """The attained ∫|z|²/∫|d|² in per cent of γ²."""
     return "more" if math.isinf(row.gain) else f"{number(100.0 * (row.gain / row.gamma) ** 2, 3)} %"
 
 
 def gain_changes(row: GainRow, nominal: Mapping[str, float]) -> str:
-    """The robot of a disturbance, by all its numbers."""
+    """The robot that a disturbance was searched for, by all its numbers that are not nominal."""
     numbers = [(name, value, nominal.get(name), "") for name, value in row.numbers.items()]
     return _changes_text(numbers, most=len(numbers))
 
 
 def replay_table(replay: Replayed) -> Any:
-    """A sample that was run again: its numbers and metrics, in the table and now."""
+    """Table of a sample that was run again: its numbers and metrics, as stored and now."""
     state = ("the same bits" if replay.same else "differs") if replay.recorded else "not in the table yet"
     return _again_table(
         f"sample {replay.sample}: {replay.run.status}; {state}",
@@ -246,7 +246,7 @@ def replay_table(replay: Replayed) -> Any:
 
 
 def worst_table(case: WorstCase, again: FoundPlant) -> Any:
-    """The worst plant that was run again: its numbers and the metric, in the folder and now."""
+    """Table of the worst plant, run again: its numbers and the metric, as stored and now."""
     same = again == case.found or (again.status == case.found.status != COMPLETED)
     return _again_table(
         f"worst {metric_text(case.metric)}: {again.status}; {'the same bits' if same else 'differs'}",
@@ -256,7 +256,7 @@ def worst_table(case: WorstCase, again: FoundPlant) -> Any:
 
 
 def gain_replay_table(rows: Sequence[GainRow], again: Sequence[float]) -> Any:
-    """Gains in the folder, and run again."""
+    """Table of the attained gains, as stored and run again."""
     same = all(row.gain == value for row, value in zip(rows, again))
     cells = [(f"{r.robot}, {r.loop}, {r.pair}", r.gain, value, r.gamma) for r, value in zip(rows, again)]
     return _again_table(f"worst disturbances: {'the same bits' if same else 'differ'}", cells, "found", "γ")
@@ -276,7 +276,7 @@ def write_page(folder: Path, what: str, page: Page) -> Path:
 
 
 def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Any, list[Any]]:
-    """As many panels in rows of at most so many columns, each row of this height, inches."""
+    """A figure with `count` panels in rows of at most `columns`, each row `height` inches high."""
     columns = min(columns, count)
     rows = -(-count // columns)
     figure, grid = panels(rows, columns, 0.4 + height * rows, **options)
@@ -297,7 +297,7 @@ def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
 def histogram(
     axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
 ) -> None:
-    """How often a metric has which value; the kept period is the grain of times."""
+    """Draw a histogram of a metric; bins of a time are as wide as a multiple of the kept period."""
     time, spread = judged.table.journal.time, float(np.ptp(values))
     period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
     half = 0.5 * abs(float(values[0])) or 0.5
@@ -354,7 +354,7 @@ def write_pair(result: PairResult) -> Path:
 
 # In words ----------------------------------------------------------------------------------------------------
 def pair_verdict(result: PairResult) -> str:
-    """Failures of both with the test of McNemar, and the main metric."""
+    """Failures of both designs with McNemar's test, and the medians of the main metric."""
     paired, counts = result.paired, result.paired.success
     a, b = counts.failures
     text = f"Of the same {paired.count} robots {a} fail with A, {b} with B"
@@ -395,7 +395,7 @@ def _interval_text(result: PairResult, metric: PairedMetric) -> str:
 
 
 def _span(metric: PairedMetric) -> str:
-    """The interval of the median; empty where the pairs are too few."""
+    """Confidence interval of the median difference; empty where the pairs are too few."""
     return "" if np.isnan(metric.interval).any() else " to ".join(map(_signed, metric.interval))
 
 
@@ -450,7 +450,7 @@ def _success(result: PairResult) -> list[Any]:
 
 
 def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
-    """Medians of both and of B − A, and in how many pairs either is better; a terminal shows some of the columns."""
+    """Table of the medians of A, B and B − A, and in how many pairs either is better; shorter in a terminal."""
     rows, independent = [], _independent(result)
     for metric in map(result.paired.metric, names):
         if len(metric.pairs):

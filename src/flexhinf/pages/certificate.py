@@ -67,7 +67,7 @@ def certificate_page(
     s: Specification,
     command: Sequence[str],
 ) -> Page:
-    """Everything on one page: all degrees, the one whose certificate is shown, and the command that makes it again."""
+    """The page of a certificate, with the proofs of all degrees and the command that makes it again."""
     claim = evidence.certificate
     with house_style():  # once for all figures
         sections = [
@@ -117,7 +117,7 @@ def _is_box(claim: Certificate) -> bool:
 
 
 def _position(claim: Certificate) -> tuple[float, str]:
-    """Scale and unit in which positions are drawn: degrees of a joint that turns."""
+    """Scale and unit of positions in figures: degrees for a joint that turns, else as they are."""
     unit = claim.states[0].unit
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
 
@@ -163,7 +163,7 @@ def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
 
 # Theorem --------------------------------------------------------------------------------------------------
 def _theorem(claim: Certificate) -> list[Section]:
-    """Its parts, but for what it is about, which stands at the top."""
+    """Sections of the theorem, without its subject, which stands at the top of the page."""
     parts = dict(theorem_parts(claim, claim.stated))
     parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
     sections = []
@@ -191,7 +191,7 @@ def _theorem(claim: Certificate) -> list[Section]:
 
 
 def _set(text: str) -> str:
-    """A sentence of the theorem with the signs of a page."""
+    """A sentence of the theorem with mathematical signs in place of plain text."""
     for plain, sign in SIGNS:
         text = text.replace(plain, sign)
     return text
@@ -261,7 +261,7 @@ def _slice(
     place: tuple[str, str], claim: Certificate, cut: Slice, scale: float, lines: Sequence[tuple[Any, ...]],
     names: tuple[str, str, str], caption: str, **style: Any,
 ) -> Figure:  # fmt: skip
-    """r/V in bands, the proved level's line and the sampled one's, the goal, the worst point inside, and `lines`.
+    """Figure of r/V in bands, with the proved and the sampled level, the goal, the worst point inside, and `lines`.
 
     `place`: anchor and title; `names`: of the horizontal axis, of the vertical one, and its unit.
     """
@@ -382,7 +382,7 @@ def _budget(evidence: Evidence) -> list[Any]:
 
 
 def _energy_unit(claim: Certificate) -> str:
-    """Of ∫|d|², behind a number."""
+    """Unit of ∫|d|², to stand behind a number."""
     unit = common_unit(claim.disturbances)
     return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
 
@@ -478,13 +478,13 @@ def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
 
 
 def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
-    """For a terminal: what is proved of the law of each degree, and the runs from the largest proved steps."""
+    """Tables for a terminal: what is proved of the law of each degree, and runs from the largest proved steps."""
     steps = (_steps_table(law, law.certificate) for law in laws if law.steps and law.certificate)
     return [table.terminal() for table in (_degree_table(laws), *steps)]
 
 
 def certification_notes(laws: Sequence[CertifiedDegree]) -> list[str]:
-    """Of which laws nothing is proved, and why."""
+    """Notes that name the laws of which nothing is proved, and why."""
     return [f"{law_name(law.choice.degree)}: nothing is proved: {law.reason}" for law in laws if law.reason]
 
 

@@ -81,7 +81,7 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
 
 
 def ours_of(comparison: Comparison) -> TunedLaw:
-    """The best nonlinear H∞ law tuned as the rivals are; the design as it is where that keeps no limit, or is worse."""
+    """The best nonlinear H∞ law tuned as the rivals are; the design itself where that keeps no limit or is worse."""
     design = comparison.own.tuned
     assert design is not None
     return min(
@@ -91,12 +91,12 @@ def ours_of(comparison: Comparison) -> TunedLaw:
 
 
 def called(law: TunedLaw) -> str:
-    """A law in a sentence."""
+    """Name of a law in a sentence."""
     return "the design" if law.name == DESIGN else law.name
 
 
 def _whole(text: str) -> str:
-    """Names of laws with hyphens at which no line breaks."""
+    """Replace the hyphens in names of laws by ones at which no line breaks."""
     for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
         text = text.replace(name, name.replace("-", "\u2011"))
     return text
@@ -152,7 +152,7 @@ def comparison_verdict(comparison: Comparison) -> str:
 def comparison_page(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
 ) -> Page:
-    """Everything on one page; parameters as for `flexhinf.pages.page.design_page`."""
+    """The page of a comparison; parameters as for `flexhinf.pages.page.design_page`."""
     own, s, robot = comparison.own.evaluation, comparison.specification, comparison.robot
     assert own is not None
     slides, degrees = robot.links.slides, s.in_degrees
@@ -196,7 +196,7 @@ def comparison_page(
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
-    """What the reader must not miss."""
+    """Limits of the comparison that the reader must know."""
     notes, own, s = [], comparison.own.evaluation, comparison.specification
     for row in comparison.rows:
         if row.failure:

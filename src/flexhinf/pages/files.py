@@ -39,9 +39,9 @@ def design_files(
     Parameters
     ----------
     command : sequence of str
-        That makes the report again; empty for a report that is written from Python.
+        Command that makes the report again; empty for a report that is written from Python.
     warnings : sequence of str
-        Of the robot's file.
+        Warnings about the robot's file.
     beside : sequence of str
         Names of files that the caller writes into the same folder: the page lists them.
     """
@@ -85,7 +85,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
-    """What each function writes; what cannot be written, as the controller of a law that is code, is left out."""
+    """Content of the files that functions write; what cannot be written, as a law that is code, is left out."""
     contents: dict[str, str | bytes] = {}
     with TemporaryDirectory() as folder:
         for name, save in files.items():
@@ -101,7 +101,7 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
 
 # Numbers ------------------------------------------------------------------------------------------------
 def _picked(value: Any, keys: str) -> dict[str, Any]:
-    """Attributes of an object by their names, in one text; ``key=path`` where the key is another, or lies deeper."""
+    """Collect attributes of an object by the names in `keys`; ``key=path`` for another key or a nested attribute."""
     return {
         key: attrgetter(path or key)(value) for key, _, path in (word.partition("=") for word in keys.split())
     }
@@ -131,7 +131,7 @@ DISTURBED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
 
 def design_numbers(design: Design) -> dict[str, Any]:
-    """Of one design."""
+    """Numbers of design.json."""
     e, s, attained, rest = design.evaluation, design.specification, design.attenuation.attained, design.rest
     estimator, along, ring_down = design.setup.estimator(design.start), design.synthesis.along, e.ring_down
     modes = {"open": e.open_modes, "closed": design.law_modes, "estimator": e.estimator_modes}
@@ -269,7 +269,7 @@ def _estimator_noise(design: Design) -> dict[str, Any]:
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
-    """Of one comparison; figures by the keys of `LawEvaluation.metrics`."""
+    """Numbers of comparison.json; metrics by the keys of `LawEvaluation.metrics`."""
     criterion, runs = comparison.criterion, comparison.scenario
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)

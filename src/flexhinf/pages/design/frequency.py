@@ -197,7 +197,7 @@ def _estimation_figure(e: LawEvaluation) -> Figure:
 
 # Frequency responses ------------------------------------------------------------------------------------
 class Loop(NamedTuple):
-    """A loop in these figures: its name in the legend, and the number of its line's style."""
+    """A loop in the frequency figures: name in the legend, frequency response, and number of its line style."""
 
     name: str
     response: FrequencyResponse
@@ -292,7 +292,7 @@ def _lines(
 
 
 def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
-    """Torque on a link → its own position (F,)."""
+    """Response (F,) of a joint's link position to a torque on the same link."""
     name = response.positions[joint].replace("link_position", "link_torque", 1)
     return response.disturbance[:, joint, response.disturbances.index(name)]
 
@@ -303,7 +303,7 @@ def _decibel(values: np.ndarray) -> np.ndarray:
 
 # Corners of the tolerances ------------------------------------------------------------------------------
 def corners(design: Design) -> Blocks:
-    """How many corners are unstable; none for a robot without tolerances."""
+    """Table of the unstable corners of the tolerances; nothing for a robot without tolerances."""
     e, cases, state = design.evaluation, design.evaluation.corners, design.evaluation.state_corners
     if cases is None:
         return
@@ -341,7 +341,7 @@ def corners(design: Design) -> Blocks:
 
 
 def corners_text(e: LawEvaluation) -> str:
-    """How many corners are unstable as designed, and the worst of them."""
+    """Sentence with the number of unstable corners as designed, and the worst of them."""
     corners, state, s = e.corners, e.state_corners, e.setup.specification
     assert corners is not None
     of = f"of {'the ' if not corners.unstable else ''}{corners.count} {'' if corners.complete else 'sampled '}corners"

@@ -107,7 +107,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
 
 
 def poles(design: Design) -> Blocks:
-    """Figure, a table of what oscillates or does not decay, and what decays without oscillating."""
+    """Poles: figure, table of modes that oscillate or do not decay, sentence on those that decay monotonically."""
     after = vibration_damping(design.law_modes)
     if after and min(after) < RINGS:
         yield note(
@@ -175,7 +175,7 @@ def _listed(mode: Mode) -> bool:
 
 
 def mode_table(design: Design, brief: bool = False) -> Table:
-    """Modes that oscillate or do not decay; `brief`: that oscillate, of many joints the vibrations alone."""
+    """Modes that oscillate or do not decay; `brief`: only those that oscillate, of many joints only vibrations."""
     several, many = (len(design.robot.joint_names) > few for few in (1, MANY))
     return Table(
         (
@@ -255,7 +255,7 @@ def law(design: Design) -> Blocks:
 
 # The rigid design: what neglecting the springs would have done ------------------------------------------
 def rigid(design: Design) -> Blocks:
-    """Text, table and figure; none if no rigid design was made."""
+    """The rigid design: text, table and figure; nothing if there is none."""
     if design.rigid is None:
         return
     loops, estimator = design.rigid.loops, design.specification.estimator != "none"
@@ -299,7 +299,7 @@ def rigid(design: Design) -> Blocks:
 
 
 def loop_text(loop: RigidLoop) -> str:
-    """What the rigid law does when it is fed from one side."""
+    """Outcome of the rigid law in words, fed from the link or the motor side."""
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)

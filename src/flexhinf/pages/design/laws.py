@@ -115,7 +115,7 @@ def _titles(comparison: Comparison) -> dict[str, str]:
 
 
 def unit_of(metric: LawMetric, comparison: Comparison) -> str:
-    """The unit that is shown."""
+    """Unit of a metric as it is printed."""
     units, own = comparison.units(), comparison.own.evaluation
     if metric.key == "drawn_unsettled":
         return f"of {len(comparison.scenario.robots)}"
@@ -126,7 +126,7 @@ def unit_of(metric: LawMetric, comparison: Comparison) -> str:
 
 
 def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
-    """One figure without its unit."""
+    """Value of a metric as text, without its unit."""
     if value is None:
         return "–"
     if np.isinf(value):
@@ -146,7 +146,7 @@ def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
 
 
 def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ...]:
-    """Which values share the best; none where all are alike."""
+    """Which values are the best or as good; none where all are alike."""
     known, best = [value for value in values if value is not None], [False for _ in values]
     if metric.better and len(known) > 1:
         top = min(known) if metric.better < 0 else max(known)

@@ -1,4 +1,4 @@
-"""What is required, what the loop achieves, where, and by which criterion; then what it costs the motors."""
+"""Requirements: limit, achieved value, place and criterion; then the inputs of the motors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COLOURS = {"met": "green", "NOT MET": "red"}
 
 
 def requirements(design: Design) -> Blocks:
-    """Requirements, those that are not met first; inputs."""
+    """Table of the requirements, those that are not met first, and of the inputs."""
     yield requirement_table(
         design.requirements, units_of(design.evaluation).degrees,
         f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
@@ -54,7 +54,7 @@ def limit_text(line: Requirement) -> str:
 
 
 def achieved_text(line: Requirement) -> str:
-    """What is achieved, with its unit and the joint of the worst value."""
+    """The achieved value with its unit and the joint of the worst value."""
     if np.isinf(line.found):
         return "diverges" if line.at_most else "unlimited"
     places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]

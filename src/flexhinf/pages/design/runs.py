@@ -110,7 +110,7 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
 
 # Payloads ------------------------------------------------------------------------------------------------
 def payload(design: Design) -> Blocks:
-    """What the robot carries, the heaviest payload as it is gripped, and a table; none without a range of masses."""
+    """Payloads: text, load step of the heaviest one, and table; nothing without a range of masses."""
     if not design.payloads:
         return
     yield from _payload_notes(design)
@@ -200,7 +200,7 @@ def payload_text(design: Design) -> str:
 
 # The planned move ---------------------------------------------------------------------------------------
 def move(design: Design) -> Blocks:
-    """What a plan changes, figure and table."""
+    """The planned move: what the plan changes, figure and table."""
     e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
     response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
     if response.diverged_at is not None:
@@ -251,7 +251,7 @@ def move(design: Design) -> Blocks:
 
 
 def margins_along(design: Design) -> Blocks:
-    """Which poses were looked at, the margins there, and the worst poses; nothing without a stated move."""
+    """Margins at poses along the move, with the worst poses; nothing without a stated move."""
     along = design.synthesis.along
     if along is None:
         return
@@ -338,7 +338,7 @@ def ring_down(design: Design) -> Blocks:
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
-    """Of each joint: impulse, largest deviation of its link, least damped oscillation, and what is left of it."""
+    """Row of each joint: impulse, peak deviation of its link, least damped oscillation, and what is left of it."""
     rows, fit = [], runs.ring_down
     for k, response in enumerate(runs.responses):
         least = runs.least_damped(k)
@@ -459,7 +459,7 @@ def _frequency(frequency: float | None) -> str:
 
 
 def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
-    """Of each joint: amplitude and frequency of what still moves, and the remaining error; none of a run that
+    """Row of each joint: amplitude and frequency of its limit cycle, and the remaining error; none of a run that
     diverged."""
     return [
         {

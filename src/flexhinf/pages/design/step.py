@@ -70,7 +70,7 @@ FLAT = 0.02
 
 
 def step(design: Design) -> Blocks:
-    """What the step looks like, and its metrics for each joint; on MuJoCo's plant too."""
+    """The step: figure and metrics of each joint; on MuJoCo's plant too."""
     e, s, units = design.evaluation, design.specification, units_of(design.evaluation)
     names = [parameter.name for parameter in design.robot.parameters if parameter.value]
     left = [
@@ -214,7 +214,7 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
 
 
 def difference_text(design: Design) -> str:
-    """How far the run on MuJoCo's plant is from ours."""
+    """Difference between the runs on MuJoCo's plant and on that of flexhinf, in words."""
     ours, theirs, units = design.evaluation.step, design.mujoco, units_of(design.evaluation)
     assert theirs is not None
     if theirs.diverged_at is not None or ours.diverged_at is not None:
@@ -379,7 +379,7 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
-    """Name, unit, values of the robots, value of the nominal one, and joint of the worst."""
+    """Metrics of the sampled robots: name, unit, values, value of the nominal robot, and joint of the worst."""
     own, m, peak = e.step, samples, samples.peak_joints[int(np.argmax(samples.peak))]
     return [
         ("overshoot", "%", m.overshoot, own.overshoot.value, m.overshoot_joints[m.worst]),

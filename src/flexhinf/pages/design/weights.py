@@ -44,7 +44,7 @@ ROWS = 6
 
 
 class Weight(NamedTuple):
-    """One weight: of which signal, its value, and the unit that makes the product dimensionless."""
+    """One weight: its signal, its value, and the unit that makes the product dimensionless."""
 
     signal: str
     value: float
@@ -52,7 +52,7 @@ class Weight(NamedTuple):
 
 
 def weights(design: Design) -> Blocks:
-    """Preset, search and weights; with the preset robust what its channels cover and cost."""
+    """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
     problem, names = design.design_problem, design.problem.disturbance_names
     kinds = [text for kind, text in KINDS.items() if any(name.startswith(kind) for name in names)]
     which = " of this problem, with the channels of the tolerances" if problem.robustness is not None else ""
@@ -135,7 +135,7 @@ def candidate_table(design: Design) -> Table:
 
 # The tolerances -----------------------------------------------------------------------------------------
 def whole_loop(design: Design) -> Blocks:
-    """What the preset robust searched for on the running loop, and what came of it; nothing with other presets."""
+    """Search of the preset robust on the running loop, and its result; nothing with other presets."""
     search = design.synthesis.robust
     if search is None:
         return
@@ -164,7 +164,7 @@ def whole_loop(design: Design) -> Blocks:
 
 
 def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
-    """What, its unit or "input", with the preset damped, and as found."""
+    """Rows of the search on the running loop: quantity, unit or "input", value with the preset damped, and found."""
     d, r = search.damped, search.found
     return [
         ("factor of all tolerances at which a corner is unstable", "", d.scale, r.scale),
@@ -177,7 +177,7 @@ def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, floa
 
 
 def robust_table(r: Robustness) -> Table:
-    """Levels without the channels of the tolerances, and with them."""
+    """Table of γ* and of the attained level, without and with the tolerance channels."""
     levels = (
         ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
         ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
@@ -221,7 +221,7 @@ def _robust_text(r: Robustness) -> str:
 
 # The weights themselves ---------------------------------------------------------------------------------
 def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weight]:
-    """Of states, integrals, spring torques and their rates; empty for a penalty that is code of the user's."""
+    """Weights of states, integrals, spring torques and their rates; empty for a penalty that is the user's code."""
     states, coded = problem.penalty.states, callable(problem.penalty.states)
     values = getattr(states, "states", None) if coded else problem.penalty.weights(problem.state_names)
     named = [] if values is None else list(zip(problem.state_names, np.asarray(values, dtype=float)))
@@ -235,7 +235,7 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
 
 
 def effort_unit(problem: GeneralisedPlant) -> str:
-    """Of R2, with a dimensionless z."""
+    """Unit of R2 with a dimensionless z."""
     units = (problem.plant.unit(name) for name in problem.input_names)
     return " or ".join(dict.fromkeys(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units))
 
@@ -272,7 +272,7 @@ def _weight_table(design: Design) -> Blocks:
 
 # Noise levels of the estimator --------------------------------------------------------------------------
 def noise_levels(design: Design) -> Blocks:
-    """Levels in use, the trade-off as a curve and a table; none without an estimator."""
+    """Noise levels of the estimator, and their trade-off as figure and table; nothing without an estimator."""
     if design.specification.estimator == "none":
         return
     noise, search, joints = design.setup.process_noise, design.noise_search, design.robot.joint_names
@@ -328,7 +328,7 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
 
 
 def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
-    """Why more is not possible with the motors' positions alone, where the damping is missed with them."""
+    """Why motor positions alone limit the damping, where it is missed with them."""
     setup = design.setup
     if (
         any(not name.startswith("motor") for name in setup.model.outputs)
@@ -348,7 +348,7 @@ def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
 
 
 def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
-    """Whether it is the candidate whose levels the design has."""
+    """Whether a candidate is the one whose noise levels the design uses."""
     return candidate.levels is search.chosen.levels
 
 
