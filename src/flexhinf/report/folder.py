@@ -56,7 +56,7 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
 
 
 def _digest(path: Path) -> str:
-    """Of a file; empty where it cannot be read."""
+    """SHA-256 of a file; empty where it cannot be read."""
     try:
         return file_digest(path)
     except OSError:
@@ -64,7 +64,7 @@ def _digest(path: Path) -> str:
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:
-    """What the marker file says; None where there is none, or something else in its place."""
+    """Content of the marker file; None where there is none, or something else in its place."""
     try:
         marker = json.loads(read_bytes(folder / MARKER, _LARGEST_MARKER))
     except (OSError, ValueError, RecursionError):
@@ -73,7 +73,7 @@ def _marker(folder: Path) -> dict[str, Any] | None:
 
 
 def check(path: str | os.PathLike[str]) -> Path:
-    """Make sure, before any work is done, that a report can be written to `path`; the absolute path, links followed.
+    """Check, before any work is done, that a report can be written to `path`; returns the absolute path, links followed.
 
     Nothing is changed, but for hidden left-overs of runs that were killed, which are cleared away.
 
@@ -108,7 +108,7 @@ def check(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """The absolute path, symbolic links followed; what the system refuses becomes `InvalidInput`."""
+    """Yield the absolute path, symbolic links followed; errors of the system within the block become `InvalidInput`."""
     try:
         yield checked_path("The report's folder", path).expanduser().resolve()
     except InvalidInput:
@@ -211,7 +211,7 @@ def _refuse(target: Path) -> None:
 
 
 def _refuse_strangers(folder: Path, target: Path) -> None:
-    """Raise if a report (that is, or was, at `target`) holds what no report of ours put there, or left so."""
+    """Raise if the report in `folder` (at `target`, now or before) has foreign files, or files that were changed."""
     marker = _marker(folder)
     if marker is None:
         return
@@ -280,7 +280,7 @@ def _exchange(fresh: Path, target: Path) -> None:
 
 
 def _clear(target: Path, sure: bool) -> None:
-    """Clear away what killed runs left beside the target; a report that they had set aside comes back.
+    """Delete what killed runs left beside the target; a report that they had moved aside is put back.
 
     `sure`: the lock is held, so nobody else is writing. Else only what is old is taken for left over.
     """

@@ -1,6 +1,6 @@
 """One self-contained HTML page: no network, no scripts, light and dark, fit to be printed.
 
-From top to bottom: what was asked, what is not met, not proved or risky, the verdict, the numbers that matter; sections
+From top to bottom: the request, what is not met, not proved or risky, the verdict, the numbers that matter; sections
 with figures and tables; then every assumption and setting, versions, seed and the command that makes the page again.
 """
 
@@ -124,7 +124,7 @@ def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def summary(claims: Sequence[Claim]) -> str:
-    """How many claims got which verdict, as words.
+    """Number of claims with each verdict, as a sentence.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def badge(kind: str) -> str:
 
 @dataclass(frozen=True)
 class Status:
-    """Part of the line at the top that says how far a result can be relied on: met, proved, not met, not proved or
+    """An entry at the top that says how far a result can be relied on: met, proved, not met, not proved or
     risky. Another kind is refused with `InvalidInput`."""
 
     kind: str
@@ -188,7 +188,7 @@ class Section(Block):
 
 @dataclass(frozen=True)
 class Page:
-    """A report: what was asked, in one or two sentences; the verdict, in one line; the sections; every setting;
+    """A report: the request, in one or two sentences; the verdict, in one line; the sections; every setting;
     command, seed and versions; the numbers that matter; what is not met, not proved or risky.
 
     Raises
