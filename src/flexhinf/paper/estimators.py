@@ -127,9 +127,9 @@ def _reconstructs(setup: PaperSetup) -> Finding:
 # Trials of two filters -----------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What two filters are compared on: the model that both believe in, with its sensors; the period, s; q of R^v = q
-    I and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about
-    the filters' initial mean, their P0; and parameters of the truth that differ from the model's."""
+    """A comparison of two filters: the model that both use, with its sensors; the period, s; q of R^v = q I and the
+    variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about the filters'
+    initial mean, their P0; and parameters of the truth that differ from the model's."""
 
     name: str
     model: Plant
@@ -195,7 +195,7 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
 
 
 def _program(filter: RecursiveFilter) -> Program:
-    """Measure, correct, compare with the truth, move both; one turn per sample."""
+    """Program of one run: measure, correct, compare with the truth, move plant and filter, in each sample."""
     plant = filter.plant
     n, m, p = plant.n, len(plant.inputs), len(plant.outputs)
     named, size = plant.parameters.named, plant.parameters.size
@@ -232,8 +232,8 @@ def _program(filter: RecursiveFilter) -> Program:
 
 # Against the EKF -----------------------------------------------------------------------------------------
 class Outcome(NamedTuple):
-    """Of a trial: pairs in which neither filter failed; mean of the paired relative difference (UKF − EKF) and half its
-    95 % interval; largest |mean error| over the RMS error, and NEES, of UKF and EKF; what the UKF is."""
+    """Result of a trial: pairs in which neither filter failed; mean of the paired relative difference (UKF − EKF) and
+    half its 95 % interval; largest |mean error| over the RMS error, and NEES, of UKF and EKF; verdict on the UKF."""
 
     pairs: int
     difference: float
@@ -263,14 +263,14 @@ def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
 
 
 def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
-    """With the link position measured, and with sensors of which sin x1 is no function."""
+    """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
     s, model = setup.settings, setup.model
     q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
     stiff = {"stiffness": setup.arm["stiffness"].interval[1]}
     motor = setup.arm.plant(measured=("motor_position",))
 
     def imu(x: Any, u: Any, p: Any) -> Any:
-        """What an inertial sensor at the link's end feels: specific force along and across the link, rate of turn."""
+        """Output of an inertial sensor at the link's end: specific force along and across the link, rate of turn."""
         torque = -p.mass * p.gravity * p.length * np.sin(x[0]) - p.stiffness * (x[0] - x[2])
         tangential = p.length * torque / p.link_inertia + p.gravity * np.sin(x[0])
         return np.array([tangential, p.length * x[1] ** 2 + p.gravity * np.cos(x[0]), x[1]])
@@ -298,7 +298,7 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
 
     def outcome(trial: Trial) -> Outcome:
-        """Of both filters on the voltage of a step, which drives every plant of the trial."""
+        """Outcome of both filters on the voltage of a step, which drives every plant of the trial."""
         times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
         volts = np.interp(times, step.time, step.signals["input"][:, 0])
         volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged

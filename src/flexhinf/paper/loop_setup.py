@@ -74,7 +74,7 @@ class ToleranceRun:
 
 
 class PaperSetup:
-    """What all figures and claims share; runs and other laws are computed once, on first use.
+    """Problem, laws, estimators and runs of all figures and claims, each computed once, on first use.
 
     `nonlinear` is NL-H∞, the paper's law (degree as set), `linear` L-H∞, the same problem with degree 2; `model` the
     plant that the estimators believe in, nominal and without coil; `true_plants` are by whether they have a coil.
@@ -174,7 +174,7 @@ class PaperSetup:
         return loop.run(reference, disturbance, self.deviation(loop) if noise else None, duration, None, seed)
 
     def runs(self, figure: str) -> dict[str, Trajectory]:
-        """The runs behind Figs. 3, 5, 7 ("03" …) by the name of the law, and 11 and 12 by where the torque acts."""
+        """Runs of Figs. 3, 5, 7 ("03" …) by the name of the law, and of 11 and 12 by where the torque acts."""
         if figure not in self._runs:
             laws = {"nonlinear": self.nonlinear, "linear": self.linear}
             self._runs[figure] = (
@@ -206,7 +206,7 @@ class PaperSetup:
     def load_response(
         self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
     ) -> Trajectory:
-        """90° commanded after 2 s, then a disturbance torque."""
+        """Simulate a command of 90° after 2 s, and then a disturbance torque."""
         command = Step(math.pi / 2, at=COMMAND_AT)
         return self.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
 
@@ -250,7 +250,7 @@ def _peak_numbers(run: Trajectory) -> dict[str, Any]:
 
 
 def _spread(values: Iterable[float | None]) -> list[float | None]:
-    """[smallest, median, largest] of the numbers among the values."""
+    """[smallest, median, largest] of the values that are numbers."""
     numbers = [float(value) for value in values if value is not None]
     return [min(numbers), float(np.median(numbers)), max(numbers)] if numbers else [None, None, None]
 
@@ -267,7 +267,7 @@ FIGURE_NUMBERS = tuple(f"{number:02d}" for number in range(3, 13))
 
 
 def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
-    """Numbers of a figure, by law and by where a torque acts.
+    """Metrics of a figure's runs, by law and by where a torque acts.
 
     Of Figs. 9 and 10 [smallest, median, largest] over the plants; how many did not settle; in Fig. 10 the RMS error of
     each estimated state too.
@@ -292,23 +292,23 @@ def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
 
 
 def known(value: float) -> float | None:
-    """None for what is not finite."""
+    """The value, or None for one that is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 # Many runs -----------------------------------------------------------------------------------------------
 def name_goal(goal: float) -> str:
-    """``90°``."""
+    """A goal (rad) as text: ``90°``."""
     return f"{math.degrees(goal):.0f}°"
 
 
 def affordable(wanted: int, period: float, duration: float = LONG) -> int:
-    """How many runs to make of those wanted: all of them unless the period is far below 1 ms."""
+    """Number of runs to make: `wanted`, or fewer if the period is far below 1 ms."""
     return max(1, min(wanted, int(SAMPLES * period / duration)))
 
 
 def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """The first alone, which compiles what the others share; compiled runs let the other thread go on."""
+    """Map in two threads, after the first item alone, which compiles what the others share."""
     if not items:
         return []
     first = function(items[0])
@@ -341,7 +341,7 @@ class PaperClaim:
     ours: bool = False
 
     def judged(self, setup: PaperSetup) -> Claim:
-        """Compute the verdict."""
+        """Compute the claim's criterion and return the claim with its verdict."""
         verdict, evidence, table, *more = self.judge(setup)
         if not isinstance(verdict, str):
             verdict = "holds" if verdict else "fails"

@@ -288,8 +288,8 @@ Signal = Callable[[np.ndarray], np.ndarray]
 
 # Gain of Eq. (5) -----------------------------------------------------------------------------------------
 class RunGain(NamedTuple):
-    """One disturbance: √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; ∫|d|², rad²·s; the
-    largest |x1|, rad; and whether the link stayed within ±180° of the hanging rest (false for a run that diverged)."""
+    """Gain under a disturbance: √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; ∫|d|²,
+    rad²·s; the largest |x1|, rad; and whether the link stayed within ±180° of the hanging rest (false if it diverged)."""
 
     gain: float
     energy: float
@@ -394,7 +394,7 @@ def attained_gain(setup: PaperSetup) -> Finding:
 
 # Torques -------------------------------------------------------------------------------------------------
 def _deviation(run: Trajectory) -> tuple[float | None, float | None]:
-    """Largest deviation in degrees, time of recovery in s."""
+    """Largest deviation (degrees) and time of recovery (s) after a disturbance; None if it diverged or stayed away."""
     numbers = load_numbers(run)
     peak = numbers["peak_deviation_rad"]
     return peak and math.degrees(peak), numbers["recovery_time_s"]
@@ -423,7 +423,7 @@ def _step_disturbance(setup: PaperSetup) -> Finding:
 
 
 def _stays(run: Trajectory, frequency: float) -> bool:
-    """Whether the deviation is small and does not grow: the last two seconds against the two before."""
+    """Whether the deviation is small and does not grow, from the last two seconds and the two before."""
     peak = load_numbers(run)["peak_deviation_rad"]
     if peak is None or peak > LIMIT:
         return False

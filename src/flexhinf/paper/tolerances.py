@@ -54,7 +54,7 @@ OVERSHOOT, SETTLING = 1.0, 0.10
 
 # Growth rates --------------------------------------------------------------------------------------------
 def swept_noises(forms: Sequence[str] = FORMS) -> tuple[ProcessNoise, ...]:
-    """Every form of R^v with every q."""
+    """Process noises R^v of every form with every q."""
     return tuple(ProcessNoise(form, q) for form in forms for q in SWEPT)
 
 
@@ -105,7 +105,7 @@ class ToleranceStudy:
 
     @staticmethod
     def of(setup: PaperSetup, law: Law) -> ToleranceStudy:
-        """Every plant, at both goals, with every R^v."""
+        """Compute the growth rates of every plant, at both goals, with every R^v."""
         true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
         if setup.settings.estimator == "none":
             return ToleranceStudy(setup, true_state, true_state, dict.fromkeys(GOALS, ()))
@@ -115,19 +115,19 @@ class ToleranceStudy:
 
     @property
     def estimated(self) -> bool:
-        """Whether an estimator is in the loop, and R^v can be swept over."""
+        """Whether an estimator is in the loop, so that R^v can be varied."""
         return any(self.swept.values())
 
     def of_form(self, form: str, goal: float) -> list[GrowthRates]:
-        """Over q, in its order."""
+        """Growth rates with one form of R^v, in the order of q."""
         return [rates for rates in self.swept[goal] if rates.noise is not None and rates.noise.form == form]
 
     def count(self, kind: str) -> int:
-        """How many plants of a kind there are: "draw" (sampled), "corner", "single" or "nominal"."""
+        """Number of plants of a kind: "draw" (sampled), "corner", "single" or "nominal"."""
         return int((self.setup.population.kinds == kind).sum())
 
     def sufficient_alone(self, rates: Sequence[GrowthRates]) -> list[str]:
-        """The single tolerances that make the loop unstable in any of these, by their changes."""
+        """Single tolerances that make the loop unstable by one of these rates, by their changes."""
         singles = np.flatnonzero(self.setup.population.kinds == "single")
         worst = np.max([each.rates[singles] for each in rates], axis=0)
         chosen = singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
@@ -135,13 +135,13 @@ class ToleranceStudy:
 
 
 def unstable_of(rates: GrowthRates, kind: str) -> int:
-    """How many plants of a kind make the loop unstable."""
+    """Number of plants of a kind that make the loop unstable."""
     return int((rates.rates[rates.kinds == kind] >= 0.0).sum())
 
 
 # Runs ------------------------------------------------------------------------------------------------
 def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, float]:
-    """(runs of 30 s, how many agree with the growth rates of the linear loop, largest difference of rates in 1/s).
+    """(runs of 30 s, number that agree with the growth rates of the linear loop, largest difference of rates in 1/s).
 
     The rate of a run without noise is that of the RMS of the link's velocity between two parts of it.
     """

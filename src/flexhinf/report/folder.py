@@ -73,7 +73,7 @@ def _marker(folder: Path) -> dict[str, Any] | None:
 
 
 def check(path: str | os.PathLike[str]) -> Path:
-    """Check, before any work is done, that a report can be written to `path`; returns the absolute path, links followed.
+    """Check before any work that a report can be written to `path`; returns the absolute path, links followed.
 
     Nothing is changed, but for hidden left-overs of runs that were killed, which are cleared away.
 
