@@ -81,7 +81,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Everything that the samples of a campaign depend on.
+    """Description of a campaign: everything that its samples depend on.
 
     Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
         does not fit the plant.
@@ -145,7 +145,7 @@ class Campaign:
 
     @property
     def batches(self) -> int:
-        """How many batches there are."""
+        """Number of batches."""
         return -(-self.samples // self.batch)
 
     def indices(self, batch: int) -> range:
@@ -199,7 +199,7 @@ class Campaign:
         return {**self.options, **sample.options, "seed": sample_seed(self.seed, index)}
 
     def sample(self, index: int) -> Sample:
-        """One sample; InvalidInput if there is none of this number."""
+        """The sample of this number; InvalidInput if there is none."""
         checked_integer("sample", index, 0, self.samples - 1, "0")
         return self.draw.samples([index], self.samples, self.seed)[0]
 
@@ -292,7 +292,7 @@ class Campaign:
 
     @cached_property
     def settings(self) -> dict[str, str]:
-        """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
+        """Settings that the rows depend on, as text by name; two campaigns with the same settings are the same."""
         options = {name: option_text(value) for name, value in sorted(self.options.items())}
         # the first sample tells draws of the same code from each other
         numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items())

@@ -58,8 +58,8 @@ def number_hash(numbers: np.ndarray) -> str:
 def campaign_digest(
     settings: Mapping[str, str], columns: Sequence[Sequence[str]], time: Sequence[float]
 ) -> str:
-    """Of a campaign's settings, of its columns (name, kind, unit) and of the instants (T,), s, at which signals are
-    kept: files that state it are parts of one table."""
+    """Digest of a campaign's settings, its columns (name, kind, unit) and the instants (T,), s, at which signals are
+    kept: files with the same digest are parts of one table."""
     stated = [dict(settings), [list(column) for column in columns], list(time)]
     return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
@@ -93,7 +93,7 @@ def _package(value: Any) -> str:
 
 
 class _Reader:
-    """Values as text: equal for equal values and equal code."""
+    """Converts values to text that is equal for equal values and equal code."""
 
     def __init__(self, package: str) -> None:
         self.package, self.known = package, dict[int, str]()
@@ -317,7 +317,7 @@ class Sample:
 
 
 class Draw(ABC):
-    """The samples of a campaign, by their numbers."""
+    """What draws the samples of a campaign by their numbers."""
 
     @abstractmethod
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
@@ -331,7 +331,7 @@ class Draw(ABC):
     @property
     @abstractmethod
     def settings(self) -> Mapping[str, str]:
-        """Everything that the samples depend on beside count and seed, as text: compared when a campaign goes on."""
+        """Settings of the draw beside count and seed, as text by name: compared when a campaign goes on."""
 
 
 @dataclass(frozen=True, eq=False)

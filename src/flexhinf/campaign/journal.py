@@ -230,7 +230,7 @@ class Journal:
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """The journal in a folder; None where there is none yet, but at most files of the names `beside`.
+        """Read the journal in a folder; None where there is none yet, and no files but those named in `beside`.
 
         InvalidInput if the folder is a file, holds something else, or its manifest is damaged.
         """
@@ -260,9 +260,9 @@ class Journal:
         command: Sequence[str] = (),
         about: Mapping[str, Any] | None = None,
     ) -> Journal:
-        """The journal of this campaign in a folder: made, or taken up again.
+        """Open the journal of a campaign in a folder: a new one, or the one there to continue.
 
-        `command`: that made it, for the reports.
+        `command`: the command that runs the campaign, for the reports.
         `about`: other information for reports and replays; it is not compared. Where it is given, other files of the
             caller's may be there already.
 
@@ -365,12 +365,12 @@ class Journal:
         return path
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
-        """The shards that are whole, by batch, and those that are not with what is wrong.
+        """Valid shards by batch, and the others with what is wrong.
 
-        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
-        and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
-        changed, with the file's name, cannot be told from a run. InvalidInput if a batch is there twice with different
-        rows, or a folder has the name of a shard.
+        Checked: the SHA-256 of every file; then the digest of the campaign, the batch, the columns, the numbers and
+        seeds of the samples, how runs ended, and the varied numbers where the manifest says how they are drawn. A
+        metric that was changed together with the file's name is not noticed. InvalidInput if a batch is there twice
+        with different rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
@@ -403,11 +403,11 @@ class Journal:
         return Tolerances.stated(self.settings, names)
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
-        """What is wrong with the file of a batch whose name has this digest; empty where nothing is.
+        """What is wrong with the file of a batch whose name has this digest; empty for a valid file.
 
-        Its columns, its metadata, the numbers of its samples and their seeds are those of the campaign, and it unpacks
-        to no more than such rows take. Every run ended in a way that there is, what else its row holds fits that, and
-        the numbers that are drawn for these samples, where that is known, are those of the rows.
+        Checked: columns, metadata, sample numbers and seeds are those of the campaign; the file unpacks to no more
+        bytes than such rows take; the status of every run is a known one, and failure, time of divergence and metrics
+        agree with it; the varied numbers are those that the draw gives for these samples, where the draw is known.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq

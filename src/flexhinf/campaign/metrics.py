@@ -46,7 +46,7 @@ _EMPTY = (0.0, np.inf, -np.inf, np.inf, -np.inf)
 
 
 def rest_reduction(ensemble: Ensemble) -> Reduction:
-    """``unstable`` of N runs in lanes, (N,) of 0 and 1: what `is_unstable` says of each of them, bit by bit."""
+    """Reduction to ``unstable`` (N,), 0 or 1, of N runs side by side: bit by bit the result of `is_unstable`."""
     command, plant, controller = ensemble.command, ensemble.plant, ensemble.controller
     places = tuple(tracked_place(plant, controller, name) for name in controller.judged)
     signals = [ensemble.commands]
@@ -198,7 +198,7 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 
 def known_metric(name: str, known: Sequence[str]) -> str:
-    """A metric's name, or a refusal that says which there are."""
+    """Check the name of a metric; InvalidInput lists the known ones."""
     if name not in known:
         otherwise = "one of these, or a function of your own (metrics={'name': function})"
         raise unknown_name(f"There is no metric {name!r}.", name, known, otherwise)

@@ -91,7 +91,7 @@ class Sensitivity:
 def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
     """Sobol indices of a metric with respect to the varied numbers, from a polynomial fitted to the samples.
 
-    `numbers`: (N, p), Of the samples.
+    `numbers`: (N, p), The varied numbers of the samples.
     `values`: (N,), The metric; samples where it is not finite are left out.
     Returns: none where nothing differs, or there are too few samples for a straight line in each number.
     """
@@ -248,7 +248,7 @@ def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
 
 
 def main_metric(names: Sequence[str]) -> str:
-    """The overshoot, or the first one; empty without any."""
+    """The main metric of these: the overshoot, or else the first one; empty without any."""
     return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
 
 
@@ -298,7 +298,7 @@ class CampaignJudgement:
 
     @property
     def method(self) -> str:
-        """How the samples are spread, see `METHODS`; a draw that states no method draws each by itself."""
+        """Sampling method, one of `METHODS`; a draw that states no method draws each sample independently."""
         return self.table.journal.settings.get("method", "random")
 
     @property
@@ -315,7 +315,7 @@ class CampaignJudgement:
 
     @property
     def main(self) -> str:
-        """The metric by which samples are worse than others: the overshoot, or the first one; empty without any."""
+        """The metric that ranks the samples: the overshoot, or else the first one; empty without any."""
         return main_metric(self.table.names("metric"))
 
     def worst(self, metric: str) -> int | None:

@@ -1,4 +1,4 @@
-"""The worst plant inside the box of the tolerances, found by search: a lower bound of what the worst one does.
+"""Search for the worst plant inside the box of the tolerances: the result is a lower bound of the worst metric.
 
 A metric is maximised over the intervals of the numbers that differ, ends included, with the noise of the sample that is
 the worst of the campaign: the search begins there, so it never ends below it, and what it finds differs from that
@@ -115,7 +115,7 @@ def worst_case(
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
 
-    `campaign`: its draw are `Tolerances`.
+    `campaign`: its draw must be `Tolerances`.
     `rows`: the campaign's rows, as `run_campaign` gives them; without them its samples are run now.
     `least`: whether the smallest value is the worst.
     `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.

@@ -87,10 +87,10 @@ COMMANDS = {
 
 
 class App(typer.Typer):
-    """All commands; every mistake in the options names the command that has them."""
+    """The group of all commands; an error in an option names the command that has the option."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Run the command that was asked for."""
+        """Parse the arguments and run their command."""
         command = get_command(self)
         _refine(command)
         return command(*arguments, **options)

@@ -1,4 +1,4 @@
-"""``flexhinf export``, ``compile`` and ``run``: a controller as what runs on a robot, and driving one in real time."""
+"""``flexhinf export``, ``compile`` and ``run``: a controller as code for a robot, and driving one in real time."""
 
 from __future__ import annotations
 

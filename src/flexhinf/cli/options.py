@@ -76,7 +76,7 @@ BESIDE = "With a URDF or MJCF: the robot file with spring and motor of each join
 # fmt: off
 @dataclass(frozen=True, kw_only=True)
 class PointOptions:
-    """Where a point of the robot goes, and what the robot carries."""
+    """Options for the payload, and for a goal of a point of the robot."""
 
     payload: Text = option("", HARDWARE,
         "What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, :x,y,z its "
@@ -91,7 +91,7 @@ class PointOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions(PointOptions):
-    """A robot, or a design file over which options win."""
+    """Options of commands that take a robot or a design file, whose values other options replace."""
 
     robot: Text = argument(
         "A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a design "

@@ -289,7 +289,7 @@ Signal = Callable[[np.ndarray], np.ndarray]
 # Gain of Eq. (5) -----------------------------------------------------------------------------------------
 class RunGain(NamedTuple):
     """Gain under a disturbance: √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; ∫|d|²,
-    rad²·s; the largest |x1|, rad; and whether the link stayed within ±180° of the hanging rest (false if it diverged)."""
+    rad²·s; largest |x1|, rad; and whether the link stayed within ±180° of the hanging rest (false if it diverged)."""
 
     gain: float
     energy: float

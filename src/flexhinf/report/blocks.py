@@ -529,7 +529,7 @@ class Settings(Block):
     groups: Mapping[str, Sequence[Setting]]
 
     def html(self) -> str:
-        """One folded table per group inside one folded part."""
+        """The settings as HTML: a table for each group, inside one folded part."""
         count, parts = sum(map(len, self.groups.values())), ""
         for name, group in self.groups.items():
             rows = "".join(

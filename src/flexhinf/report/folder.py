@@ -42,12 +42,12 @@ _LITTER = {".DS_Store", "Thumbs.db", "desktop.ini"}
 
 
 def is_report(path: str | os.PathLike[str]) -> bool:
-    """Whether a folder is a report of ours, by its marker file."""
+    """Whether a folder is a report of flexhinf, by its marker file."""
     return _marker(Path(path)) is not None
 
 
 def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
-    """Whether a folder is a report of ours whose files of these names are there as they were written."""
+    """Whether a folder is a report of flexhinf whose files of these names are there and unchanged."""
     listed = (_marker(Path(path)) or {}).get("files")
     if not isinstance(listed, dict):
         return False

@@ -75,7 +75,7 @@ class Claim(Block):
         return (f"claim-{self.id}", *super().ids()[1:])
 
     def html(self) -> str:
-        """An article with the evidence; colour is never the only sign of a verdict."""
+        """The claim as HTML, with its evidence; colour is never the only sign of a verdict."""
         links = []
         for name in self.figures:
             if name not in self.ids():

@@ -1,5 +1,5 @@
-"""What is proved of the law, in a sentence, in design.json and on the page; where each solution was checked by samples,
-the worst disturbance, and the dissipation budget."""
+"""Proofs of the law in a sentence, in design.json and on the page; where each solution was checked by samples, the
+worst disturbance, and the dissipation budget."""
 
 from __future__ import annotations
 

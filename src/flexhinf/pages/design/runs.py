@@ -307,7 +307,7 @@ def margins_along(design: Design) -> Blocks:
 
 # Ring-down after an impulse ---------------------------------------------------------------------------
 def ring_down(design: Design) -> Blocks:
-    """How the loop comes to rest after an impulse on each link: figure and table; none where a run diverged."""
+    """Ring-down of the loop after an impulse on each link: figure and table; nothing where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
         yield note(f"After a blow on {runs.responses[0].joints[runs.worst]} at the goal the loop diverges.")
@@ -375,7 +375,7 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
 
 # At rest with dry friction -------------------------------------------------------------------------------
 def long_run(design: Design) -> Blocks:
-    """Which joints keep moving; figure and table, none for a robot without dry friction or a run that diverged."""
+    """Limit cycle check (dry friction): figure and table; nothing without dry friction or where the run diverged."""
     run, s, units = design.rest, design.specification, units_of(design.evaluation)
     if run is None:
         return

@@ -291,7 +291,7 @@ def arm_figure(
 def viewing_plane(
     down: np.ndarray, points: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
-    """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""
+    """Axes of the picture (right, up) and their names: upright if the robot leaves the horizontal, else from above."""
     up, centred = -down / np.linalg.norm(down), points - points.mean(axis=0)
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
     right = next(row for row in spread if abs(row @ up) < 0.5)
