@@ -149,7 +149,7 @@ class Campaign:
         return -(-self.samples // self.batch)
 
     def indices(self, batch: int) -> range:
-        """The samples of a batch."""
+        """Indices of the samples of a batch."""
         return range(batch * self.batch, min((batch + 1) * self.batch, self.samples))
 
     @cached_property
@@ -204,14 +204,14 @@ class Campaign:
         return self.draw.samples([index], self.samples, self.seed)[0]
 
     def replay(self, index: int) -> Trajectory:
-        """The run of one sample, alone: bit by bit what the campaign ran; InvalidInput where it cannot be run."""
+        """Run one sample alone, bit by bit as in the campaign; InvalidInput where it cannot be run."""
         sample = self.sample(index)
         if sample.failure:
             raise InvalidInput(f"Sample {index} cannot be run.", sample.failure, "another sample")
         return self.run_of(index, sample)
 
     def run_of(self, index: int, sample: Sample) -> Trajectory:
-        """The run of any sample, with the noise of sample `index`."""
+        """Run any sample, with the noise of sample `index`."""
         return next(self.trajectories([index], [sample]))
 
     def trajectories(self, indices: Sequence[int], samples: Sequence[Sample]) -> Iterator[Trajectory]:

@@ -44,7 +44,7 @@ def is_library_code(function: Any) -> bool:
 
 
 def fingerprint(function: Any) -> str:
-    """The function's name and a digest of its code and of what it reads."""
+    """Name of a function, and a digest of its code and of the values that it reads."""
     digest = hashlib.sha256(_Reader(_package(_base(function))).text(function).encode())
     return f"{_name(_base(function))}, code {digest.hexdigest()[:16]}"
 
@@ -317,7 +317,7 @@ class Sample:
 
 
 class Draw(ABC):
-    """What draws the samples of a campaign by their numbers."""
+    """Interface of a draw, which gives the samples of a campaign by their numbers."""
 
     @abstractmethod
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
@@ -364,7 +364,7 @@ class FunctionDraw(Draw):
 
 @dataclass(frozen=True, eq=False)
 class Tolerances(Draw):
-    """Independent numbers in their intervals.
+    """Draw of independent numbers in their intervals.
 
     Raises InvalidInput: for an unknown method, no variable, or two of one name.
     """
@@ -399,7 +399,7 @@ class Tolerances(Draw):
 
     @staticmethod
     def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:
-        """The draw of a campaign's settings whose rows hold its variables of these names, in this order.
+        """Make the draw again from a campaign's settings; its variables have these names, in this order.
 
         None where a function of a user makes the rows, which settings do not hold; InvalidInput for a wrong statement.
         """

@@ -180,7 +180,7 @@ class PairedCampaigns:
 
     @property
     def main(self) -> str:
-        """The metric that a verdict names: the overshoot, or the first one; empty without any."""
+        """The metric that a verdict names: the overshoot, or else the first one; empty without any."""
         return main_metric(self.metrics)
 
     @property
@@ -219,7 +219,7 @@ class PairedCampaigns:
         return McNemar(*(int(pairs.sum()) for pairs in (a & b, a & ~b, ~a & b, ~a & ~b)))
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """Drawn numbers of a sample by name."""
+        """Values of the varied numbers of a sample, by name."""
         return self.a.numbers(sample)
 
 

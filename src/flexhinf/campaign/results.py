@@ -47,7 +47,7 @@ class Interval:
 
     @property
     def rate(self) -> float:
-        """The fraction itself."""
+        """The observed fraction."""
         return self.successes / self.count
 
 
@@ -218,7 +218,7 @@ class CampaignTable:
         return next(column.unit for column in self.described if column.name == name)
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """Drawn numbers of a sample by name."""
+        """Values of the varied numbers of a sample, by name."""
         return {name: float(self.columns[name][sample]) for name in self.names("parameter")}
 
 
@@ -351,7 +351,7 @@ class CampaignJudgement:
         return sensitivity(names, numbers, values[rows])
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """Drawn numbers of a sample by name."""
+        """Values of the varied numbers of a sample, by name."""
         return self.table.numbers(sample)
 
     @property

@@ -89,7 +89,7 @@ class WorstCase:
         return self.found.size(self.least) > self.sampled.size(self.least)
 
     def run(self, campaign: Campaign, plant: FoundPlant | None = None) -> Trajectory:
-        """The run of the plant found, or of another one with the same noise; InvalidInput where it cannot be run."""
+        """Run the plant found, or another one with the same noise; InvalidInput where it cannot be run."""
         sample = _box(campaign).built((plant or self.found).numbers)
         if sample.failure:
             raise InvalidInput(

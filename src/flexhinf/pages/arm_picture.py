@@ -42,8 +42,8 @@ def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ArmFilm:
-    """A run as it is drawn: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and command in
-    rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
+    """Data of a run for its film: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and
+    command in rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
 
     robot: Robot
     title: str

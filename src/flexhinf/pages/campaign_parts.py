@@ -76,7 +76,7 @@ def metric_text(metric: str, unit: str = "") -> str:
 
 
 def percent_text(fraction: float) -> str:
-    """A fraction with the digits that tell it from zero and from one."""
+    """A fraction in per cent, with enough digits to distinguish it from 0 and 100 %."""
     if fraction in (0.0, 1.0):
         return f"{100 * fraction:.0f} %"
     if fraction < 0.01:
@@ -216,7 +216,7 @@ def gain_text(row: GainRow, nominal: Mapping[str, float]) -> str:
 
 
 def square_text(gain: float) -> str:
-    """The square of a gain; infinite where a run diverged."""
+    """The square of a gain as text; infinite where a run diverged."""
     return "infinite" if math.isinf(gain) else number(gain**2, 4)
 
 
@@ -473,7 +473,7 @@ def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
 
 
 def pair_table(result: PairResult) -> Any:
-    """Paired differences of all metrics, for a terminal."""
+    """Table of the paired differences of all metrics, for a terminal."""
     return _difference_table(result, result.paired.metrics).terminal()
 
 

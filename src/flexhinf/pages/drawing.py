@@ -73,7 +73,7 @@ def framed(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:
 
 @house_style()
 def reference_line(axes: Axes, value: float = 0.0) -> None:
-    """A dotted horizontal line behind the others."""
+    """Draw a dotted horizontal line behind the others."""
     axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
 
 
@@ -209,7 +209,7 @@ def panels(
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
-    """The legend of one panel above all of them."""
+    """Add the legend of one panel above all of them."""
     where = {"loc": "outside upper left", "ncols": columns, "frameon": False, **options}
     figure.legend(*axes.get_legend_handles_labels(), **where)
 
@@ -299,7 +299,7 @@ def joint_count(count: int) -> str:
 
 
 def count_text(count: int, noun: str) -> str:
-    """A number and what it counts, with the plural where it needs one."""
+    """A number with a noun, in the plural where it needs one."""
     return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
@@ -309,7 +309,7 @@ def in_joint(joint: str, joints: Sequence[str]) -> str:
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Words as in a sentence: ``a, b and c``."""
+    """Texts joined as in a sentence: ``a, b and c``."""
     return " and ".join(part for part in (", ".join(texts[:-1]), *texts[-1:]) if part)
 
 

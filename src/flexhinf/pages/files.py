@@ -34,7 +34,7 @@ ENDING = "nc"
 def design_files(
     design: Design, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
-    """index.html, design.json, the controller, every run of the nominal robot, and a proof as certificate.json.
+    """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def design_files(
 def comparison_files(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
-    """index.html, comparison.json, and every run of the nominal robot, in a folder for each law; parameters as for
-    `design_files`."""
+    """Files of a report: index.html, comparison.json, and every run of the nominal robot, in a folder for each law;
+    parameters as for `design_files`."""
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared

@@ -335,7 +335,7 @@ VERDICT_TEXT = (
 
 
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
-    """index.html, metrics.json, and every figure of the paper."""
+    """Files of the report: index.html, metrics.json, and every figure of the paper."""
     plots = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
     return {
         "index.html": _page(reproduction, plots).html(),

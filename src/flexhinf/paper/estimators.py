@@ -151,7 +151,7 @@ class Scores:
 
 
 def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
-    """(UKF's, EKF's) scores on the same data; inputs (steps, m), held between samples."""
+    """Run both filters on the same data; returns (UKF's, EKF's) scores. Inputs (steps, m) are held between samples."""
     parameters, n, p, steps = trial.model.parameters, trial.model.n, len(trial.model.outputs), len(inputs)
     q, r, initial = trial.process_noise, np.array(trial.measurement_noise), np.array(trial.initial)
     filters = [

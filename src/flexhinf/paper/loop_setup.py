@@ -186,7 +186,7 @@ class PaperSetup:
 
     @cached_property
     def sampled_plants(self) -> list[ToleranceRun]:
-        """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
+        """Runs of Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
         population, period, plants = self.population, self.settings.period, range(SAMPLED_PLANTS)
         kept = np.arange(0, round(LONG / period) + 1, max(1, round(LONG / period / KEPT)))
         names, loop = ("output.link_position", "estimate.link_position"), self.loop(self.nonlinear, True)

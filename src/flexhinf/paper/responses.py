@@ -171,7 +171,7 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
 
 # Weights -------------------------------------------------------------------------------------------------
 def judge_weight(setup: PaperSetup, varied: str) -> Finding:
-    """Steps to both goals while the weight of x1 or of x5 is varied: overshoot or rise time falls with each."""
+    """Judge whether overshoot or rise time falls with a larger weight of x1 or of x5, in steps to both goals."""
     of_link = varied == "x1"
     weights = LINK_WEIGHTS if of_link else INTEGRAL_WEIGHTS
     pairs = [(weight, 300.0) if of_link else (60.0, weight) for weight in weights]

@@ -54,7 +54,7 @@ LOOP_CAPTION = "The linearised sampled loop at the goal, with estimator and dela
 
 # Margins ------------------------------------------------------------------------------------------------
 def margins(design: Design) -> Blocks:
-    """Margins beside those of the true state, frequency responses, noise, estimation error."""
+    """Margins of the running loop and of state feedback, frequency responses, noise, estimation error."""
     e, units = design.evaluation, units_of(design.evaluation)
     m, own, s, joints = e.margins, e.state_margins, e.setup.specification, e.setup.joints
     yield from _margin_notes(e)
@@ -122,7 +122,7 @@ def _hertz(frequency: float) -> str:
 
 
 def margin_table(e: LawEvaluation) -> Table:
-    """Margins of the running loop, and with the true state fed back where there is an estimator."""
+    """Table of the margins of the running loop, and with the true state fed back where there is an estimator."""
     alone, period = e.setup.specification.estimator == "none", e.setup.specification.period
     loops, joints = [e.margins] if alone else [e.margins, e.state_margins], e.setup.joints
     damped = in_joint(e.least_damped_joint, joints)
@@ -381,8 +381,8 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
 
 
 def corner_table(e: LawEvaluation) -> Table:
-    """Unstable corners and growth rates over q/Rⁿ, a pair of columns for each form of Rᵛ; without forms, of the loops
-    that were looked at."""
+    """Table of unstable corners and growth rates over q/Rⁿ, a pair of columns for each form of Rᵛ; without forms, of
+    the loops that were evaluated."""
     assert e.corners is not None
     rows, forms = corner_rows(e), e.corners.forms
     title = f"Corners of the tolerances. {corners_text(e)}"

@@ -108,7 +108,7 @@ def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Bl
 
 
 def candidate_table(design: Design) -> Table:
-    """The first candidate, the last, the one that is used, and its neighbours; by ζ."""
+    """Table of some candidates by ζ: the first, the last, the one in use, and its neighbours."""
     search = design.design_problem.search
     assert search is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
