@@ -16,7 +16,7 @@ from tests.campaign.conftest import OPTIONS, made_loop
 
 import flexhinf as fh
 from flexhinf.campaign import run_campaign
-from flexhinf.campaign.draws import fingerprint, is_ours
+from flexhinf.campaign.draws import fingerprint, is_library_code
 from flexhinf.errors import InvalidInput
 
 TEXT = """
@@ -87,8 +87,8 @@ def test_objects_closures_and_parts_of_functions() -> None:
         return n and itself(n - 1)
 
     assert fingerprint(itself) == fingerprint(itself)
-    assert is_ours(fh.paper_arm().draw)
-    assert not is_ours(itself)
+    assert is_library_code(fh.paper_arm().draw)
+    assert not is_library_code(itself)
 
 
 @dataclass

@@ -29,7 +29,7 @@ from flexhinf.campaign import (
 from flexhinf.campaign.batches import Rows
 from flexhinf.campaign.driver import in_processes, in_this_process
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_columns
-from flexhinf.campaign.results import HELD
+from flexhinf.campaign.results import CACHED
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.loop import shared
@@ -339,7 +339,7 @@ def test_a_table_is_read_column_by_column(tmp_path):
     for name in columns:
         expected = np.array(whole.column(name).to_pylist(), dtype=columns[name].dtype)
         np.testing.assert_array_equal(columns[name], expected, name)
-        assert columns._read.cache_info().currsize <= HELD
+        assert columns._read.cache_info().currsize <= CACHED
     assert columns["status"].tolist() == ["completed"] * 50
     with pytest.raises(KeyError):
         columns["no such column"]

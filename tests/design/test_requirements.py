@@ -25,7 +25,7 @@ from flexhinf.design.requirements import (
 )
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, SpecificationError
-from flexhinf.pages.design.requirements import found_text, limit_text, requirement_table
+from flexhinf.pages.design.requirements import achieved_text, limit_text, requirement_table
 from flexhinf.report import Cell
 
 
@@ -69,10 +69,10 @@ def line(limit: float, found: float, at_most: bool) -> Requirement:
 def test_angles_are_shown_as_the_user_gave_them() -> None:
     error = Requirement("tracking error", math.radians(0.5), math.radians(0.1), "rad", True, "move", "")
     shown = error.converted(True)
-    assert (limit_text(shown), found_text(shown)) == ("≤ 0.5°", "0.1°")
+    assert (limit_text(shown), achieved_text(shown)) == ("≤ 0.5°", "0.1°")
     assert error.converted(False) is error
     speed = Requirement("link speed", math.pi, 1.0, "rad/s", True, "step", "").converted(True)
-    assert (limit_text(speed), found_text(speed)) == ("≤ 180 °/s", "57.3 °/s")
+    assert (limit_text(speed), achieved_text(speed)) == ("≤ 180 °/s", "57.3 °/s")
     bandwidth = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "")
     assert bandwidth.converted(True) is bandwidth
 

@@ -15,7 +15,7 @@ from flexhinf.design.result import ComparedLaw
 from flexhinf.design.tuning import best_rival
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
 from flexhinf.pages.comparison import tuned_laws
-from flexhinf.pages.design.laws import FIGURES, best_of, cell, metric_table
+from flexhinf.pages.design.laws import METRICS, best_of, cell, metric_table
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 
@@ -118,11 +118,11 @@ def test_the_file_is_finite_or_null_and_keeps_its_keys(report_comparison: Compar
 
 def test_every_figure_of_the_evaluations_has_a_label(report_comparison: Comparison) -> None:
     keys = {key for row in report_comparison.compared for key in row.metrics}
-    assert keys <= {figure.key for figure in FIGURES}
+    assert keys <= {figure.key for figure in METRICS}
 
 
 def test_cells_and_the_best_of_a_row(report_comparison: Comparison) -> None:
-    by_key = {figure.key: figure for figure in FIGURES}
+    by_key = {figure.key: figure for figure in METRICS}
     deviation, settling = by_key["load_deviation"], by_key["step_settling_s"]
     assert cell(deviation, 0.0123, report_comparison) == "12.3"
     assert cell(settling, np.inf, report_comparison) == "> 3"

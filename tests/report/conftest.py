@@ -127,7 +127,7 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
     )
     return report.Page(
         title=title,
-        asked="Reproduce Figures 3–12 of Elsa & Akbari (2014) with γ = 2 γ*, degree 4, a UKF at 1 ms.",
+        request="Reproduce Figures 3–12 of Elsa & Akbari (2014) with γ = 2 γ*, degree 4, a UKF at 1 ms.",
         verdict=report.summary(claims.claims),
         sections=sections,
         settings=settings,

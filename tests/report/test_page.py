@@ -53,7 +53,7 @@ def read(html: str) -> Reader:
 def page_of(*blocks: report.Block, **changes: object) -> report.Page:
     content = {
         "title": "t",
-        "asked": "a",
+        "request": "a",
         "verdict": "v",
         "sections": (report.Section("s", blocks, "s"),),
         "settings": report.Settings({}),
@@ -106,7 +106,7 @@ def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str)
     "page",
     [
         page_of(title=HOSTILE),
-        page_of(asked=HOSTILE),
+        page_of(request=HOSTILE),
         page_of(verdict=HOSTILE),
         page_of(numbers=(report.KeyNumber(HOSTILE, HOSTILE, HOSTILE, HOSTILE),)),
         page_of(sections=(report.Section(HOSTILE, (), "s"),)),

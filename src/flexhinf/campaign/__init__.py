@@ -1,4 +1,4 @@
-"""Many perturbed loops: which plant is the i-th one, its run, the journal of all runs, and what they say together.
+"""Many perturbed loops: the i-th plant, its run, the journal of all runs, and their statistics.
 
 Enter at `run_campaign`, or at `Campaign`: a description of everything that a sample depends on. `run_batch` is a pure
 function of a campaign and the number of a batch, so batches can be run anywhere, in any order, and again. `Journal`

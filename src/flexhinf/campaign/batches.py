@@ -18,7 +18,7 @@ from flexhinf.campaign.draws import (
     Sample,
     campaign_digest,
     fingerprint,
-    is_ours,
+    is_library_code,
     number_hash,
     option_text,
     sample_seed,
@@ -75,13 +75,13 @@ class Column:
 
     @property
     def judged(self) -> bool:
-        """Whether it is a metric, of the whole or of a part."""
+        """Whether the column is a metric, of the whole run or of a part such as one joint."""
         return self.kind in ("metric", PART)
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Everything that the samples of a campaign depend on.
+    """Description of a campaign: everything that its samples depend on.
 
     Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
         does not fit the plant.
@@ -145,24 +145,24 @@ class Campaign:
 
     @property
     def batches(self) -> int:
-        """How many batches there are."""
+        """Number of batches."""
         return -(-self.samples // self.batch)
 
     def indices(self, batch: int) -> range:
-        """The samples of a batch."""
+        """Indices of the samples of a batch."""
         return range(batch * self.batch, min((batch + 1) * self.batch, self.samples))
 
     @cached_property
     def columns(self) -> tuple[Column, ...]:
-        """Of the table, in their order."""
+        """Columns of the table, in their order."""
         units, plant = self.draw.units, self.loop.true_plant.units
         return (
             *(Column(name, "own", "s" if name.endswith("_s") else "") for name in OWN),
             *(Column(name, "parameter", units.get(name, "")) for name in self._first.row()),
             *(
-                Column(name, PART if name in one.parts else "metric", unit)
-                for one in self.metrics
-                for name, unit in one.units.items()
+                Column(name, PART if name in metric.parts else "metric", unit)
+                for metric in self.metrics
+                for name, unit in metric.units.items()
             ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
@@ -182,40 +182,40 @@ class Campaign:
         """Instants (T,) at which signals are kept, s."""
         return self.instants * self.loop.controller.period
 
-    def loop_of(self, drawn: Sample) -> Loop:
+    def loop_of(self, sample: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
-        plant = self.loop.true_plant if drawn.plant is None else drawn.plant
-        if drawn.parameters:
+        plant = self.loop.true_plant if sample.plant is None else sample.plant
+        if sample.parameters:
             if not isinstance(plant, Plant):
                 raise InvalidInput(
                     "The true plant has no parameters that could be drawn.",
                     f"expected a Plant, got {type(plant).__name__}",
                     "a draw that returns Sample(plant=…), a plant of its own for each sample",
                 )
-            plant = plant.with_parameters(**drawn.parameters)
+            plant = plant.with_parameters(**sample.parameters)
         return self.loop.with_plant(plant)
 
     def _arguments(self, index: int, sample: Sample) -> dict[str, Any]:
         return {**self.options, **sample.options, "seed": sample_seed(self.seed, index)}
 
     def sample(self, index: int) -> Sample:
-        """One sample; InvalidInput if there is none of this number."""
+        """The sample of this number; InvalidInput if there is none."""
         checked_integer("sample", index, 0, self.samples - 1, "0")
         return self.draw.samples([index], self.samples, self.seed)[0]
 
     def replay(self, index: int) -> Trajectory:
-        """The run of one sample, alone: bit by bit what the campaign ran; InvalidInput where it cannot be run."""
+        """Run one sample alone, bit by bit as in the campaign; InvalidInput where it cannot be run."""
         sample = self.sample(index)
         if sample.failure:
             raise InvalidInput(f"Sample {index} cannot be run.", sample.failure, "another sample")
         return self.run_of(index, sample)
 
     def run_of(self, index: int, sample: Sample) -> Trajectory:
-        """The run of any sample, with the noise of sample `index`."""
+        """Run any sample, with the noise of sample `index`."""
         return next(self.trajectories([index], [sample]))
 
     def trajectories(self, indices: Sequence[int], samples: Sequence[Sample]) -> Iterator[Trajectory]:
-        """The runs of samples, in their order, with all their signals."""
+        """Simulate samples one after the other, with all their signals, in the given order."""
         modes = [self._mode(sample) for sample in samples]
         runs: dict[str, Iterator[Trajectory]] = {}
         for mode in dict.fromkeys(modes):
@@ -227,20 +227,20 @@ class Campaign:
         for mode in modes:
             yield next(runs[mode])
 
-    def plants(self, indices: Sequence[int], drawn: Sequence[Sample]) -> dict[str, Any]:
+    def plants(self, indices: Sequence[int], samples: Sequence[Sample]) -> dict[str, Any]:
         """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds, starts and loads."""
         states, controller = self.loop.true_plant.states, self.loop.controller
-        options = [{**self.options, **one.options} for one in drawn]
-        inputs = [one.options["initial_input"] for one in drawn if "initial_input" in one.options]
+        options = [{**self.options, **sample.options} for sample in samples]
+        inputs = [sample.options["initial_input"] for sample in samples if "initial_input" in sample.options]
         channels = self.loop.true_plant.disturbances
-        for name in {name for one in drawn for name in one.loads} - set(channels):
+        for name in {name for sample in samples for name in sample.loads} - set(channels):
             raise unknown_name(
                 f"There is no disturbance {name!r} that a load could be a factor of.", name, channels
             )
-        loads = [[one.loads.get(name, 1.0) for name in channels] for one in drawn]
-        loaded = self.options.get("disturbance") is not None or any(one.loads for one in drawn)
+        loads = [[sample.loads.get(name, 1.0) for name in channels] for sample in samples]
+        loaded = self.options.get("disturbance") is not None or any(sample.loads for sample in samples)
         return {
-            "parameters": [one.parameters for one in drawn],
+            "parameters": [sample.parameters for sample in samples],
             "seeds": [sample_seed(self.seed, index) for index in indices],
             "initial_states": np.array(
                 [starting_state(each.get("initial_state"), states, controller) for each in options]
@@ -250,14 +250,14 @@ class Campaign:
         }
 
     def _mode(self, sample: Sample) -> str:
-        """How a sample is run: alone, or beside others that all begin from an input of their own, or all do not."""
+        """Execution mode of a sample: alone, or in a batch whose samples all have an initial input, or none has."""
         shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None
         if not shared or not set(sample.options) <= _BATCHABLE:
             return ALONE
         return "with input" if "initial_input" in sample.options else "lanes"
 
     def modes(self, samples: Sequence[Sample]) -> dict[str, list[int]]:
-        """Places of the samples by their execution mode; `ALONE` are those of which signals are needed."""
+        """Positions of the samples by execution mode; samples whose signals are needed are under `ALONE`."""
         places: dict[str, list[int]] = {}
         for place, sample in enumerate(samples):
             if not sample.failure:
@@ -266,10 +266,10 @@ class Campaign:
 
     @cached_property
     def ensemble(self) -> Ensemble | None:
-        """All runs at once, of which only numbers are kept; None where a metric needs whole signals."""
-        if not isinstance(self.loop.true_plant, Plant) or any(one.reduced is None for one in self.metrics):
+        """Simulation of many runs at once that keeps only numbers; None where a metric needs whole signals."""
+        if not isinstance(self.loop.true_plant, Plant) or any(m.reduced is None for m in self.metrics):
             return None
-        reductions = [reduction for one in self.metrics for reduction in one.reductions]
+        reductions = [reduction for m in self.metrics for reduction in m.reductions]
         ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
         return replace(ensemble, common=(*ensemble.common, rest_reduction(ensemble)))
 
@@ -283,7 +283,7 @@ class Campaign:
         return loop.ensemble(**self.options, **reduced)
 
     def __getstate__(self) -> dict[str, Any]:
-        """For other processes: without compiled code."""
+        """State to pickle for other processes: compiled code is left out."""
         return {
             name: value
             for name, value in vars(self).items()
@@ -292,11 +292,11 @@ class Campaign:
 
     @cached_property
     def settings(self) -> dict[str, str]:
-        """Everything that the rows depend on, as text by name; two campaigns with the same settings are the same."""
+        """Settings that the rows depend on, as text by name; two campaigns with the same settings are the same."""
         options = {name: option_text(value) for name, value in sorted(self.options.items())}
         # the first sample tells draws of the same code from each other
         numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items())
-        own = [one for one in self.metrics if one.function is not None and not is_ours(one.function)]
+        own = [m for m in self.metrics if m.function is not None and not is_library_code(m.function)]
         # controller, plant and the end of a short run distinguish two loops of the same description
         loop, controller = self.loop, self.loop.controller
         plant = loop.true_plant
@@ -309,8 +309,8 @@ class Campaign:
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
             **dict(self.about), **dict(self.draw.settings), **options, "first sample": numbers,
-            "metrics": ", ".join(name for one in self.metrics for name in one.units),
-            **{f"metric {', '.join(one.units)}": fingerprint(one.function) for one in own},
+            "metrics": ", ".join(name for m in self.metrics for name in m.units),
+            **{f"metric {', '.join(m.units)}": fingerprint(m.function) for m in own},
             "signals": ", ".join(self.signals or ()),
             "period": repr(controller.period), "measured": ", ".join(controller.measured),
             "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
@@ -320,20 +320,20 @@ class Campaign:
 
     @cached_property
     def digest(self) -> str:
-        """Of what the rows depend on, and of what they hold."""
+        """Digest of everything that the rows depend on, and of their columns."""
         columns = [[column.name, column.kind, column.unit] for column in self.columns]
         return campaign_digest(self.settings, columns, self.time.tolist())
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:
-    """Refuse numbers of a campaign that are out of range."""
+    """Check the number of samples, the seed and the batch size of a campaign; InvalidInput if one is out of range."""
     checked_integer("samples", samples, 1, MOST_SAMPLES, "10000")
     checked_integer("seed", seed, 0, 2**63 - 1, "0")
     checked_integer("batch", batch, 1, LARGEST_BATCH, str(BATCH))
 
 
 def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> int:
-    """An integer between two; anything else is refused."""
+    """Return an integer between `least` and `most`; anything else is refused with InvalidInput."""
     whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if not whole or not least <= int(value) <= most:
         usable = "The number of the campaign's samples is not usable."
@@ -366,11 +366,11 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
 
 
 def run_samples(campaign: Campaign, indices: range) -> Rows:
-    """The rows of some samples, as `run_batch`."""
+    """Run some samples and return their rows; raises as `run_batch`."""
     return rows_of(campaign, indices, campaign.draw.samples(indices, campaign.samples, campaign.seed))
 
 
-def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample]) -> Rows:
+def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample]) -> Rows:
     """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign."""
     columns, count, names = dict[str, np.ndarray](), len(indices), set(campaign.named("parameter"))
     for column in campaign.columns:
@@ -382,8 +382,8 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
         sample_seeds(campaign.seed, indices),
     )
     columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
-    for place, (index, one) in enumerate(zip(indices, drawn)):
-        row = one.row()
+    for place, (index, sample) in enumerate(zip(indices, samples)):
+        row = sample.row()
         if set(row) != names:
             raise InvalidInput(
                 f"Sample {index} has other numbers than the first one.",
@@ -392,16 +392,16 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
             )
         for name, value in row.items():
             columns[name][place] = value
-        if one.failure:
-            columns["status"][place], columns["failure"][place] = NOT_RUN, one.failure
-    modes = campaign.modes(drawn)
+        if sample.failure:
+            columns["status"][place], columns["failure"][place] = NOT_RUN, sample.failure
+    modes = campaign.modes(samples)
     alone, place = modes.pop(ALONE, []), 0
     try:
         for some in modes.values():
             assert campaign.ensemble is not None
-            plants = campaign.plants([indices[k] for k in some], [drawn[k] for k in some])
+            plants = campaign.plants([indices[k] for k in some], [samples[k] for k in some])
             _fill_reduced(campaign, columns, np.array(some), campaign.ensemble.run(**plants))
-        runs = campaign.trajectories([indices[k] for k in alone], [drawn[k] for k in alone])
+        runs = campaign.trajectories([indices[k] for k in alone], [samples[k] for k in alone])
         for place in alone:
             _fill_run(campaign, columns, place, next(runs))
     except FlexhinfError as error:
@@ -416,7 +416,7 @@ def rows_of(campaign: Campaign, indices: Sequence[int], drawn: Sequence[Sample])
 def _fill_reduced(
     campaign: Campaign, columns: dict[str, np.ndarray], places: np.ndarray, result: EnsembleResult
 ) -> None:
-    """Status, metrics and kept signals of runs in lanes."""
+    """Fill in status, metrics and kept signals of runs that were simulated side by side."""
     ended = np.where(result.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
     columns["status"][places] = np.where(result.completed, ended, DIVERGED)
     columns["diverged_at_s"][places] = result.diverged_at
@@ -432,7 +432,7 @@ def _fill_reduced(
 
 
 def _fill_run(campaign: Campaign, columns: dict[str, np.ndarray], place: int, run: Trajectory) -> None:
-    """Status, metrics and kept signals of one run."""
+    """Fill in status, metrics and kept signals of one run."""
     if run.diverged_at is None:
         columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
         for metrics in campaign.metrics:

@@ -38,19 +38,19 @@ from flexhinf.validation import checked_text, distinct, is_real, unknown_name, v
 DIGITS, READ_DIGITS = 6, 12
 
 
-def is_ours(function: Any) -> bool:
-    """Whether the version of flexhinf says which code a function is."""
+def is_library_code(function: Any) -> bool:
+    """Whether a function is part of flexhinf, so that the version of flexhinf identifies its code."""
     return _package(_base(function)) == "flexhinf"
 
 
 def fingerprint(function: Any) -> str:
-    """The function's name and a digest of its code and of what it reads."""
+    """Name of a function, and a digest of its code and of the values that it reads."""
     digest = hashlib.sha256(_Reader(_package(_base(function))).text(function).encode())
     return f"{_name(_base(function))}, code {digest.hexdigest()[:16]}"
 
 
 def number_hash(numbers: np.ndarray) -> str:
-    """Of numbers, to `DIGITS` digits: the same on machines whose last bits differ."""
+    """Hash of numbers, rounded to `DIGITS` digits: the same on machines whose last bits differ."""
     text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -58,27 +58,27 @@ def number_hash(numbers: np.ndarray) -> str:
 def campaign_digest(
     settings: Mapping[str, str], columns: Sequence[Sequence[str]], time: Sequence[float]
 ) -> str:
-    """Of a campaign's settings, of its columns (name, kind, unit) and of the instants (T,), s, at which signals are
-    kept: files that state it are parts of one table."""
+    """Digest of a campaign's settings, its columns (name, kind, unit) and the instants (T,), s, at which signals are
+    kept: files with the same digest are parts of one table."""
     stated = [dict(settings), [list(column) for column in columns], list(time)]
     return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
 
 def option_text(value: Any) -> str:
-    """An option of a run; of a signal its name, of a user's function its fingerprint."""
+    """An option of a run as text: a signal by its name, a user's function by its fingerprint."""
     match value:
         case Mapping():
             return ", ".join(f"{name}: {option_text(part)}" for name, part in value.items())
         case np.ndarray():
-            return ", ".join(repr(one) for one in value.ravel().tolist())
-        case types.FunctionType() | types.MethodType() | functools.partial() if not is_ours(value):
+            return ", ".join(repr(entry) for entry in value.ravel().tolist())
+        case types.FunctionType() | types.MethodType() | functools.partial() if not is_library_code(value):
             return fingerprint(value)
     text = str(getattr(value, "name", "") or getattr(value, "__qualname__", None) or repr(value))
     return str(type(value).__qualname__) if " at 0x" in text else text
 
 
 def _base(function: Any) -> Any:
-    """The function itself, or the class whose instance is called."""
+    """The function behind a partial or a bound method, or the class of a callable object."""
     while isinstance(function, (functools.partial, types.MethodType)):
         function = function.func if isinstance(function, functools.partial) else function.__func__
     return function if hasattr(function, "__qualname__") else type(function)
@@ -93,7 +93,7 @@ def _package(value: Any) -> str:
 
 
 class _Reader:
-    """Values as text: equal for equal values and equal code."""
+    """Converts values to text that is equal for equal values and equal code."""
 
     def __init__(self, package: str) -> None:
         self.package, self.known = package, dict[int, str]()
@@ -115,22 +115,22 @@ class _Reader:
         return self.known[id(value)]
 
     def _part(self, value: Any) -> str:
-        """Of a container or of code; empty for another object."""
+        """Text of a container or of code; empty for another object."""
         match value:
             case set() | frozenset():
                 return f"set {sorted(map(self.text, value))}"
             case np.ndarray():
-                return f"array {value.shape} {[self.text(one) for one in value.ravel().tolist()]}"
+                return f"array {value.shape} {[self.text(part) for part in value.ravel().tolist()]}"
             case list() | tuple():
-                return f"{type(value).__name__} {[self.text(one) for one in value]}"
+                return f"{type(value).__name__} {[self.text(part) for part in value]}"
             case Mapping():
-                return f"map {[(self.text(key), self.text(one)) for key, one in value.items()]}"
+                return f"map {[(self.text(key), self.text(part)) for key, part in value.items()]}"
             case types.ModuleType():
                 return f"module {value.__name__}"
             case types.MethodType():
                 return f"method {self.text(value.__func__)} of {self.text(value.__self__)}"
             case functools.partial():
-                return f"partial {[self.text(one) for one in (value.func, value.args, value.keywords)]}"
+                return f"partial {[self.text(part) for part in (value.func, value.args, value.keywords)]}"
             case types.CodeType():
                 return self._compiled(value)
             case types.BuiltinFunctionType():
@@ -140,50 +140,50 @@ class _Reader:
         return ""
 
     def _function(self, value: types.FunctionType | type) -> str:
-        """Of a function or a class, of another package by its name alone."""
+        """Text of a function or a class; one of another package goes by its name alone."""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
         if isinstance(value, type):
             own = {
-                name: getattr(one, "__func__", getattr(one, "fget", getattr(one, "func", one)))
-                for name, one in vars(value).items()
-                if not (name.startswith("__") and name.endswith("__")) or isinstance(one, types.FunctionType)
+                name: getattr(item, "__func__", getattr(item, "fget", getattr(item, "func", item)))
+                for name, item in vars(value).items()
+                if not (name.startswith("__") and name.endswith("__")) or isinstance(item, types.FunctionType)
             }
-            return f"class {_name(value)} {[self.text(one) for one in (value.__bases__, own)]}"
+            return f"class {_name(value)} {[self.text(part) for part in (value.__bases__, own)]}"
         code, known = value.__code__, value.__globals__
         cells = [cell.cell_contents for cell in value.__closure__ or () if cell != types.CellType()]
         read = {name: known[name] for name in _globals(code) if name in known}
         parts = value.__defaults__, value.__kwdefaults__, cells, read
-        return f"function {self._compiled(code, value.__doc__)} {[self.text(one) for one in parts]}"
+        return f"function {self._compiled(code, value.__doc__)} {[self.text(part) for part in parts]}"
 
     def _compiled(self, code: types.CodeType, docstring: str | None = None) -> str:
-        constants = [None if docstring and one == docstring else one for one in code.co_consts]
+        constants = [None if docstring and constant == docstring else constant for constant in code.co_consts]
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
-        return f"{code.co_code.hex()} {names} {[self.text(one) for one in constants]}"
+        return f"{code.co_code.hex()} {names} {[self.text(constant) for constant in constants]}"
 
     def _instance(self, value: Any) -> str:
-        """Of an object: its class, and what it holds but not what it has only computed of that.
+        """Text of an object: its class and its attributes, without cached properties.
 
         Objects of other packages may hold anything, addresses and rounding among it: they go by their class.
         """
         kind = type(value)
-        held: dict[str, Any] = {}
+        content: dict[str, Any] = {}
         if _package(kind) == self.package != "flexhinf":
-            parts = [part for one in kind.__mro__ for part in vars(one).items()]
+            parts = [part for base in kind.__mro__ for part in vars(base).items()]
             cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
             fields = (
-                [one.name for one in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
+                [entry.name for entry in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
             )
             names = fields or [name for name in getattr(value, "__dict__", {}) if name not in cached]
-            held = {name: getattr(value, name, None) for name in names}
-        return f"{self.text(kind)} {self.text(held)}"
+            content = {name: getattr(value, name, None) for name in names}
+        return f"{self.text(kind)} {self.text(content)}"
 
 
 def _globals(code: types.CodeType) -> list[str]:
-    names = {one.argval for one in dis.get_instructions(code) if one.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
-    for one in code.co_consts:
-        if isinstance(one, types.CodeType):
-            names |= set(_globals(one))
+    names = {op.argval for op in dis.get_instructions(code) if op.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
+    for constant in code.co_consts:
+        if isinstance(constant, types.CodeType):
+            names |= set(_globals(constant))
     return sorted(names)
 
 
@@ -272,7 +272,7 @@ class Variable:
 
     @staticmethod
     def read(name: str, text: str) -> Variable | None:
-        """The variable that `text` says; None for another text."""
+        """Parse the text that `Variable.text` writes; None for another text."""
         match = _VARIABLE.fullmatch(text)
         if match is None:
             return None
@@ -304,7 +304,7 @@ class Sample:
     failure: str = ""
 
     def row(self) -> dict[str, float]:
-        """Its numbers by the names of their columns."""
+        """The varied numbers of the sample, by the names of their columns."""
         stated = getattr(self.parameters, "numbers", None) if self.numbers is None else self.numbers
         if isinstance(stated, Mapping):
             return {name: float(value) for name, value in stated.items()}
@@ -317,7 +317,7 @@ class Sample:
 
 
 class Draw(ABC):
-    """The samples of a campaign, by their numbers."""
+    """Interface of a draw, which gives the samples of a campaign by their numbers."""
 
     @abstractmethod
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
@@ -331,19 +331,19 @@ class Draw(ABC):
     @property
     @abstractmethod
     def settings(self) -> Mapping[str, str]:
-        """Everything that the samples depend on beside count and seed, as text: compared when a campaign goes on."""
+        """Settings of the draw beside count and seed, as text by name: compared when a campaign goes on."""
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionDraw(Draw):
-    """Samples of a function of a generator, as `flexhinf.Robot.draw` is one."""
+    """Samples that a function draws with a random generator, such as `flexhinf.Robot.draw`."""
 
     # Generator → parameters by name, or a `Sample`
     function: Callable[[np.random.Generator], Mapping[str, Any] | Sample]
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Each from a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        drawn = []
+        """Draw each sample with a generator of its own (Philox 4×64, the number of the sample in its counter)."""
+        samples = []
         for k in indices:
             bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
             value = self.function(np.random.Generator(bits))
@@ -353,8 +353,8 @@ class FunctionDraw(Draw):
                     f"expected a mapping by name or a Sample, got {value_text(value)}",
                     "{'stiffness': rng.uniform(0.9, 1.1)}",
                 )
-            drawn.append(value if isinstance(value, Sample) else Sample(value))
-        return drawn
+            samples.append(value if isinstance(value, Sample) else Sample(value))
+        return samples
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -364,7 +364,7 @@ class FunctionDraw(Draw):
 
 @dataclass(frozen=True, eq=False)
 class Tolerances(Draw):
-    """Independent numbers in their intervals.
+    """Draw of independent numbers in their intervals.
 
     Raises InvalidInput: for an unknown method, no variable, or two of one name.
     """
@@ -388,29 +388,29 @@ class Tolerances(Draw):
         distinct("variables", [variable.name for variable in self.variables])
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Each variable's quantiles of the points that belong to these numbers."""
-        drawn = self.numbers(indices, count, seed)
-        return [self.built(dict(zip(drawn, map(float, row), strict=True))) for row in zip(*drawn.values())]
+        """Samples of these numbers: the quantiles of each variable at the points of the method."""
+        values = self.numbers(indices, count, seed)
+        return [self.built(dict(zip(values, map(float, row), strict=True))) for row in zip(*values.values())]
 
     def numbers(self, indices: Sequence[int], count: int, seed: int) -> dict[str, np.ndarray]:
-        """The numbers (N,) of these samples by variable."""
+        """Values (N,) of each variable for these samples, by its name."""
         points = _points(self.method, np.asarray(indices, dtype=np.int64), len(self.variables), count, seed)
-        return {one.name: one.values(points[:, k]) for k, one in enumerate(self.variables)}
+        return {variable.name: variable.values(points[:, k]) for k, variable in enumerate(self.variables)}
 
     @staticmethod
     def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:
-        """The draw of a campaign's settings whose rows hold its variables of these names, in this order.
+        """Make the draw again from a campaign's settings; its variables have these names, in this order.
 
         None where a function of a user makes the rows, which settings do not hold; InvalidInput for a wrong statement.
         """
         variables = [Variable.read(name, settings.get(f"variable {name}", "")) for name in names]
-        known = [one for one in variables if one is not None]
+        known = [variable for variable in variables if variable is not None]
         if not known or len(known) < len(names) or "build" in settings or "method" not in settings:
             return None
         return Tolerances(known, settings["method"])
 
     def built(self, numbers: Mapping[str, float]) -> Sample:
-        """The sample of any numbers by name."""
+        """The sample with these values of the variables, by name."""
         if self.build is None:
             return Sample(numbers, numbers=numbers)
         try:
@@ -420,18 +420,18 @@ class Tolerances(Draw):
 
     @property
     def units(self) -> Mapping[str, str]:
-        """Of the variables."""
+        """Units of the variables, by name."""
         return {variable.name: variable.unit for variable in self.variables}
 
     @property
     def settings(self) -> Mapping[str, str]:
         """The method, every variable, and the fingerprint of a user's `build`."""
-        own = {} if self.build is None or is_ours(self.build) else {"build": fingerprint(self.build)}
+        own = {} if self.build is None or is_library_code(self.build) else {"build": fingerprint(self.build)}
         return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 
 
 def one_of(what: str, value: Any, known: Sequence[str]) -> None:
-    """Refuse a name that is not one of these."""
+    """Refuse with InvalidInput a name that is not one of the known ones."""
     if value not in known:
         raise unknown_name(f"There is no such {what}.", value, known)
 
@@ -442,16 +442,16 @@ def sample_seed(seed: int, index: int) -> int:
 
 
 def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
-    """Those of several samples, (N,) of 64 bits."""
-    words = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
-    return words[0] << np.uint64(32) | words[1]
+    """Seeds of the measurement noise of several samples, (N,) of 64 bits."""
+    bits = philox((0, 0, np.asarray(indices, dtype=np.int64), _SEEDS), seed_key(seed))
+    return bits[0] << np.uint64(32) | bits[1]
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
-    """Points (N, dimensions) inside the open unit cube."""
+    """Points (N, dimensions) inside the open unit cube, by one of `METHODS`."""
     if method == "random":
-        words = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
-        bits = (words[0] << np.uint64(21)) ^ (words[1] >> np.uint64(11))
+        random = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
+        bits = (random[0] << np.uint64(21)) ^ (random[1] >> np.uint64(11))
         return np.minimum((bits.astype(float) + 0.5) * 2.0**-53, 1.0 - 2.0**-53)
     if method == "latin-hypercube":
         return np.maximum(_latin_hypercube(dimensions, count, seed)[indices], 2.0**-54)
@@ -460,7 +460,7 @@ def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed:
 
 @lru_cache(2)
 def _latin_hypercube(dimensions: int, count: int, seed: int) -> np.ndarray:
-    """All points (count, dimensions): each depends on the number of all."""
+    """All points (count, dimensions) of a Latin hypercube; each depends on `count`."""
     from scipy.stats import qmc
 
     if count * dimensions > _MOST_LATIN:

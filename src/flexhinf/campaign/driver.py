@@ -111,7 +111,7 @@ def _as_done(
     most: Callable[[], int],
     pending: dict[Any, int],
 ) -> Iterator[tuple[int, Rows]]:
-    """Submit batches so that `most()` of them are on the way, and give each as it is done; `pending` has the rest."""
+    """Keep `most()` batches submitted, and yield each one when it is done; `pending` has the rest."""
     rest = iter(batches)
     while True:
         for batch in next_batches(rest, most() - len(pending)):
@@ -124,12 +124,12 @@ def _as_done(
 
 
 def next_batches(batches: Iterator[int], count: int) -> list[int]:
-    """So many of the batches that are left, none for a count below 1."""
+    """Take the next `count` batches from those that are left; none for a count below 1."""
     return list(islice(batches, max(count, 0)))
 
 
 def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
-    """On a worker: the rows of a batch of a pickled campaign."""
+    """Run a batch of a pickled campaign on a worker, and return its rows."""
     if version != __version__:
         raise InvalidInput(
             "The workers run another version of flexhinf.",
@@ -171,7 +171,7 @@ class Shard:
 
     @property
     def name(self) -> str:
-        """For its lock; empty for the whole."""
+        """Name of the shard in its lock file; empty for the whole campaign."""
         return "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
 
@@ -223,7 +223,7 @@ def drive(
 
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
-    """One batch after the other."""
+    """Run the batches in this process, one after the other."""
     for batch in batches:
         yield batch, run_batch(campaign, batch)
 
@@ -296,7 +296,7 @@ _campaign: Campaign | None = None  # of a worker process
 
 
 def _begin_worker(campaign: Campaign) -> None:
-    """In a worker: Ctrl-C is the driver's, and a driver that was killed takes its workers with it.
+    """Set up a worker: it ignores Ctrl-C, which the driver handles, and ends when the driver was killed.
 
     Workers wait for work on a pipe that they hold open themselves: without the thread they would wait for ever.
     """

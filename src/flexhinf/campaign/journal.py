@@ -110,7 +110,7 @@ def publish_whole(name: str, path: Path) -> None:
 
 @contextmanager
 def disk_refusals(folder: Path) -> Iterator[None]:
-    """Refusals of the disk in three parts."""
+    """Turn errors of the disk within this block into errors in three parts."""
     try:
         yield
     except OSError as error:
@@ -136,13 +136,13 @@ MOST_BYTES, _MOST_SHARD, _SPARE, _LONGEST_TEXT = 10_000_000, 4 << 30, 1_000_000,
 
 
 def sealed(content: Mapping[str, Any]) -> bytes:
-    """A JSON file of an object, with the SHA-256 of all its entries beside them."""
+    """Content of a JSON file: an object, with the SHA-256 of all its entries beside them."""
     plain = json.loads(json.dumps(content))
     return (json.dumps({**plain, _SEAL: _digest(plain)}, indent=1) + "\n").encode()
 
 
 def read_sealed(path: Path, most: int = MOST_BYTES, kind: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """The entries of a file of at most so many bytes that `sealed` made; those of another `kind` are told first."""
+    """Read a file of at most `most` bytes that `sealed` made; a file of another `kind` is refused first."""
     stated = json.loads(read_bytes(path, most))
     if not isinstance(stated, dict):
         raise ValueError("it is no object of JSON")
@@ -159,15 +159,15 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _check_manifest(stated: Mapping[str, Any]) -> None:
-    """Refuse, with one of `UNREADABLE`, entries that no campaign has."""
+    """Check the entries of a manifest; raises one of `UNREADABLE` for entries that no campaign writes."""
     settings, columns, time, about = (stated[name] for name in ("settings", "columns", "time_s", "about"))
 
     def texts(values: Any, kind: type = list) -> bool:
         several = values.values() if isinstance(values, dict) else values
-        return isinstance(values, kind) and all(isinstance(one, str) for one in several)
+        return isinstance(values, kind) and all(isinstance(text, str) for text in several)
 
     def numbers(values: Iterable[Any]) -> bool:
-        return all(type(one) in (int, float) and math.isfinite(one) for one in values)
+        return all(type(value) in (int, float) and math.isfinite(value) for value in values)
 
     names, kinds, _ = zip(*columns, strict=True)
     nominal = about.get("nominal", {})
@@ -203,7 +203,7 @@ _LISTED = 8
 
 
 def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
-    """Refuse a file, what lies below one, and a folder that holds other names than these and hidden ones."""
+    """Refuse a path that is a file or below one, or a folder with other names in it than these and hidden ones."""
     nearest = next(path for path in (place, *place.parents) if path.exists())
     if not nearest.is_dir():
         raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {nearest}", "another name")
@@ -218,7 +218,7 @@ def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Journal:
-    """The folder of one campaign, and what its manifest says."""
+    """The folder of one campaign with the entries of its manifest."""
 
     folder: Path
     settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
@@ -230,7 +230,7 @@ class Journal:
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """The journal in a folder; None where there is none yet, but at most files of the names `beside`.
+        """Read the journal in a folder; None where there is none yet, and no files but those named in `beside`.
 
         InvalidInput if the folder is a file, holds something else, or its manifest is damaged.
         """
@@ -260,9 +260,9 @@ class Journal:
         command: Sequence[str] = (),
         about: Mapping[str, Any] | None = None,
     ) -> Journal:
-        """The journal of this campaign in a folder: made, or taken up again.
+        """Open the journal of a campaign in a folder: a new one, or the one there to continue.
 
-        `command`: that made it, for the reports.
+        `command`: the command that runs the campaign, for the reports.
         `about`: other information for reports and replays; it is not compared. Where it is given, other files of the
             caller's may be there already.
 
@@ -274,7 +274,7 @@ class Journal:
         if journal is None:
             manifest = {
                 **_KIND, "digest": campaign.digest, "command": list(command), "settings": campaign.settings,
-                "about": dict(about or {}), "columns": [[one.name, one.kind, one.unit] for one in campaign.columns],
+                "about": dict(about or {}), "columns": [[c.name, c.kind, c.unit] for c in campaign.columns],
                 "time_s": campaign.time.tolist(),
             }  # fmt: skip
             extra_package(
@@ -293,7 +293,7 @@ class Journal:
         """Refuse another campaign than this one; the message says what differs."""
         self.refuse_other(other.settings)
         if self.digest != other.digest:
-            names = [[column.name for column in one.columns] for one in (self, other)]
+            names = [[column.name for column in side.columns] for side in (self, other)]
             strange = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
             raise InvalidInput(
                 "The folder is that of a campaign with other columns.",
@@ -302,9 +302,9 @@ class Journal:
             )
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
-        """Refuse a campaign with other settings, and say which they are; `partly`: these alone are compared."""
+        """Refuse a campaign with other settings, and name those that differ; `partly`: compare only `settings`."""
         pairs = differing(self.settings, settings, settings if partly else (*settings, *self.settings))
-        if differences := [f"{name}: {one} → {other}" for name, one, other in pairs]:
+        if differences := [f"{name}: {own} → {other}" for name, own, other in pairs]:
             raise InvalidInput(
                 "The folder is that of another campaign; it cannot be taken up again with other settings.",
                 f"{self.folder}; there → now: {listed(differences, _LISTED)}",
@@ -313,12 +313,12 @@ class Journal:
 
     @property
     def samples(self) -> int:
-        """How many there are."""
+        """Number of samples of the campaign."""
         return int(self.settings["samples"])
 
     @property
     def batches(self) -> int:
-        """How many there are."""
+        """Number of batches of the campaign."""
         return -(-self.samples // int(self.settings["batch"]))
 
     def size(self, batch: int) -> int:
@@ -365,12 +365,12 @@ class Journal:
         return path
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
-        """The shards that are whole, by batch, and those that are not with what is wrong.
+        """Valid shards by batch, and the others with what is wrong.
 
-        Every byte is looked at by its SHA-256; then the digest of the campaign, the batch, the columns, the numbers
-        and seeds of the samples, how runs ended, and what was drawn where the manifest says how. A metric that was
-        changed, with the file's name, cannot be told from a run. InvalidInput if a batch is there twice with different
-        rows, or a folder has the name of a shard.
+        Checked: the SHA-256 of every file; then the digest of the campaign, the batch, the columns, the numbers and
+        seeds of the samples, how runs ended, and the varied numbers where the manifest says how they are drawn. A
+        metric that was changed together with the file's name is not noticed. InvalidInput if a batch is there twice
+        with different rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
@@ -398,16 +398,16 @@ class Journal:
 
     @cached_property
     def _draw(self) -> Tolerances | None:
-        """What draws the samples; None for a user's function, whose code no manifest holds."""
+        """The draw of the samples; None for a user's function, whose code is not in the manifest."""
         names = [column.name for column in self.columns if column.kind == "parameter"]
         return Tolerances.stated(self.settings, names)
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
-        """What is wrong with the file of a batch whose name has this digest; empty where nothing is.
+        """What is wrong with the file of a batch whose name has this digest; empty for a valid file.
 
-        Its columns, its metadata, the numbers of its samples and their seeds are those of the campaign, and it unpacks
-        to no more than such rows take. Every run ended in a way that there is, what else its row holds fits that, and
-        the numbers that are drawn for these samples, where that is known, are those of the rows.
+        Checked: columns, metadata, sample numbers and seeds are those of the campaign; the file unpacks to no more
+        bytes than such rows take; the status of every run is a known one, and failure, time of divergence and metrics
+        agree with it; the varied numbers are those that the draw gives for these samples, where the draw is known.
         """
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -417,7 +417,7 @@ class Journal:
         first = batch * int(self.settings["batch"])
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
-        schema, judged = self._schema(batch=str(batch)), [one.name for one in self.columns if one.judged]
+        schema, judged = self._schema(batch=str(batch)), [c.name for c in self.columns if c.judged]
         try:
             if path.stat().st_size > _MOST_SHARD or file_digest(path)[:16] != digest:
                 return "damaged: its bytes are not those of its digest"
@@ -432,8 +432,8 @@ class Journal:
                 )
                 groups = range(file.metadata.num_row_groups)
                 unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
-                lists = [one.type.list_size for one in schema if pa.types.is_fixed_size_list(one.type)]
-                texts = sum(pa.types.is_string(one.type) for one in schema)
+                lists = [entry.type.list_size for entry in schema if pa.types.is_fixed_size_list(entry.type)]
+                texts = sum(pa.types.is_string(entry.type) for entry in schema)
                 # most bytes of one row, twice what it takes; texts are sentences of an error
                 size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
                 if wrong := _first({
@@ -444,8 +444,8 @@ class Journal:
                     f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
                 }):  # fmt: skip
                     return wrong
-                drawn = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
-                kept = list(dict.fromkeys((*OWN, *drawn)))
+                expected = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+                kept = list(dict.fromkeys((*OWN, *expected)))
                 own = file.read(columns=kept)
                 values = {name: numpy_column(own.column(name)) for name in kept}
                 lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
@@ -455,7 +455,7 @@ class Journal:
                 raise
             return f"no file of rows ({' '.join(str(error).split())[:100]})"
         status, failure = values["status"], values["failure"]
-        strange = [one for one in set(status) if one not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
+        strange = [text for text in set(status) if text not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
         misfit = "that does not fit their status"
         if wrong := _first({
             span: not np.array_equal(values["sample"], np.array(samples)),
@@ -471,7 +471,7 @@ class Journal:
                 not np.isnan(numpy_column(unread.column(name))[lost]).all() for name in unread.column_names},
         }):  # fmt: skip
             return wrong
-        for name, numbers in drawn.items():
+        for name, numbers in expected.items():
             near = np.abs(values[name] - numbers) <= _SAME * np.abs(numbers)
             if not near.all():
                 k = int(np.argmin(near))
@@ -479,7 +479,7 @@ class Journal:
         return ""
 
     def _schema(self, **about: str) -> pa.Schema:
-        """Of a part, or of the table without kept signals, which is about no part; kept signals are lists."""
+        """Arrow schema of a batch (kept signals are lists), or of the whole table, which has no kept signals."""
         import pyarrow as pa
 
         own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
@@ -513,8 +513,8 @@ class Journal:
             if isinstance(value, float) and not math.isfinite(value):
                 return str(value)
             if isinstance(value, Mapping):
-                return {name: plain(one) for name, one in value.items()}
-            return [plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+                return {name: plain(entry) for name, entry in value.items()}
+            return [plain(entry) for entry in value] if isinstance(value, (list, tuple)) else value
 
         path = self.folder / name
         with self.driven(), disk_refusals(self.folder):
@@ -576,24 +576,24 @@ class Journal:
 
 
 def _first(problems: Mapping[str, bool]) -> str:
-    """The first text whose problem is there; empty without one."""
+    """The first text whose condition is true; empty if none is."""
     return next((text for text, there in problems.items() if there), "")
 
 
 def plain_number(value: Any) -> Any:
-    """A number of NumPy's as one of Python's; another value as it is."""
+    """Convert a NumPy number to one of Python; another value is returned as it is."""
     return value.item() if hasattr(value, "item") else value
 
 
 def differing(
     a: Mapping[str, str], b: Mapping[str, str], names: Iterable[str], missing: str = "not stated"
 ) -> list[tuple[str, str, str]]:
-    """Settings of these names that differ, with both values."""
+    """Settings of these names that differ: name, value in `a`, value in `b`."""
     pairs = [(name, a.get(name, missing), b.get(name, missing)) for name in dict.fromkeys(names)]
     return [pair for pair in pairs if pair[1] != pair[2]]
 
 
 def listed(texts: Sequence[str], most: int) -> str:
-    """The first ones in a line, and how many more there are."""
+    """The first texts in one line, and how many more there are."""
     more = [f"{len(texts) - most} more"] if len(texts) > most else []
     return "; ".join([*texts[:most], *more])

@@ -46,7 +46,7 @@ _EMPTY = (0.0, np.inf, -np.inf, np.inf, -np.inf)
 
 
 def rest_reduction(ensemble: Ensemble) -> Reduction:
-    """``unstable`` of N runs in lanes, (N,) of 0 and 1: what `is_unstable` says of each of them, bit by bit."""
+    """Reduction to ``unstable`` (N,), 0 or 1, of N runs side by side: bit by bit the result of `is_unstable`."""
     command, plant, controller = ensemble.command, ensemble.plant, ensemble.controller
     places = tuple(tracked_place(plant, controller, name) for name in controller.judged)
     signals = [ensemble.commands]
@@ -60,7 +60,7 @@ def rest_reduction(ensemble: Ensemble) -> Reduction:
 
 
 def is_unstable(run: Trajectory) -> bool:
-    """Whether a run that came to its end is unstable, see above."""
+    """Whether a run that came to its end is unstable, by the criterion of this module."""
     commands, names = run.signals["reference"], run.names["reference"]
     first, second = _windows([commands, run.signals["disturbance"]], len(run.time))
     if first == second:
@@ -87,7 +87,7 @@ def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
 
 
 def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
-    """Both windows, then five numbers of each state."""
+    """Update the memory of `rest_reduction` with one sample: both windows, then five numbers of each state."""
     first, second = kept[0], kept[1]
     updated = [first, second]
     for k, place in enumerate(places):
@@ -112,7 +112,7 @@ def _result(places: Sequence[Place], kept: np.ndarray, command: Command) -> dict
 
 
 def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Of N runs (N,): smallest and largest values of each state in both windows (K, 4, N), and its step (K, N)."""
+    """Which runs (N,) are unstable: from extremes of each state in both windows (K, 4, N), and its step (K, N)."""
     low, high, last_low, last_high = np.moveaxis(extremes, 1, 0)
     with np.errstate(invalid="ignore"):  # windows without samples are infinite
         swing, last_swing = high - low, last_high - last_low
@@ -128,7 +128,7 @@ def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Metrics:
-    """Numbers of a run."""
+    """Metrics of a run: a function with the names and units of its values."""
 
     units: Mapping[str, str]  # Unit of each metric by name, "" where it has none
     # Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
@@ -166,7 +166,7 @@ class Metrics:
 
 
 def _tracking(run: Trajectory) -> dict[str, float | None]:
-    """The worst of all tracked states; infinite where one never settles or rises."""
+    """Tracking metrics, the worst of all tracked states; infinite where one never settles or rises."""
     rows = [run.metrics(name) for name in run.judged]
     stepped = [row for row in rows if row["overshoot_percent"] is not None]
     times = {
@@ -198,7 +198,7 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 
 def known_metric(name: str, known: Sequence[str]) -> str:
-    """A metric's name, or a refusal that says which there are."""
+    """Check the name of a metric; InvalidInput lists the known ones."""
     if name not in known:
         otherwise = "one of these, or a function of your own (metrics={'name': function})"
         raise unknown_name(f"There is no metric {name!r}.", name, known, otherwise)
@@ -257,9 +257,9 @@ class Requirement:
         return Requirement(known_metric(match[1], metrics), limit, match[2] in ("<=", "≤"))
 
     def text(self) -> str:
-        """As it is written."""
+        """The requirement as text: ``overshoot_percent<=5``."""
         return f"{self.metric}{'<=' if self.at_most else '>='}{self.limit:g}"
 
     def met(self, values: np.ndarray) -> np.ndarray:
-        """Whether values (N,) keep it: what is not a number does not."""
+        """Whether values (N,) meet the requirement; NaN does not."""
         return values <= self.limit if self.at_most else values >= self.limit

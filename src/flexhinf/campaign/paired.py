@@ -67,7 +67,7 @@ class PairedMetric:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """Numbers of the samples that are compared."""
+        """Indices of the samples that are compared."""
         return np.flatnonzero(~(np.isnan(self.a) | np.isnan(self.b)))
 
     @cached_property
@@ -82,17 +82,17 @@ class PairedMetric:
 
     @property
     def medians(self) -> tuple[float, float]:
-        """Of a and of b over the pairs, each one of the values; NaN without pairs."""
+        """Medians of a and of b over the pairs, each one of the values; NaN without pairs."""
         return _median(self.a[self.pairs]), _median(self.b[self.pairs])
 
     @cached_property
     def median(self) -> float:
-        """Of the differences, one of them; NaN without pairs."""
+        """Median of the differences, one of them; NaN without pairs."""
         return _median(self.differences)
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Of the median of the differences of all samples, of which these are independent ones.
+        """Confidence interval of the median difference, for independent samples.
 
         By order statistics, that is, by inverting the sign test (`scipy.stats.quantile_test`): it holds for every
         distribution, symmetric or not, and with infinite differences. NaN where the pairs are too few (six at least).
@@ -106,13 +106,13 @@ class PairedMetric:
 
     @property
     def _gains(self) -> tuple[np.ndarray, np.ndarray]:
-        """By how much a is better in each pair, and b."""
+        """By how much a is better in each pair, and by how much b is."""
         worse = -self.differences if self.largest_is_best else self.differences
         return worse, -worse
 
     @property
     def better(self) -> tuple[Interval, Interval]:
-        """The fractions of pairs in which a is better, and in which b is; the rest is equal."""
+        """Fractions of the pairs in which a is better and in which b is, with their intervals; the rest is equal."""
         a, b = (
             success_interval(int((gain > 0.0).sum()), len(gain), CONFIDENCE)
             if len(gain)
@@ -129,7 +129,7 @@ class PairedMetric:
 
 
 def _median(values: np.ndarray) -> float:
-    """Their median, NaN without any."""
+    """A lower median that is one of the values; NaN without values."""
     return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
@@ -148,12 +148,12 @@ class McNemar:
 
     @property
     def count(self) -> int:
-        """Pairs."""
+        """Number of pairs."""
         return self.both_fail + self.only_a + self.only_b + self.neither
 
     @property
     def failures(self) -> tuple[int, int]:
-        """Of a, and of b."""
+        """Number of failures of a, and of b."""
         return self.both_fail + self.only_a, self.both_fail + self.only_b
 
     @property
@@ -167,7 +167,7 @@ class McNemar:
 
 @dataclass(frozen=True, eq=False)
 class PairedCampaigns:
-    """Two campaigns on the same samples, made by `compare`; a run that keeps the requirements is a success."""
+    """Two campaigns on the same samples, made by `compare`; a run that meets the requirements is a success."""
 
     a: CampaignTable
     b: CampaignTable
@@ -175,12 +175,12 @@ class PairedCampaigns:
 
     @property
     def count(self) -> int:
-        """Samples."""
+        """Number of samples."""
         return len(self.a.columns["sample"])
 
     @property
     def main(self) -> str:
-        """The metric that a verdict names: the overshoot, or the first one; empty without any."""
+        """The metric that a verdict names: the overshoot, or else the first one; empty without any."""
         return main_metric(self.metrics)
 
     @property
@@ -190,22 +190,22 @@ class PairedCampaigns:
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the metrics of parts, as of single joints, that both have."""
+        """Names of the metrics of parts, such as single joints, that both campaigns have."""
         return tuple(name for name in self.a.names(PART) if name in self.b.names(PART))
 
     def metric(self, name: str) -> PairedMetric:
-        """One metric of both; InvalidInput if not both have it."""
+        """One metric of both campaigns; InvalidInput if not both have it."""
         if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",
                 f"expected one of {', '.join(self.metrics) or 'none'}",
                 "campaigns with the same metrics",
             )
-        best = any(one.metric == name and not one.at_most for one in self.requirements)
+        best = any(rule.metric == name and not rule.at_most for rule in self.requirements)
         lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (
-            np.where(one, -math.inf if best else math.inf, side.columns[name])
-            for one, side in zip(lost, (self.a, self.b))
+            np.where(rows, -math.inf if best else math.inf, side.columns[name])
+            for rows, side in zip(lost, (self.a, self.b))
         )
         return PairedMetric(name, self.a.unit(name), np.where(lost[0] & lost[1], math.nan, a), b, best)
 
@@ -216,10 +216,10 @@ class PairedCampaigns:
             (side.columns["status"] != COMPLETED) | violations(side.columns, self.requirements).any(axis=1)
             for side in (self.a, self.b)
         )
-        return McNemar(*(int(one.sum()) for one in (a & b, a & ~b, ~a & b, ~a & ~b)))
+        return McNemar(*(int(pairs.sum()) for pairs in (a & b, a & ~b, ~a & b, ~a & ~b)))
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """Drawn numbers of a sample by name."""
+        """Values of the varied numbers of a sample, by name."""
         return self.a.numbers(sample)
 
 
@@ -237,14 +237,14 @@ def compare(
     names = [*sides[0].settings, *sides[1].settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
     pairs = differing(sides[0].settings, sides[1].settings, bound)
-    differences = [f"{name}: {one} ↔ {other}" for name, one, other in pairs]
+    differences = [f"{name}: {first} ↔ {second}" for name, first, second in pairs]
     columns = [("sample", "seed", *side.names("parameter")) for side in sides]
     if columns[0] != columns[1]:
         differences.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
     elif not differences:
-        one, other = sides[0].columns, sides[1].columns
+        own, other = sides[0].columns, sides[1].columns
         same = {
-            k: np.array_equal(one[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
+            k: np.array_equal(own[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
         }
         differences = [f"{name}: not the same values" for name, equal in same.items() if not equal]
     if differences:
@@ -269,7 +269,7 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
         )
     stated = source.data_vars.items()
     described = [
-        Column(str(name), one.attrs.get("kind", ""), one.attrs.get("units", "")) for name, one in stated
+        Column(str(name), array.attrs.get("kind", ""), array.attrs.get("units", "")) for name, array in stated
     ]
     described.insert(0, Column("sample", "own"))
     columns = {column.name: source[column.name].values for column in described}

@@ -47,12 +47,12 @@ class Interval:
 
     @property
     def rate(self) -> float:
-        """The fraction itself."""
+        """The observed fraction."""
         return self.successes / self.count
 
 
 def success_interval(successes: int, count: int, confidence: float = 0.95) -> Interval:
-    """The interval of a probability of which so many independent samples out of `count` are successes.
+    """Exact confidence interval of a probability, from the successes among `count` independent samples.
 
     Clopper & Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", 1934.
     With no failure in n samples and 95 % it ends at 1 and begins at (0.025)^(1/n): about 1 − 3.7/n.
@@ -89,9 +89,9 @@ class Sensitivity:
 
 
 def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -> Sensitivity | None:
-    """Which numbers a metric depends on, from the samples that there are.
+    """Sobol indices of a metric with respect to the varied numbers, from a polynomial fitted to the samples.
 
-    `numbers`: (N, p), Of the samples.
+    `numbers`: (N, p), The varied numbers of the samples.
     `values`: (N,), The metric; samples where it is not finite are left out.
     Returns: none where nothing differs, or there are too few samples for a straight line in each number.
     """
@@ -154,17 +154,17 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 #: Columns of a file that are held in memory at once: what one figure or table compares.
-HELD = 6
+CACHED = 6
 
 
 class StoredColumns(Mapping[str, np.ndarray]):
-    """Columns (N,) of a file by name, each read when it is used; the last `HELD` ones stay in memory."""
+    """Columns (N,) of a file by name, each read when it is used; the last `CACHED` ones stay in memory."""
 
     def __init__(self, path: Any) -> None:
         import pyarrow.parquet as pq
 
         self.names = tuple(pq.read_schema(path).names)
-        self._read = lru_cache(HELD)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
+        self._read = lru_cache(CACHED)(lambda name: numpy_column(read_columns(path, [name]).column(name)))
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A column; do not write into it."""
@@ -203,7 +203,7 @@ QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 @dataclass(frozen=True, eq=False)
 class CampaignTable:
-    """Rows of a campaign: what its columns are, their values by name, and everything that the rows depend on."""
+    """Rows of a campaign: its columns, their values by name, and the settings that the rows depend on."""
 
     described: Sequence[Column]
     columns: Mapping[str, np.ndarray]  # (N,); NaN where a row has no number
@@ -214,11 +214,11 @@ class CampaignTable:
         return tuple(column.name for column in self.described if column.kind == kind)
 
     def unit(self, name: str) -> str:
-        """Of a column."""
+        """Unit of a column."""
         return next(column.unit for column in self.described if column.name == name)
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """Drawn numbers of a sample by name."""
+        """Values of the varied numbers of a sample, by name."""
         return {name: float(self.columns[name][sample]) for name in self.names("parameter")}
 
 
@@ -248,26 +248,26 @@ def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
 
 
 def main_metric(names: Sequence[str]) -> str:
-    """The overshoot, or the first one; empty without any."""
+    """The main metric of these: the overshoot, or else the first one; empty without any."""
     return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
 
 
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
     """Whether a sample (N) misses a requirement (R), by status and metrics; one that did not end well misses all."""
     lost = values["status"] != COMPLETED
-    return np.column_stack([lost, *(lost | ~one.met(values[one.metric]) for one in requirements)])[:, 1:]
+    return np.column_stack([lost, *(lost | ~rule.met(values[rule.metric]) for rule in requirements)])[:, 1:]
 
 
 @dataclass(frozen=True, eq=False)
 class CampaignJudgement:
-    """The rows of a campaign against requirements."""
+    """The rows of a campaign, judged by requirements."""
 
     table: MergedTable
     requirements: tuple[Requirement, ...]
 
     @property
     def count(self) -> int:
-        """Samples."""
+        """Number of samples."""
         return len(self.column("sample"))
 
     def column(self, name: str) -> np.ndarray:
@@ -275,17 +275,17 @@ class CampaignJudgement:
         return self.table.columns[name]
 
     def of_status(self, status: str) -> int:
-        """Samples of a status."""
+        """Number of samples with this status."""
         return int((self.column("status") == status).sum())
 
     @cached_property
     def violations(self) -> np.ndarray:
-        """See `violations`."""
+        """Violations (N, R) of the requirements; see `violations`."""
         return violations(self.table.columns, self.requirements)
 
     @cached_property
     def failed(self) -> np.ndarray:
-        """Numbers of the samples that fail, those that did not come to their end first, then by the main metric."""
+        """Indices of the samples that fail: first those that did not come to their end, then by the main metric."""
         ended = self.column("status") == COMPLETED
         failed = np.flatnonzero(~ended | self.violations.any(axis=1))
         size = self.column(self.main) if self.main else np.zeros(self.count)
@@ -293,12 +293,12 @@ class CampaignJudgement:
 
     @property
     def failures(self) -> int:
-        """How many fail."""
+        """Number of samples that fail."""
         return len(self.failed)
 
     @property
     def method(self) -> str:
-        """How the samples are spread, see `METHODS`; a draw that states no method draws each by itself."""
+        """Sampling method, one of `METHODS`; a draw that states no method draws each sample independently."""
         return self.table.journal.settings.get("method", "random")
 
     @property
@@ -315,7 +315,7 @@ class CampaignJudgement:
 
     @property
     def main(self) -> str:
-        """The metric by which samples are worse than others: the overshoot, or the first one; empty without any."""
+        """The metric that ranks the samples: the overshoot, or else the first one; empty without any."""
         return main_metric(self.table.names("metric"))
 
     def worst(self, metric: str) -> int | None:
@@ -325,7 +325,7 @@ class CampaignJudgement:
         """
         values = self.column(metric)
         known = np.flatnonzero(~np.isnan(values))
-        least = any(one.metric == metric and not one.at_most for one in self.requirements)
+        least = any(rule.metric == metric and not rule.at_most for rule in self.requirements)
         if not len(known):
             return None
         return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
@@ -344,14 +344,14 @@ class CampaignJudgement:
         return np.quantile(values, QUANTILES, method="higher")
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
-        """Which number matters for a metric; see `flexhinf.campaign.sensitivity`."""
+        """Sobol indices of a metric; see `flexhinf.campaign.sensitivity`."""
         names, values = self.table.names("parameter"), self.column(metric)
         rows = np.flatnonzero(np.isfinite(values))[:MOST_ROWS]
         numbers = np.column_stack([np.empty((len(rows), 0)), *(self.column(name)[rows] for name in names)])
         return sensitivity(names, numbers, values[rows])
 
     def numbers(self, sample: int) -> dict[str, float]:
-        """Drawn numbers of a sample by name."""
+        """Values of the varied numbers of a sample, by name."""
         return self.table.numbers(sample)
 
     @property
@@ -361,7 +361,7 @@ class CampaignJudgement:
 
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""
-        return [one for one, bad in zip(self.requirements, self.violations[sample]) if bad]
+        return [rule for rule, bad in zip(self.requirements, self.violations[sample]) if bad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,7 +375,7 @@ class Replayed:
 
     @property
     def same(self) -> bool:
-        """Whether both are the same, bit by bit."""
+        """Whether both rows are the same, bit by bit."""
         pairs = [(self.recorded.get(name), value) for name, value in self.again.items()]
         return not self.recorded or all(a == b or (a != a and b != b) for a, b in pairs)  # NaN is not itself
 

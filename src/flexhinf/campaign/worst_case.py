@@ -1,4 +1,4 @@
-"""The worst plant inside the box of the tolerances, found by search: a lower bound of what the worst one does.
+"""Search for the worst plant inside the box of the tolerances: the result is a lower bound of the worst metric.
 
 A metric is maximised over the intervals of the numbers that differ, ends included, with the noise of the sample that is
 the worst of the campaign: the search begins there, so it never ends below it, and what it finds differs from that
@@ -47,13 +47,13 @@ class FoundPlant:
     status: str = COMPLETED
 
     def size(self, least: bool) -> float:
-        """Its value by which plants are compared: infinite where the run did not come to its end."""
+        """The value by which plants are compared, large is bad: infinite where the run did not come to its end."""
         return float(_sizes(np.array([self.value]), np.array([self.status], dtype=object), least)[0])
 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """The worst plant that was found for one metric."""
+    """Result of the search for the worst plant by one metric."""
 
     metric: str
     unit: str
@@ -78,7 +78,7 @@ class WorstCase:
 
     @property
     def factor(self) -> float:
-        """Value found over value sampled; NaN where that is no ratio of positive numbers of whole runs."""
+        """Ratio of the worst value found to the worst one sampled; NaN unless both are positive, of complete runs."""
         a, b = self.found.value, self.sampled.value
         whole = self.found.status == self.sampled.status == COMPLETED
         return a / b if whole and b > 0.0 and 0.0 <= a < math.inf else math.nan
@@ -89,7 +89,7 @@ class WorstCase:
         return self.found.size(self.least) > self.sampled.size(self.least)
 
     def run(self, campaign: Campaign, plant: FoundPlant | None = None) -> Trajectory:
-        """The run of the plant found, or of another one with the same noise; InvalidInput where it cannot be run."""
+        """Run the plant found, or another one with the same noise; InvalidInput where it cannot be run."""
         sample = _box(campaign).built((plant or self.found).numbers)
         if sample.failure:
             raise InvalidInput(
@@ -98,7 +98,7 @@ class WorstCase:
         return campaign.run_of(self.sample, sample)
 
     def again(self, campaign: Campaign) -> FoundPlant:
-        """The plant found, run alone: the same bits as in the search."""
+        """Run the plant found again, alone: the same bits as in the search."""
         return _runs(campaign, [self.found.numbers], self.sample, self.metric)[0]
 
 
@@ -115,7 +115,7 @@ def worst_case(
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
 
-    `campaign`: its draw are `Tolerances`.
+    `campaign`: its draw must be `Tolerances`.
     `rows`: the campaign's rows, as `run_campaign` gives them; without them its samples are run now.
     `least`: whether the smallest value is the worst.
     `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
@@ -153,7 +153,7 @@ def worst_case(
         nonlocal runs
         plants = _runs(campaign, [numbers(t) for t in unit], first, metric)
         runs += len(plants)
-        return np.array([one.size(least) for one in plants])
+        return np.array([plant.size(least) for plant in plants])
 
     all_corners = 1 << len(names) <= MOST_CORNERS
     sampled = FoundPlant(
@@ -174,10 +174,10 @@ def worst_case(
             worst_plant, together = best, climbed.together
     middle = {**numbers(np.full(len(names), 0.5)), **{k: v for k, v in (nominal or {}).items() if k in names}}
     others = [middle, *({**worst_plant.numbers, name: middle[name]} for name in names)]
-    centre, *one_back = _runs(campaign, others, first, metric)
+    centre, *restored = _runs(campaign, others, first, metric)
     return WorstCase(
         metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, worst_plant, centre,
-        {name: one.value for name, one in zip(names, one_back)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
+        {name: plant.value for name, plant in zip(names, restored)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
         starts, together, all_corners, runs + len(others), int((~inside).sum()),
         _settings(campaign.digest, metric, least, starts, seed),
@@ -212,7 +212,7 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
             + (
                 f"none of {missing}"
                 if missing
-                else f"{[len(np.atleast_1d(one)) for one in columns.values()]}"
+                else f"{[len(np.atleast_1d(values)) for values in columns.values()]}"
             ),
             "what run_campaign returned for the same loop, draw and samples",
         )
@@ -222,20 +222,20 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
 ) -> list[FoundPlant]:
-    """Plants of these numbers, all with the noise of one sample."""
+    """Run the plants with these numbers, all with the noise of one sample."""
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
-        rows = rows_of(campaign, [noise] * len(some), [box.built(one) for one in some]).columns
+        rows = rows_of(campaign, [noise] * len(some), [box.built(point) for point in some]).columns
         plants += [
-            FoundPlant(dict(one), float(value), str(status))
-            for one, value, status in zip(some, rows[metric], rows["status"])
+            FoundPlant(dict(point), float(value), str(status))
+            for point, value, status in zip(some, rows[metric], rows["status"])
         ]
     return plants
 
 
 def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
-    """How bad runs (N,) are: infinite where one did not come to its end, −inf where it has no value."""
+    """Badness (N,) of runs: infinite where one did not come to its end, −inf where it has no value."""
     sizes = np.where(np.isnan(values), -math.inf, -values if least else values)
     return np.where(status == COMPLETED, sizes, math.inf)
 
@@ -281,9 +281,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
             raise ValueError("it is of another campaign")
         return case
     except FileNotFoundError:
-        known = [
-            one.name for one in journal.columns if (journal.folder / FOLDER / f"{one.name}.json").exists()
-        ]
+        known = [c.name for c in journal.columns if (journal.folder / FOLDER / f"{c.name}.json").exists()]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",

@@ -1,4 +1,4 @@
-"""The door for commands. No mathematics here: options come in, rooms do the work, errors go out in three parts.
+"""The command line. No mathematics here: it reads options, calls the packages, and prints errors in three parts.
 
 Nothing is imported before `main` is called, so that Ctrl-C is answered from then on.
 """
@@ -129,7 +129,7 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
 
     own = threading.current_thread() is threading.main_thread()
     usual = (signal.SIG_DFL, signal.default_int_handler)
-    handled = {one: signal.getsignal(one) for one in _ENDING if own and signal.getsignal(one) in usual}
+    handled = {n: signal.getsignal(n) for n in _ENDING if own and signal.getsignal(n) in usual}
     watched = own and hasattr(signal, "setitimer") and signal.getsignal(signal.SIGALRM) is signal.SIG_DFL
     if watched:
         signal.signal(signal.SIGALRM, _interrupt_again)
@@ -158,6 +158,6 @@ def _interrupt_again(number: int, frame: object) -> None:
 
 
 def _quiet(lost: Any) -> None:
-    """Say nothing of an interruption that is lost in a callback of the interpreter: it is raised again."""
+    """Print nothing about an interruption that is lost in a callback of the interpreter: it is raised again."""
     if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)

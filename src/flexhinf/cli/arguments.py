@@ -122,14 +122,14 @@ def read_source(
         warnings.simplefilter("always", RobotFileWarning)
         request = read_request(meant_file(source), elastic or None, fields, payload or None)
         request = with_joints(request, goal, tool)
-    texts = [str(one.message) for one in caught if issubclass(one.category, RobotFileWarning)]
+    texts = [str(record.message) for record in caught if issubclass(record.category, RobotFileWarning)]
     for text in (*texts, *request.notes):
         note(text)
     return replace(request, warnings=tuple(texts))
 
 
 def design_file_of(source: str) -> Path | None:
-    """The design file that a source means, where it means one: beside it may be a controller."""
+    """The design file that a source names, beside which a controller may be; None where it names no such file."""
     from flexhinf.design.design_file import meant_file
 
     path = meant_file(source)
@@ -153,7 +153,7 @@ def _text(field: FieldInfo, value: Any) -> Any:
 
 
 def _value(field: FieldInfo, value: Any) -> Any:
-    """The value of an option of a command's own, in the syntax of the command line where it cannot be used."""
+    """Value of a command's own option; a refusal is in the syntax of the command line."""
     text = value if field.is_path or not field.about.group else _text(field, value)
     try:
         return None if text is None else field.read(text)
@@ -165,8 +165,8 @@ def _value(field: FieldInfo, value: Any) -> Any:
 
 
 def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> list[str]:
-    """The words of the command that makes the same report again; without some parameters, by name."""
-    words, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
+    """The command that makes the same report again, as a list of arguments; `without` the parameters of these names."""
+    parts, options, stated = context.command_path.split(), _command(context).options, stated_options(context)
     for parameter in context.command.params:
         name = str(parameter.name)
         value = stated.get(name)
@@ -174,14 +174,14 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
             continue
         values = value if isinstance(value, (list, tuple)) else [value]
         if name in options and options[name].is_path and options[name].about.group:
-            values = [Path(one).name for one in values]
+            values = [Path(path).name for path in values]
         if isinstance(value, bool):
-            words.append((parameter.opts if value else parameter.secondary_opts)[0])
+            parts.append((parameter.opts if value else parameter.secondary_opts)[0])
         elif parameter.param_type_name == "argument":
-            words += map(str, values)
+            parts += map(str, values)
         else:
-            words += [text for one in values for text in (parameter.opts[0], str(one))]
-    return words
+            parts += [text for entry in values for text in (parameter.opts[0], str(entry))]
+    return parts
 
 
 def _command(context: typer.Context) -> Any:
@@ -189,7 +189,7 @@ def _command(context: typer.Context) -> Any:
 
 
 def stated_options(context: typer.Context) -> dict[str, Any]:
-    """What is not a default, by the name of the parameter."""
+    """Values of the options that the user stated, by the name of the parameter."""
     sources = {name: context.get_parameter_source(name) for name in context.params}
     return {
         name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"

@@ -42,7 +42,7 @@ GAIN = "gain"
 
 
 class _Runs(TyperGroup):
-    """A group whose first word is a command or, without one, the design that is run."""
+    """A group of commands whose first argument is a command or else the design to run."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
@@ -125,7 +125,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
 
 
 def _executor(o: BatchOptions) -> Executor | None:
-    """What runs the batches; None: this process."""
+    """Executor that runs the batches; None for this process."""
     if o.workers and o.cluster:
         raise InvalidInput(
             "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
@@ -138,7 +138,7 @@ def _executor(o: BatchOptions) -> Executor | None:
 def _searched(
     o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
-    """Metrics whose worst case is searched, and whether small values are the bad ones; `GAIN` comes last."""
+    """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
     if o.metric and not o.worst_case:
         raise InvalidInput(
             "A metric is searched only where the worst case is searched.",
@@ -148,9 +148,9 @@ def _searched(
     if not o.worst_case:
         return {}
     campaigns.check_starts(o.starts)
-    chosen = [campaigns.known_metric(one, [*known, GAIN]) for one in o.metric]
-    chosen = chosen or [*(one.metric for one in requirements), *([GAIN] if gain else [])]
-    least = {one.metric for one in requirements if not one.at_most}
+    chosen = [campaigns.known_metric(name, [*known, GAIN]) for name in o.metric]
+    chosen = chosen or [*(rule.metric for rule in requirements), *([GAIN] if gain else [])]
+    least = {rule.metric for rule in requirements if not rule.at_most}
     return {name: name in least for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)}
 
 
@@ -292,9 +292,9 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     pair = DesignPair(_request(o, o.first), _request(o, o.second))
     checked = _requirements(o.require or pair.a.requirements, pair.a.metrics.units)
-    words = reproduce_command(context)
+    command = reproduce_command(context)
     with step_progress() as stage:
-        opened = open_pair(pair, o.out, (words, words), stage)
+        opened = open_pair(pair, o.out, (command, command), stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
@@ -311,8 +311,8 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
     names = o.first, o.second
     both = judged(tables[0]), judged(tables[1])
-    paired = campaigns.compare(tables[0], tables[1], [one.text() for one in checked])
-    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(words))
+    paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
+    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(command))
     path = pages.write_pair(result)
     show([pages.pair_table(result)])
     for name, source in zip("AB", names):
@@ -325,7 +325,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
 @contextmanager
 def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
-    """Samples, rate and time left: a bar, or a line every `EVERY` seconds where standard error is no terminal."""
+    """Progress bar with samples, rate and time left; a line every `EVERY` seconds where there is no terminal."""
     bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")
     begun, printed = time.monotonic(), time.monotonic()

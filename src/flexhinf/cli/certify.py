@@ -87,23 +87,23 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     folder = check_folder(o.out)
     with ProofProgress() as bar:
         try:
-            found = certify_design(
+            laws = certify_design(
                 request.robot, request.specification, bar.step, bar.share, decay=o.decay, observer=o.observer,
                 tolerances=o.tolerances, threads=o.threads,
             )  # fmt: skip
         except SeveralJoints as error:
             raise InvalidInput(error.what, error.found, _sampled_instead(context)) from None
-        one = proved(found, o.degree, o.tolerances or found[0].box is not None)
+        law = proved(laws, o.degree, o.tolerances or laws[0].box is not None)
         bar.step("pictures, and the worst disturbance")
-        shown = evidence(request.robot, request.specification, one)
+        result = evidence(request.robot, request.specification, law)
         command = reproduce_command(context)
-        html = pages.certificate_page(found, one, shown, request.specification, command).html()
-    for table in pages.certification_tables(found):
+        html = pages.certificate_page(laws, law, result, request.specification, command).html()
+    for table in pages.certification_tables(laws):
         Console().print(table)
-    for text in pages.certification_notes(found):
+    for text in pages.certification_notes(laws):
         note(text)
-    write(folder, {"index.html": html, CERTIFICATE: shown.certificate.text()})
-    typer.echo(theorem_text(shown.certificate, shown.certificate.stated))
+    write(folder, {"index.html": html, CERTIFICATE: result.certificate.text()})
+    typer.echo(theorem_text(result.certificate, result.certificate.stated))
     file = folder / CERTIFICATE
     again = join(["flexhinf", "certify", "--check", str(file)])
     typer.echo(f"report:      {folder / 'index.html'}\ncertificate: {file}\ncheck:       {again}")
@@ -113,9 +113,9 @@ def _sampled_instead(context: typer.Context) -> str:
     from flexhinf.design.certification import SAMPLED_ADVICE
 
     own = ("out", "check", "every_cell", "degree", "degrees", "decay", "observer", "tolerances", "threads")
-    words = reproduce_command(context, (*own, "damping"))
-    words[words.index("certify")] = "design"
-    return SAMPLED_ADVICE.format(join([*words, "--degrees", "2", "--damping", "0.3", "--rays", "50"]))
+    command = reproduce_command(context, (*own, "damping"))
+    command[command.index("certify")] = "design"
+    return SAMPLED_ADVICE.format(join([*command, "--degrees", "2", "--damping", "0.3", "--rays", "50"]))
 
 
 def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
@@ -139,9 +139,9 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
     certificate = load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")
-        found = certificate.check(threads=o.threads, sample=None if o.every_cell else 10, tick=bar.cells)
-    typer.echo(theorem_text(certificate, found))
+        result = certificate.check(threads=o.threads, sample=None if o.every_cell else 10, tick=bar.cells)
+    typer.echo(theorem_text(certificate, result))
     typer.echo("")
-    typer.echo(verification_text(found))
-    if not found.proved:
+    typer.echo(verification_text(result))
+    if not result.proved:
         raise typer.Exit(NOT_MET)

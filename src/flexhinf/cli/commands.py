@@ -1,4 +1,4 @@
-"""All commands; `run` is the way in and out.
+"""All commands; `run` executes one and returns its exit code.
 
 A new command is a function that is named in `COMMANDS`. Where it takes a specification, its options are
 made by `flexhinf.cli.arguments.with_options`.
@@ -87,24 +87,24 @@ COMMANDS = {
 
 
 class App(typer.Typer):
-    """All commands; every mistake in the options names the command that has them."""
+    """The group of all commands; an error in an option names the command that has the option."""
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
-        """Run the command that was asked for."""
+        """Parse the arguments and run their command."""
         command = get_command(self)
         _refine(command)
         return command(*arguments, **options)
 
 
 def _refine(command: Any) -> None:
-    """Let every error of the parser know its command; some, such as for a missing value, do not."""
+    """Attach the command to every error of the parser; some, such as that of a missing value, lack it."""
     for inner in getattr(command, "commands", {}).values():
         _refine(inner)
     parse = command.parse_args
 
-    def parsed(context: Any, words: list[str]) -> list[str]:
+    def parsed(context: Any, arguments: list[str]) -> list[str]:
         try:
-            return parse(context, words)
+            return parse(context, arguments)
         except TyperException as error:
             if getattr(error, "ctx", None) is None:
                 setattr(error, "ctx", context)  # noqa: B010  pyright
@@ -145,11 +145,11 @@ app.add_typer(export, name="export")
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """What `flexhinf.cli.main` does, but for signals other than Ctrl-C."""
-    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    """Run a command as `flexhinf.cli.main` does, without its handling of signals other than Ctrl-C."""
+    command = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     with recorded() as written:
         try:
-            for word in words:  # what is no text could be printed nowhere
+            for word in command:  # what is no text could be printed nowhere
                 try:
                     word.encode()
                 except UnicodeEncodeError as error:
@@ -158,14 +158,14 @@ def run(arguments: Sequence[str] | None = None) -> int:
                         f"got {value_text(word)}: {error.reason} at position {error.start}",
                         "names and folders in UTF-8",
                     ) from None
-            code = app(args=words, prog_name="flexhinf", standalone_mode=False)
+            code = app(args=command, prog_name="flexhinf", standalone_mode=False)
             if code == INTERRUPTED:  # the option parser has caught Ctrl-C
                 return interrupted(written())
             return code if isinstance(code, int) else 0
         except FlexhinfError as error:
-            return mistake(error_text(error, words))
+            return mistake(error_text(error, command))
         except TyperException as error:
-            return mistake(parser_error(error, words))
+            return mistake(parser_error(error, command))
         except BrokenPipeError:
             raise
         except (OSError, MemoryError) as error:

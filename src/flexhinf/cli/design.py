@@ -93,12 +93,12 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
         note(
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
-    words = ["flexhinf", "paper"]  # every setting, as defaults change
+    command = ["flexhinf", "paper"]  # every setting, as defaults change
     for name, value in asdict(settings).items():
-        words += [option_name(name), str(value)]
-    words += [] if o.out == PaperOptions().out else ["--out", o.out.name]
+        command += [option_name(name), str(value)]
+    command += [] if o.out == PaperOptions().out else ["--out", o.out.name]
     with step_progress(STAGES) as progress:
-        result = reproduce(settings, words, progress)
+        result = reproduce(settings, command, progress)
     folder = report.write(o.out, result.files)
     title = (
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "

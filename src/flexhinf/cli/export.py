@@ -1,4 +1,4 @@
-"""``flexhinf export``, ``compile`` and ``run``: a controller as what runs on a robot, and driving one in real time."""
+"""``flexhinf export``, ``compile`` and ``run``: a controller as code for a robot, and driving one in real time."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
 
 def file_of(source: str, only_design: str = "", then: str = "") -> Path:
-    """The file that is meant: of a report's folder its design file; refused where nothing is.
+    """The file that a source names: of a report's folder its design file; refused where there is none.
 
     With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
     """

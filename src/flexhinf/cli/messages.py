@@ -88,7 +88,7 @@ def mistake(text: str, code: int = USER_ERROR) -> int:
 
 
 def interrupted(written: Sequence[Path]) -> int:
-    """Say that a command was interrupted, and which files and folders it had written whole by then."""
+    """Print that a command was interrupted, and which files and folders were complete by then."""
     names = ", ".join(str(path) for path in written)
     return mistake(
         f"Interrupted; written and whole: {names}." if names else "Interrupted; nothing was written.",
@@ -97,7 +97,7 @@ def interrupted(written: Sequence[Path]) -> int:
 
 
 def refused(error: OSError | MemoryError, written: Sequence[Path]) -> str:
-    """What the system did not give, in three parts, and which files and folders had been written whole by then."""
+    """An error of the operating system in three parts, with the files and folders that were complete by then."""
     names = ", ".join(str(path) for path in written)
     got = str(error) or "a full memory"
     return str(
@@ -110,7 +110,7 @@ def refused(error: OSError | MemoryError, written: Sequence[Path]) -> str:
 
 
 def note(text: str) -> None:
-    """Print what must not be missed."""
+    """Print a note on standard error."""
     typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
 
 
@@ -125,7 +125,7 @@ def show(tables: Iterable[Any], notes: Iterable[str] = ()) -> None:
 
 
 def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
-    """What the option parser found wrong, in three parts."""
+    """An error of the option parser, in three parts."""
     context = getattr(error, "ctx", None)
     path = context.command_path if context is not None else "flexhinf"
     known = getattr(error, "possibilities", None)
@@ -148,17 +148,17 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
-    own = [path] if any(option in (*one.opts, *one.secondary_opts) for one in command.params) else []
+    own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
     inner = getattr(command, "commands", {})
     return own + [
         command_path
-        for name, one in inner.items()
-        for command_path in _with_option(one, f"{path} {name}", option)
+        for name, entry in inner.items()
+        for command_path in _with_option(entry, f"{path} {name}", option)
     ]
 
 
 def _joined(arguments: Sequence[str]) -> str:
-    """Advice where a number and its unit are two words; else empty."""
+    """Advice where a number and its unit are separate arguments; else empty."""
     for value, unit in pairwise(arguments):
         if _NUMBERS.match(value) and _UNIT.fullmatch(unit):
             return f"write {value}{unit} or '{value} {unit}', in one word"
@@ -178,7 +178,7 @@ def progress_bar(*columns: str) -> Any:
 
 @contextmanager
 def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
-    """A bar of so many steps around some work, a mark that turns where nobody knows how many.
+    """A progress bar of `total` steps around some work; a spinner where their number is unknown.
 
     It gives a function that is called with the name of each step before the step begins.
     """
@@ -210,16 +210,16 @@ class ProofProgress:
         self._bar.stop()
 
     def step(self, text: str) -> None:
-        """Another step begins, whose length is not known."""
+        """Begin another step, whose length is not known."""
         self._text, self._cells = text, 0
         self._bar.reset(self._task, total=None, description=text)
 
     def share(self, cells: int, share: float) -> None:
-        """So many cells of a proof are done, which is about this share of it."""
+        """Report the number of cells of a proof that are done, and their estimated share."""
         text = f"{self._text}, {cells} cells"
         self._bar.update(self._task, total=1.0, completed=share, description=text)
 
     def cells(self, more: int) -> None:
-        """More cells of a check are done."""
+        """Report that more cells of a check are done."""
         self._cells += more
         self._bar.update(self._task, description=f"{self._text}, {self._cells} cells")

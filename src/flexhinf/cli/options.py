@@ -76,7 +76,7 @@ BESIDE = "With a URDF or MJCF: the robot file with spring and motor of each join
 # fmt: off
 @dataclass(frozen=True, kw_only=True)
 class PointOptions:
-    """Where a point of the robot goes, and what the robot carries."""
+    """Options for the payload, and for a goal of a point of the robot."""
 
     payload: Text = option("", HARDWARE,
         "What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, :x,y,z its "
@@ -91,7 +91,7 @@ class PointOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotOptions(PointOptions):
-    """A robot, or a design file over which options win."""
+    """Options of commands that take a robot or a design file, whose values other options replace."""
 
     robot: Text = argument(
         "A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a design "
@@ -101,14 +101,14 @@ class RobotOptions(PointOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class DesignOptions(RobotOptions):
-    """Of ``flexhinf design``."""
+    """Options of ``flexhinf design``."""
 
     out: Path = option(Path("flexhinf-design"), WRITTEN, FOLDER)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions(RobotOptions):
-    """Of ``flexhinf compare``."""
+    """Options of ``flexhinf compare``."""
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
@@ -126,7 +126,7 @@ class CompareOptions(RobotOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class CertifyOptions(RobotOptions):
-    """Of ``flexhinf certify``."""
+    """Options of ``flexhinf certify``."""
 
     robot: Text = argument(
         "A robot file, a name that `flexhinf robots` lists, or a design file (design.toml); options win over a design "
@@ -151,7 +151,7 @@ class CertifyOptions(RobotOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions(CampaignOptions):
-    """Of a campaign and of a comparison of two."""
+    """Options that a campaign and a comparison of two campaigns share."""
 
     tolerance: list[Text] = option(list, SAMPLED,
         "Another tolerance of a parameter of the robot: stiffness=15% or mass=0.9..1.2; again for more.",
@@ -165,7 +165,7 @@ class BatchOptions(CampaignOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class RunCampaignOptions(BatchOptions):
-    """Of ``flexhinf campaign``."""
+    """Options of ``flexhinf campaign``."""
 
     design: Text = argument(
         f"{DESIGN} The controller of a report is taken as it was judged; without one it is designed first.", "DESIGN")
@@ -180,7 +180,7 @@ class RunCampaignOptions(BatchOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class CompareCampaignsOptions(BatchOptions):
-    """Of ``flexhinf campaign compare``."""
+    """Options of ``flexhinf campaign compare``."""
 
     first: Text = argument(DESIGN)
     second: Text = argument(DESIGN)
@@ -189,7 +189,7 @@ class CompareCampaignsOptions(BatchOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MergeOptions:
-    """Of ``flexhinf campaign merge``."""
+    """Options of ``flexhinf campaign merge``."""
 
     folder: Path = argument("The folder of a campaign.", "DIR")
     others: list[Path] = argument("Folders with other shards of the same campaign.", "[DIR…]", default=())
@@ -198,7 +198,7 @@ class MergeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayOptions:
-    """Of ``flexhinf campaign replay``."""
+    """Options of ``flexhinf campaign replay``."""
 
     folder: Path = argument("The folder of a campaign.", "DIR")
     sample: Whole | None = option(None, TRIED, "Its number in the table.", "123")
@@ -209,7 +209,7 @@ class ReplayOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportCOptions:
-    """Of ``flexhinf export c``."""
+    """Options of ``flexhinf export c``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-c"), WRITTEN, "A new or empty folder.")
@@ -226,7 +226,7 @@ class ExportCOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ExportFmuOptions:
-    """Of ``flexhinf export fmu``."""
+    """Options of ``flexhinf export fmu``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf.fmu"), WRITTEN, "The file that is written.")
@@ -236,7 +236,7 @@ class ExportFmuOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class CompileOptions:
-    """Of ``flexhinf compile``."""
+    """Options of ``flexhinf compile``."""
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-controller.so"), WRITTEN, "The file that is written.")
@@ -247,7 +247,7 @@ class CompileOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(PointOptions):
-    """Of ``flexhinf run``."""
+    """Options of ``flexhinf run``."""
 
     source: Text = argument(
         "design.toml or the folder of a report, whose controller is taken as it was judged; a design.toml without one "
@@ -278,7 +278,7 @@ class RunOptions(PointOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class PaperOptions(PaperSettings):
-    """Of ``flexhinf paper``."""
+    """Options of ``flexhinf paper``."""
 
     out: Path = option(Path("flexhinf-paper"), WRITTEN, FOLDER)
 # fmt: on

@@ -1,4 +1,4 @@
-"""The report of a design and of a comparison: pages, numbers, files and terminal tables. Computes nothing."""
+"""Reports of designs, comparisons, campaigns and proofs: pages, numbers, files, terminal tables. Computes nothing."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
 """The pictures of a film: what stands still is drawn once, a frame draws what moves on top of it.
 
-What a film of a run shows: the arm with links and motors apart, positions, the springs' wind-up, the inputs.
+A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ HAND = 0.62
 
 
 def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
-    """By how much wind-ups (N, n), rad or m, are drawn larger: the largest of `FACTORS` with which all stay small
+    """Factor by which wind-ups (N, n), rad or m, are enlarged: the largest of `FACTORS` with which all stay small
     enough for a robot of this size, m."""
     largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
     return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
@@ -42,8 +42,8 @@ def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ArmFilm:
-    """A run as it is drawn: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and command in
-    rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
+    """Data of a run for its film: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and
+    command in rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
 
     robot: Robot
     title: str
@@ -65,7 +65,7 @@ class ArmFilm:
 
     @staticmethod
     def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
-        """Of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
+        """The film of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
         robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
@@ -117,8 +117,8 @@ class ArmFilm:
             hands.append(np.array([ends[0], motor[0], ends[1]]))
         return hands
 
-    def shown(self, values: np.ndarray) -> np.ndarray:
-        """Positions (…, n) in degrees and mm."""
+    def in_plot_units(self, values: np.ndarray) -> np.ndarray:
+        """Convert positions (…, n) from rad and m to degrees and mm."""
         return values * np.where(self.slides, 1e3, np.degrees(1.0))
 
 
@@ -155,16 +155,16 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     slowness, speed = played / length if length else 1.0, "in real time"
     if abs(slowness - 1.0) >= 1e-6:
         speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
-    drawn = "springs drawn as they are"
+    springs = "springs drawn as they are"
     if film.factor > 1:
-        drawn = f"wind-up of the springs drawn {film.factor} times larger"
+        springs = f"wind-up of the springs drawn {film.factor} times larger"
     rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
     low, high = 0.10 + rows, 0.86
     middle = low + 0.42 * (high - low)
     positions = (
         f"{'position' if film.slides.any() else 'angle'} of the links",
         film.links,
-        film.shown(film.command),
+        film.in_plot_units(film.command),
     )
     if n > MANY:
         positions = ("links minus their command", film.links - film.command, None)
@@ -172,7 +172,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
         figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
         canvas = FigureCanvasAgg(figure)
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
-        figure.text(0.035, 0.905, f"{drawn}; played {speed}", fontsize=10.5, color=MUTED, va="center")
+        figure.text(0.035, 0.905, f"{springs}; played {speed}", fontsize=10.5, color=MUTED, va="center")
         clock = figure.text(0.965, 0.935, "", ha="right", va="center", family="DejaVu Sans Mono", fontsize=20)
         arm = _draw_arm(figure.add_axes(PLACE), film)
         above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
@@ -251,8 +251,8 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
 def _draw_lines(
     axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
 ) -> Moving:
-    """Signals (N, n) over time, faint; what has been is drawn over it."""
-    values, few = film.shown(positions), max(1, len(film.time) // 800)
+    """Draw signals (N, n) over time, faint, and return what draws the part up to sample k over them."""
+    values, few = film.in_plot_units(positions), max(1, len(film.time) // 800)
     artists, single = [], values.shape[1] == 1
     for j, column in enumerate(values.T):
         style = line_style(j)
@@ -299,7 +299,7 @@ def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
         rows.append((bar, *texts))
 
     def move(k: int) -> None:
-        columns = [film.shown(values[k]) for values in (film.links, film.motors, film.windup)]
+        columns = [film.in_plot_units(values[k]) for values in (film.links, film.motors, film.windup)]
         for j, (bar, *texts, last) in enumerate(rows):
             unit, u = " mm" if film.slides[j] else "°", float(film.inputs[k, j])
             for text, values, decimals in zip(texts, columns, (2, 2, 3), strict=True):

@@ -27,7 +27,6 @@ from flexhinf.pages.campaign_parts import (
     by_effect,
     campaign_verdict,
     few_ticks,
-    found_text,
     gain_changes,
     histogram,
     interval_text,
@@ -36,6 +35,7 @@ from flexhinf.pages.campaign_parts import (
     missed_by,
     percent_change,
     percent_text,
+    plant_text,
     replay_command,
     sample_changes,
     share_text,
@@ -119,7 +119,7 @@ def write_campaign(
         f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
         f"noise and with {len(table.names('parameter'))} numbers of its own{spread}."
     )
-    case = next((one for one in cases if one.metric == judged.main), next(iter(cases), None))
+    case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f" Search: {worst_text(case)}"
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
     heads = {
@@ -165,10 +165,10 @@ def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
 def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: GainResults) -> list[Status]:
     missed = [f"{judged.failures} of {judged.count} samples fail."] if judged.failures else []
     missed += [
-        f"A search found a robot within the tolerances that misses {metric_text(one.metric)} "
-        f"({limit_text(one, case.unit)})."
+        f"A search found a robot within the tolerances that misses {metric_text(requirement.metric)} "
+        f"({limit_text(requirement, case.unit)})."
         for case in cases
-        for one in missed_by(case, judged.requirements)
+        for requirement in missed_by(case, judged.requirements)
     ]
     searched = " and the worst robot found by search" if cases else ""
     met = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
@@ -185,8 +185,8 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     kept = [
         ("reaches the end of the run", "", ends),
         ("is stable there", "", ends + judged.of_status(UNSTABLE)),
-        *((metric_text(one.metric), limit_text(one, judged.table.unit(one.metric)), int(judged.violations[:, k].sum()))
-          for k, one in enumerate(limits)),
+        *((metric_text(limit.metric), limit_text(limit, judged.table.unit(limit.metric)),
+           int(judged.violations[:, k].sum())) for k, limit in enumerate(limits)),
     ]  # fmt: skip
     interval = (
         "The interval of the rate is that of Clopper and Pearson, exact for independent samples."
@@ -220,9 +220,9 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
         status = str(judged.column("status")[k])
         reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
         reasons += [
-            f"{metric_text(one.metric)} "
-            f"{value_text(float(judged.column(one.metric)[k]), judged.table.unit(one.metric))}"
-            for one in judged.missed(k)
+            f"{metric_text(requirement.metric)} "
+            f"{value_text(float(judged.column(requirement.metric)[k]), judged.table.unit(requirement.metric))}"
+            for requirement in judged.missed(k)
         ]
         if status == NOT_RUN:
             reasons = [f"not run: {judged.column('failure')[k]}"]
@@ -246,14 +246,14 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         return []
     rows, used = [], list[float]()
     for case in cases:
-        own = [one for one in judged.requirements if one.metric == case.metric]
-        shares = [case.found.value / one.limit for one in own if one.at_most and one.limit > 0.0]
+        own = [rule for rule in judged.requirements if rule.metric == case.metric]
+        shares = [case.found.value / rule.limit for rule in own if rule.at_most and rule.limit > 0.0]
         used.append(math.inf if case.found.status != COMPLETED else max(shares, default=-1.0))
         rows.append((
-            metric_text(case.metric), found_text(case, case.nominal),
-            f"{found_text(case, case.sampled)} ({case.sample})", found_text(case, case.found),
+            metric_text(case.metric), plant_text(case, case.nominal),
+            f"{plant_text(case, case.sampled)} ({case.sample})", plant_text(case, case.found),
             "–" if math.isnan(case.factor) else number(case.factor, 3),
-            "; ".join(limit_text(one, case.unit) for one in own) or "–",
+            "; ".join(limit_text(rule, case.unit) for rule in own) or "–",
             f"{case.together} of {case.starts}" if case.worse else "none",
         ))  # fmt: skip
     case, first = cases[used.index(max(used))], cases[0]
@@ -264,7 +264,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
     )  # fmt: skip
     about = (
         f"{first.starts} searches for each metric, by gradients from differences, begin at the worst samples{every} "
-        f"and random points of the box of tolerances: {sum(one.runs for one in cases)} runs in all, with the "
+        f"and random points of the box of tolerances: {sum(worst.runs for worst in cases)} runs in all, with the "
         "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, not "
         f"a proof.{outside}"
     )
@@ -293,13 +293,13 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
 
 
 def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Any]:
-    """The tracked signal that differs most, its end, and the input that does, of three runs with one noise."""
+    """Figure of three runs with one noise: the tracked signal that differs most, its end, and such an input."""
     plants = {"worst found": case.found, f"sample {case.sample}": case.sampled, "nominal": case.nominal}
-    drawn = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
+    trajectories = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
     names = [name.removeprefix(TRACE) for name in judged.table.names("trace")]
-    if len(drawn) < len(plants) or not names:
+    if len(trajectories) < len(plants) or not names:
         return []
-    worst, _, nominal = drawn.values()
+    worst, _, nominal = trajectories.values()
     signal = max(names, key=lambda name: float(np.abs(worst.tracked(name) - nominal.tracked(name)).max()))
     moved = np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)
     u = worst.names["input"][int(np.argmax(moved))]
@@ -308,7 +308,7 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
         for name, kind in ((signal, "state"), (signal, "state"), (u, "input"))
     ]
     figure, axes = new_figure(3, labels=labels)
-    for (name, run), style in zip(drawn.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
+    for (name, run), style in zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
         for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
             axis.plot(run.time, values, label=name, **style)
     _zoom(axes[1], nominal.tracked(signal)[-1], nominal.tracked(signal))
@@ -325,27 +325,27 @@ def _zoom(axis: Any, middle: float, values: np.ndarray) -> None:
     axis.set_ylim(middle - half, middle + half)
 
 
-def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[Any]:
-    if not found.rows:
+def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Any]:
+    if not gains.rows:
         return []
     cells = [
         (
             "nominal" if row.robot == "nominal" else "worst found", row.loop, f"of the {row.pair}",
             square_text(row.gain), square_text(row.gamma), share_text(row), CLAIMS[row.claim],
         )
-        for row in found.rows
+        for row in gains.rows
     ]  # fmt: skip
-    worst = next((row for row in found.rows if row.robot == "worst"), None)
+    worst = next((row for row in gains.rows if row.robot == "worst"), None)
     numbers = "" if worst is None else f" The worst robot found: {gain_changes(worst, judged.nominal)}."
     text = (
         "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
         "which V stays inside the sampled or proved level; inputs are held for a period. An attained gain is a lower "
         "bound. A designed γ is that of the nominal robot with the true state; a proved one holds for the z, d, robots "
         f"and level of its certificate, and for the loop with the true state alone.{numbers}"
-        f"{f' No γ is proved of this law: {found.unproved}.' if found.unproved else ''}"
+        f"{f' No γ is proved of this law: {gains.unproved}.' if gains.unproved else ''}"
     )
-    figure, (axis,) = new_figure(1, labels=[(found.rows[0].names[0].replace("_", " "), "")])
-    for row, style in zip(found.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
+    figure, (axis,) = new_figure(1, labels=[(gains.rows[0].names[0].replace("_", " "), "")])
+    for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
         axis.plot(
             row.times, np.array(row.disturbance)[:, 0], label=f"{row.robot}, {row.loop}, {row.pair}", **style
         )
@@ -361,7 +361,7 @@ def _worst_disturbance(judged: CampaignJudgement, found: GainResults) -> list[An
 
 # Signals and metrics -----------------------------------------------------------------------------------------
 def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
-    """Signals that are kept, in a panel each, and the one that differs most close to its end; the worst run apart."""
+    """Figure of the kept signals, and of the end of the one that differs most; the worst run is drawn apart."""
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
     ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)
@@ -380,10 +380,10 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         if np.ptp(trace) > 0.0:
             spreads[k] = float(np.ptp(trace[:, trace.shape[1] // 2 :], axis=0).max()) / float(np.ptp(trace))
     close = int(np.argmax(spreads))
-    drawn = (*range(len(names)), close)
-    labels = [(names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k])) for k in drawn]
-    figure, axes = new_figure(len(drawn), labels=labels)
-    for axis, k in zip(axes, drawn):
+    panels = (*range(len(names)), close)
+    labels = [(names[k].removeprefix(TRACE).replace("_", " "), judged.table.unit(names[k])) for k in panels]
+    figure, axes = new_figure(len(panels), labels=labels)
+    for axis, k in zip(axes, panels):
         quantile_band(axis, time, traces[k][ended])
         if lines:
             axis.plot(time, lines[k], label=f"sample {worst}", **_BLACK)
@@ -430,9 +430,9 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
         most = np.abs(values).max()
         histogram(axis, judged, name, judged.table.unit(name), values, "samples" if k % 3 == 0 else "")
         few_ticks(axis, most, "x")
-        for one in judged.requirements:
-            if one.metric == name and one.limit < NO_LIMIT and most > 0.5 * abs(one.limit):
-                axis.axvline(one.limit, color=INK, linewidth=1.0, dashes=DASHED)
+        for rule in judged.requirements:
+            if rule.metric == name and rule.limit < NO_LIMIT and most > 0.5 * abs(rule.limit):
+                axis.axvline(rule.limit, color=INK, linewidth=1.0, dashes=DASHED)
     missing = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
     caption = [
         "How many samples have which value; dashed: a limit that is near or exceeded. Values that are never reached "
@@ -443,29 +443,29 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
 
 
 def _sensitivities(judged: CampaignJudgement) -> list[Any]:
-    found = {}
+    sensitivities = {}
     for name in judged.table.names("metric"):
-        one = judged.sensitivity(name) if len(found) < RANKED else None
-        found |= {} if one is None else {name: one}
-    if not found:
+        sobol = judged.sensitivity(name) if len(sensitivities) < RANKED else None
+        sensitivities |= {} if sobol is None else {name: sobol}
+    if not sensitivities:
         return (
             [Paragraph("The samples are too few to say which number matters: ten for each number, at least.")]
             if judged.table.names("parameter")
             else []
         )
-    bars = min(BARS, max(len(one.names) for one in found.values()))
-    figure, axes = small_panels(len(found), 0.9 + 0.2 * bars, columns=2, sharex=True)
-    for axis, (name, one) in zip(axes, found.items()):
-        places = np.arange(min(bars, len(one.names)))[::-1]
-        axis.barh(places, one.total[: len(places)], color=SERIES[0], alpha=0.35, label="with all others")
-        axis.barh(places, one.first[: len(places)], color=SERIES[0], height=0.4, label="alone")
-        axis.set_yticks(places, [n.replace("_", " ") for n in one.names[: len(places)]], fontsize=8)
+    bars = min(BARS, max(len(sobol.names) for sobol in sensitivities.values()))
+    figure, axes = small_panels(len(sensitivities), 0.9 + 0.2 * bars, columns=2, sharex=True)
+    for axis, (name, sobol) in zip(axes, sensitivities.items()):
+        places = np.arange(min(bars, len(sobol.names)))[::-1]
+        axis.barh(places, sobol.total[: len(places)], color=SERIES[0], alpha=0.35, label="with all others")
+        axis.barh(places, sobol.first[: len(places)], color=SERIES[0], height=0.4, label="alone")
+        axis.set_yticks(places, [n.replace("_", " ") for n in sobol.names[: len(places)]], fontsize=8)
         axis.set_xlim(0.0, 1.0)
         axis.grid(axis="y", visible=False)
-        axis.set_title(f"{metric_text(name)}, R² {number(one.r_squared, 2)}", fontsize=9)
+        axis.set_title(f"{metric_text(name)}, R² {number(sobol.r_squared, 2)}", fontsize=9)
     legend_above(figure, axes[0], 2)
-    first = next(iter(found.values()))
-    low = [metric_text(name) for name, one in found.items() if one.r_squared < 0.5]
+    first = next(iter(sensitivities.values()))
+    low = [metric_text(name) for name, sobol in sensitivities.items() if sobol.r_squared < 0.5]
     notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
     caption = (
         f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "

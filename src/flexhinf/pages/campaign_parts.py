@@ -1,4 +1,4 @@
-"""What the reports of campaigns are made of, in words, tables and small panels, on a page and in a terminal; the report
+"""Texts, tables and small panels of the reports of campaigns, on a page and in a terminal; the report
 of two designs on the same samples: success and failure, paired differences, extremes."""
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ NO_LIMIT = 1e8
 
 
 def metric_text(metric: str, unit: str = "") -> str:
-    """A metric in a sentence, its unit in parentheses; of a joint with the joint's name behind it."""
+    """Name of a metric in a sentence, with its unit in parentheses, and of a joint's metric with the joint."""
     whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
     joint = metric.removeprefix(whole).replace("_", " ")
     text = f"{METRIC_LABELS.get(whole, '')}{joint}"
@@ -76,7 +76,7 @@ def metric_text(metric: str, unit: str = "") -> str:
 
 
 def percent_text(fraction: float) -> str:
-    """A fraction with the digits that tell it from zero and from one."""
+    """A fraction in per cent, with enough digits to distinguish it from 0 and 100 %."""
     if fraction in (0.0, 1.0):
         return f"{100 * fraction:.0f} %"
     if fraction < 0.01:
@@ -86,7 +86,7 @@ def percent_text(fraction: float) -> str:
 
 
 def interval_text(interval: Interval) -> str:
-    """An interval of a fraction."""
+    """A confidence interval of a fraction, in per cent."""
     return f"{percent_text(interval.low)} to {percent_text(interval.high)}"
 
 
@@ -95,17 +95,17 @@ def value_text(value: float, unit: str) -> str:
     return "never" if np.isinf(value) else f"{number(value, 3)} {unit}".strip()
 
 
-def limit_text(one: Requirement, unit: str) -> str:
-    """The limit of a requirement."""
+def limit_text(requirement: Requirement, unit: str) -> str:
+    """The limit of a requirement, for example ``at most 5 %``."""
     return (
         "within the run"
-        if one.at_most and one.limit >= NO_LIMIT
-        else f"at {'most' if one.at_most else 'least'} {value_text(one.limit, unit)}"
+        if requirement.at_most and requirement.limit >= NO_LIMIT
+        else f"at {'most' if requirement.at_most else 'least'} {value_text(requirement.limit, unit)}"
     )
 
 
 def percent_change(name: str, value: float, nominal: float | None) -> str:
-    """Per cent of the nominal number; empty where that is zero, not known, or a payload's."""
+    """Change from the nominal number in per cent; empty where that is zero, not known, or a payload's."""
     if not nominal or "payload" in name:
         return ""
     change = 100.0 * (value / nominal - 1.0)
@@ -118,26 +118,26 @@ def _changes_text(
     most: int = LISTED,
 ) -> str:
     """The first numbers (name, value, nominal, unit) that are not nominal: ``stiffness −12 %, payload 1.2 kg``."""
-    found = [
+    changes = [
         f"{name.replace('_', ' ')} {percent_change(name, value, nominal) or value_text(value, unit)}"
         for name, value, nominal, unit in numbers
         if value != nominal
     ]
     return (
-        ", ".join([*found[:most], *([others.format(len(found) - most)] if len(found) > most else [])])
+        ", ".join([*changes[:most], *([others.format(len(changes) - most)] if len(changes) > most else [])])
         or "nominal numbers"
     )
 
 
 def sample_changes(judged: CampaignJudgement, sample: int) -> str:
     """A sample by its numbers that are furthest from nominal, relative to their spread."""
-    found = []
+    changes = []
     for name, value in judged.numbers(sample).items():
         column, nominal = judged.column(name), judged.nominal.get(name)
         middle, spread = float(column.mean()) if nominal is None else nominal, float(column.std())
         if spread > 0.0 and value != middle:
-            found.append((abs(value - middle) / spread, (name, value, nominal, judged.table.unit(name))))
-    return _changes_text(change for _, change in sorted(found, key=lambda pair: -pair[0]))
+            changes.append((abs(value - middle) / spread, (name, value, nominal, judged.table.unit(name))))
+    return _changes_text(change for _, change in sorted(changes, key=lambda pair: -pair[0]))
 
 
 def replay_command(folder: Path | str, which: str) -> str:
@@ -146,20 +146,20 @@ def replay_command(folder: Path | str, which: str) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Per cent on the line of its number."""
+    """Replace the space before each per cent sign by one at which no line breaks."""
     return text.replace(" %", "\N{NO-BREAK SPACE}%")
 
 
 # Sentences and tables for a terminal too -----------------------------------------------------------------------
 def campaign_verdict(judged: CampaignJudgement) -> str:
-    """How many fail, with what confidence, and the worst of the main metric with its parameters."""
-    found, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
+    """Number of failures, confidence interval of the success rate, and the worst sample by the main metric."""
+    interval, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
     text = f"{judged.failures} of {judged.count} failed"
     text += f", {unstable} of them unstable ({unstable_text(judged)})" if unstable else ""
-    if found is None:
+    if interval is None:
         text += f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
     else:
-        text += f"; {interval_text(found)} succeed with 95 % confidence"
+        text += f"; {interval_text(interval)} succeed with 95 % confidence"
     worst = judged.worst_of_all
     if worst is None:
         return f"{text}."
@@ -168,7 +168,7 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
 
 
 def unstable_text(judged: CampaignJudgement) -> str:
-    """How many of the unstable runs moved on to their end, and how many diverged."""
+    """Number of unstable runs that still moved at their end, and number of those that diverged."""
     return (
         f"{judged.of_status(UNSTABLE)} oscillate or run away to the end of the run, "
         f"{judged.of_status(DIVERGED)} diverged"
@@ -176,33 +176,33 @@ def unstable_text(judged: CampaignJudgement) -> str:
 
 
 def worst_text(case: WorstCase) -> str:
-    """What the search found, in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
-    name, sampled = metric_text(case.metric), found_text(case, case.sampled)
+    """Result of the search in one sentence: ``worst overshoot found: 2.6 %, 1.42 times …, at mass −5 %``."""
+    name, sampled = metric_text(case.metric), plant_text(case, case.sampled)
     if not case.worse:
         return f"worst {name}: {sampled} of sample {case.sample}; the search found no worse robot."
     times = "" if math.isnan(case.factor) else f"{number(case.factor, 3)} times "
     numbers, nominal = case.found.numbers, case.nominal.numbers
     at = _changes_text([(n, numbers[n], nominal[n], case.units[n]) for n in by_effect(case)], "{} others")
-    found = found_text(case, case.found)
-    return f"worst {name} found: {found} ({times}the {sampled} of sample {case.sample}), at {at}."
+    value = plant_text(case, case.found)
+    return f"worst {name} found: {value} ({times}the {sampled} of sample {case.sample}), at {at}."
 
 
-def found_text(case: WorstCase, plant: FoundPlant) -> str:
+def plant_text(case: WorstCase, plant: FoundPlant) -> str:
     """The metric of a plant, or why it has none."""
     return value_text(plant.value, case.unit) if plant.status == COMPLETED else plant.status
 
 
 def by_effect(case: WorstCase) -> list[str]:
-    """The numbers, those first whose return to nominal changes the metric most."""
+    """Names of the varied numbers, those first whose return to nominal changes the metric most."""
     effect = {name: abs(value - case.found.value) for name, value in case.alone.items()}
     return sorted(effect, key=lambda name: -np.nan_to_num(effect[name], nan=1e300, posinf=1e300))
 
 
 def missed_by(case: WorstCase, requirements: Sequence[Requirement]) -> list[Requirement]:
-    """The requirements of its metric that the worst plant misses, all where its run does not come to its end."""
+    """Requirements on the metric that the worst plant misses; all of them if its run does not come to its end."""
     value = np.array([case.found.value])
-    ended = case.found.status == COMPLETED
-    return [one for one in requirements if one.metric == case.metric and not (ended and one.met(value)[0])]
+    done = case.found.status == COMPLETED
+    return [rule for rule in requirements if rule.metric == case.metric and not (done and rule.met(value)[0])]
 
 
 def gain_text(row: GainRow, nominal: Mapping[str, float]) -> str:
@@ -216,29 +216,29 @@ def gain_text(row: GainRow, nominal: Mapping[str, float]) -> str:
 
 
 def square_text(gain: float) -> str:
-    """The square of a gain; infinite where a run diverged."""
+    """The square of a gain as text; infinite where a run diverged."""
     return "infinite" if math.isinf(gain) else number(gain**2, 4)
 
 
 def share_text(row: GainRow) -> str:
-    """The attained ∫|z|²/∫|d|² over γ²."""
+    """The attained ∫|z|²/∫|d|² in per cent of γ²."""
     return "more" if math.isinf(row.gain) else f"{number(100.0 * (row.gain / row.gamma) ** 2, 3)} %"
 
 
 def gain_changes(row: GainRow, nominal: Mapping[str, float]) -> str:
-    """The robot of a disturbance, by all its numbers."""
+    """The robot that a disturbance was searched for, by all its numbers that are not nominal."""
     numbers = [(name, value, nominal.get(name), "") for name, value in row.numbers.items()]
     return _changes_text(numbers, most=len(numbers))
 
 
-def replay_table(found: Replayed) -> Any:
-    """A sample that was run again: its numbers and metrics, in the table and now."""
-    state = ("the same bits" if found.same else "differs") if found.recorded else "not in the table yet"
+def replay_table(replay: Replayed) -> Any:
+    """Table of a sample that was run again: its numbers and metrics, as stored and now."""
+    state = ("the same bits" if replay.same else "differs") if replay.recorded else "not in the table yet"
     return _again_table(
-        f"sample {found.sample}: {found.run.status}; {state}",
+        f"sample {replay.sample}: {replay.run.status}; {state}",
         [
-            (name, found.recorded.get(name, "–"), value)
-            for name, value in found.again.items()
+            (name, replay.recorded.get(name, "–"), value)
+            for name, value in replay.again.items()
             if name not in ("sample", "failure") and value == value
         ],
         "table",
@@ -246,7 +246,7 @@ def replay_table(found: Replayed) -> Any:
 
 
 def worst_table(case: WorstCase, again: FoundPlant) -> Any:
-    """The worst plant that was run again: its numbers and the metric, in the folder and now."""
+    """Table of the worst plant, run again: its numbers and the metric, as stored and now."""
     same = again == case.found or (again.status == case.found.status != COMPLETED)
     return _again_table(
         f"worst {metric_text(case.metric)}: {again.status}; {'the same bits' if same else 'differs'}",
@@ -256,7 +256,7 @@ def worst_table(case: WorstCase, again: FoundPlant) -> Any:
 
 
 def gain_replay_table(rows: Sequence[GainRow], again: Sequence[float]) -> Any:
-    """Gains in the folder, and run again."""
+    """Table of the attained gains, as stored and run again."""
     same = all(row.gain == value for row, value in zip(rows, again))
     cells = [(f"{r.robot}, {r.loop}, {r.pair}", r.gain, value, r.gamma) for r, value in zip(rows, again)]
     return _again_table(f"worst disturbances: {'the same bits' if same else 'differ'}", cells, "found", "γ")
@@ -276,7 +276,7 @@ def write_page(folder: Path, what: str, page: Page) -> Path:
 
 
 def small_panels(count: int, height: float, columns: int = 3, **options: Any) -> tuple[Any, list[Any]]:
-    """As many panels in rows of at most so many columns, each row of this height, inches."""
+    """A figure with `count` panels in rows of at most `columns`, each row `height` inches high."""
     columns = min(columns, count)
     rows = -(-count // columns)
     figure, grid = panels(rows, columns, 0.4 + height * rows, **options)
@@ -289,15 +289,15 @@ def small_panels(count: int, height: float, columns: int = 3, **options: Any) ->
 def few_ticks(axis: Any, largest: float, which: str = "both") -> None:
     """Few ticks with short numbers, of size up to `largest`."""
     axis.locator_params(axis=which, nbins=3 if largest > 5e-3 else 2)
-    for one in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
-        one.set_major_formatter(lambda value, _: number(value, 3))
+    for ruler in (axis.xaxis,) if which == "x" else (axis.xaxis, axis.yaxis):
+        ruler.set_major_formatter(lambda value, _: number(value, 3))
     axis.tick_params(axis=which, labelsize=8)
 
 
 def histogram(
     axis: Any, judged: CampaignJudgement, name: str, unit: str, values: np.ndarray, counted: str
 ) -> None:
-    """How often a metric has which value; the kept period is the grain of times."""
+    """Draw a histogram of a metric; bins of a time are as wide as a multiple of the kept period."""
     time, spread = judged.table.journal.time, float(np.ptp(values))
     period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
     half = 0.5 * abs(float(values[0])) or 0.5
@@ -312,7 +312,7 @@ def histogram(
 
 # Two designs on the same samples ------------------------------------------------------------------------
 #: Metrics that are drawn, and points of a panel, at most.
-DRAWN, POINTS = 6, 2000
+PANELS, POINTS = 6, 2000
 
 #: Probabilities below this are not told apart.
 LEAST_P = 1e-6
@@ -320,30 +320,30 @@ LEAST_P = 1e-6
 
 def write_pair(result: PairResult) -> Path:
     """Write index.html of a comparison; returns its path."""
-    settings, found = result.judged[0].table.journal.settings, result.paired.success
+    settings, counts = result.judged[0].table.journal.settings, result.paired.success
     request = (
         f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
         f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."
     )
-    varied = [one for one in map(result.paired.metric, result.paired.metrics) if np.any(_finite(one) != 0.0)]
+    varied = [m for m in map(result.paired.metric, result.paired.metrics) if np.any(_finite(m) != 0.0)]
     numbers = [
         *(
-            KeyNumber(f"fail with {side}", failures, f"of {found.count}", f"{only} with {side} alone")
-            for side, failures, only in zip("AB", found.failures, (found.only_a, found.only_b))
+            KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")
+            for side, failures, only in zip("AB", counts.failures, (counts.only_a, counts.only_b))
         ),
         *(
             KeyNumber(
-                metric_text(one.name),
-                _signed(one.median),
-                one.unit,
-                f"median of B − A; {_interval_text(result, one)}",
+                metric_text(metric.name),
+                _signed(metric.median),
+                metric.unit,
+                f"median of B − A; {_interval_text(result, metric)}",
             )
-            for one in varied[:2]
+            for metric in varied[:2]
         ),
     ]
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
-        blocks = [*_success(result), *_differences(result, varied[:DRAWN]), *_extremes(result, varied)]
+        blocks = [*_success(result), *_differences(result, varied[:PANELS]), *_extremes(result, varied)]
     title = f"Two designs on the same robots “{result.pair.a.request.robot.name}”"
     page = Page(
         title, request, pair_verdict(result), (Section("A against B", blocks, "pair"),),
@@ -354,22 +354,22 @@ def write_pair(result: PairResult) -> Path:
 
 # In words ----------------------------------------------------------------------------------------------------
 def pair_verdict(result: PairResult) -> str:
-    """Failures of both with the test of McNemar, and the main metric."""
-    paired, found = result.paired, result.paired.success
-    a, b = found.failures
+    """Failures of both designs with McNemar's test, and the medians of the main metric."""
+    paired, counts = result.paired, result.paired.success
+    a, b = counts.failures
     text = f"Of the same {paired.count} robots {a} fail with A, {b} with B"
-    if found.only_a + found.only_b:
-        test = f"; McNemar: {_p_text(found.p_value)}" if _independent(result) else ""
-        text += f" ({found.only_a} with A alone, {found.only_b} with B alone{test})"
+    if counts.only_a + counts.only_b:
+        test = f"; McNemar: {_p_text(counts.p_value)}" if _independent(result) else ""
+        text += f" ({counts.only_a} with A alone, {counts.only_b} with B alone{test})"
     if not paired.main:
         return f"{text}."
-    one = paired.metric(paired.main)
-    medians = [value_text(median, one.unit) for median in one.medians]
-    better = [percent_text(share.rate) for share in one.better]
+    metric = paired.metric(paired.main)
+    medians = [value_text(median, metric.unit) for median in metric.medians]
+    better = [percent_text(share.rate) for share in metric.better]
     return (
-        f"{text}; median {metric_text(one.name)} {medians[0]} with A, {medians[1]} with B; the difference B − A is "
-        f"{_signed(one.median, one.unit)} at the median ({_interval_text(result, one)}); A is better in {better[0]} of "
-        f"the pairs, B in {better[1]}."
+        f"{text}; median {metric_text(metric.name)} {medians[0]} with A, {medians[1]} with B; the difference B − A is "
+        f"{_signed(metric.median, metric.unit)} at the median ({_interval_text(result, metric)}); A is better in "
+        f"{better[0]} of the pairs, B in {better[1]}."
     )
 
 
@@ -388,19 +388,19 @@ def _independent(result: PairResult) -> bool:
     return result.judged[0].method == "random"
 
 
-def _interval_text(result: PairResult, one: PairedMetric) -> str:
+def _interval_text(result: PairResult, metric: PairedMetric) -> str:
     if not _independent(result):
         return f"no interval: samples spread {SPREAD[result.judged[0].method]}"
-    return f"95 %: {_span(one)}" if _span(one) else "too few pairs for an interval"
+    return f"95 %: {_span(metric)}" if _span(metric) else "too few pairs for an interval"
 
 
-def _span(one: PairedMetric) -> str:
-    """The interval of the median; empty where the pairs are too few."""
-    return "" if np.isnan(one.interval).any() else " to ".join(map(_signed, one.interval))
+def _span(metric: PairedMetric) -> str:
+    """Confidence interval of the median difference; empty where the pairs are too few."""
+    return "" if np.isnan(metric.interval).any() else " to ".join(map(_signed, metric.interval))
 
 
-def _finite(one: PairedMetric) -> np.ndarray:
-    return one.differences[np.isfinite(one.differences)]
+def _finite(metric: PairedMetric) -> np.ndarray:
+    return metric.differences[np.isfinite(metric.differences)]
 
 
 # Blocks ------------------------------------------------------------------------------------------------------
@@ -409,13 +409,13 @@ def _success(result: PairResult) -> list[Any]:
     designs: Any = Note("The specifications do not differ: the controllers are two of the same design.")
     if differing:
         designs = Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
-    found, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
+    tally, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
     limits = [
-        f"{metric_text(one.metric)} {limit_text(one, first.table.unit(one.metric))}"
-        for one in result.paired.requirements
+        f"{metric_text(requirement.metric)} {limit_text(requirement, first.table.unit(requirement.metric))}"
+        for requirement in result.paired.requirements
     ]
     test = (
-        f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(found.p_value)}."
+        f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(tally.p_value)}."
         if _independent(result) else
         f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval holds "
         "for them, and none is stated (`--method random` has them)."
@@ -426,11 +426,11 @@ def _success(result: PairResult) -> list[Any]:
         f"stable there, and keeps the requirements: {'; '.join(limits) or 'there are none'}. {test}"
     )
     rates = [
-        (f"{name}: {source}", percent_text(one.rate),
-         *(("–", "–") if one.success is None else map(percent_text, (one.success.low, one.success.high))))
-        for name, source, one in zip("AB", result.names, result.judged)
+        (f"{name}: {source}", percent_text(side.rate),
+         *(("–", "–") if side.success is None else map(percent_text, (side.success.low, side.success.high))))
+        for name, source, side in zip("AB", result.names, result.judged)
     ]  # fmt: skip
-    pairs = [("A keeps them", found.neither, found.only_b), ("A fails", found.only_a, found.both_fail)]
+    pairs = [("A keeps them", tally.neither, tally.only_b), ("A fails", tally.only_a, tally.both_fail)]
     return [
         designs,
         Paragraph(text),
@@ -450,19 +450,19 @@ def _success(result: PairResult) -> list[Any]:
 
 
 def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
-    """Medians of both and of B − A, and in how many pairs either is better; a terminal shows some of the columns."""
+    """Table of the medians of A, B and B − A, and in how many pairs either is better; shorter in a terminal."""
     rows, independent = [], _independent(result)
-    for one in map(result.paired.metric, names):
-        if len(one.pairs):
-            medians = (value_text(median, "") for median in one.medians)
-            span = (_span(one) or "too few") if independent else "–"
+    for metric in map(result.paired.metric, names):
+        if len(metric.pairs):
+            medians = (value_text(median, "") for median in metric.medians)
+            span = (_span(metric) or "too few") if independent else "–"
             better = [
                 text
-                for share in one.better
+                for share in metric.better
                 for text in (percent_text(share.rate), unbroken(interval_text(share)) if independent else "–")
             ]
-            row = (*medians, _signed(one.median), span, *better, len(one.pairs))
-            rows.append((metric_text(one.name), one.unit, *row))
+            row = (*medians, _signed(metric.median), span, *better, len(metric.pairs))
+            rows.append((metric_text(metric.name), metric.unit, *row))
     columns = (
         "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
         "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
@@ -473,11 +473,11 @@ def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
 
 
 def pair_table(result: PairResult) -> Any:
-    """Paired differences of all metrics, for a terminal."""
+    """Table of the paired differences of all metrics, for a terminal."""
     return _difference_table(result, result.paired.metrics).terminal()
 
 
-def _differences(result: PairResult, drawn: Sequence[PairedMetric]) -> list[Any]:
+def _differences(result: PairResult, metrics: Sequence[PairedMetric]) -> list[Any]:
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
@@ -490,22 +490,22 @@ def _differences(result: PairResult, drawn: Sequence[PairedMetric]) -> list[Any]
     )
     table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
     blocks = [Paragraph(text), *([table] if table.rows else [])]
-    if not drawn:
+    if not metrics:
         return [*blocks, Paragraph("No metric differs in any sample.")]
-    histograms, bars = small_panels(len(drawn), 1.9)
-    samples, clouds = small_panels(len(drawn), 2.2)
-    for k, (one, axis, cloud) in enumerate(zip(drawn, bars, clouds)):
-        histogram(axis, result.judged[0], one.name, one.unit, _finite(one), "pairs" if k % 3 == 0 else "")
+    histograms, bars = small_panels(len(metrics), 1.9)
+    samples, clouds = small_panels(len(metrics), 2.2)
+    for k, (pair, axis, cloud) in enumerate(zip(metrics, bars, clouds)):
+        histogram(axis, result.judged[0], pair.name, pair.unit, _finite(pair), "pairs" if k % 3 == 0 else "")
         axis.axvline(0.0, color=INK, linewidth=1.0)
-        if math.isfinite(one.median):
-            axis.axvline(one.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
-        both = np.isfinite(one.a) & np.isfinite(one.b)
-        a, b = one.a[both][:POINTS], one.b[both][:POINTS]
+        if math.isfinite(pair.median):
+            axis.axvline(pair.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)
+        both = np.isfinite(pair.a) & np.isfinite(pair.b)
+        a, b = pair.a[both][:POINTS], pair.b[both][:POINTS]
         ends = framed(np.array([*a, *b]))
         cloud.plot(ends, ends, color=INK, linewidth=1.0, dashes=DASHED)
         cloud.plot(a, b, ".", color=SERIES[0], markersize=3.0, alpha=0.5, markeredgewidth=0.0)
         cloud.set(xlim=ends, ylim=ends)
-        cloud.set_title(metric_text(one.name, one.unit), fontsize=9, wrap=True)
+        cloud.set_title(metric_text(pair.name, pair.unit), fontsize=9, wrap=True)
         cloud.set_xlabel("A", fontsize=8)
         label(cloud, "B" if k % 3 == 0 else "", "")
         for each in (axis, cloud):
@@ -524,21 +524,19 @@ def _differences(result: PairResult, drawn: Sequence[PairedMetric]) -> list[Any]
 
 
 def _extremes(result: PairResult, varied: Sequence[PairedMetric]) -> list[Any]:
-    cases = [
-        (one, who, sample) for one in varied for who, sample in zip("AB", one.extremes) if sample is not None
-    ]
+    cases = [(m, who, sample) for m in varied for who, sample in zip("AB", m.extremes) if sample is not None]
     if not cases:
         return []
     rows = [
         (
-            f"{metric_text(one.name)}: {who} is better by most", sample,
-            *(value_text(float(x[sample]), one.unit) for x in (one.a, one.b)),
+            f"{metric_text(m.name)}: {who} is better by most", sample,
+            *(value_text(float(x[sample]), m.unit) for x in (m.a, m.b)),
             unbroken(sample_changes(result.judged[0], sample)),
         )
-        for one, who, sample in cases
+        for m, who, sample in cases
     ]  # fmt: skip
     folder, first = result.folder.name, (result.paired.main, varied[0].name)
-    again = dict.fromkeys(sample for one, _, sample in cases if one.name in first)
+    again = dict.fromkeys(sample for m, _, sample in cases if m.name in first)
     lines = [replay_command(f"{folder}/{side}", f"--sample {sample}") for sample in again for side in FOLDERS]
     columns = ("", "sample", "A", "B", "its numbers")
     return [

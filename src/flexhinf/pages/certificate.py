@@ -61,69 +61,69 @@ _FORMULA = re.compile(r"\w+ = ")  # R2, an input's law, V
 
 
 def certificate_page(
-    found: Sequence[CertifiedDegree],
-    one: CertifiedDegree,
-    shown: Evidence,
+    laws: Sequence[CertifiedDegree],
+    law: CertifiedDegree,
+    evidence: Evidence,
     s: Specification,
     command: Sequence[str],
 ) -> Page:
-    """Everything on one page: all degrees, the one whose certificate is shown, and the command that makes it again."""
-    given = shown.certificate
+    """The page of a certificate, with the proofs of all degrees and the command that makes it again."""
+    claim = evidence.certificate
     with house_style():  # once for all figures
         sections = [
-            *_theorem(given),
-            Section("Where steps may start", _starts(one, shown), "starts"),
-            *([] if one.box else [Section("Where the level ends", _limit(shown), "limit")]),
-            Section("Steps inside the region", _steps(one, shown), "steps"),
-            Section("What disturbances may cost", _budget(shown), "budget"),
-            Section("The gain from both sides", _gain(shown), "gain"),
-            Section("The law of each degree", [*_degree_notes(found), _degree_table(found)], "degrees"),
+            *_theorem(claim),
+            Section("Where steps may start", _starts(law, evidence), "starts"),
+            *([] if law.box else [Section("Where the level ends", _limit(evidence), "limit")]),
+            Section("Steps inside the region", _steps(law, evidence), "steps"),
+            Section("What disturbances may cost", _budget(evidence), "budget"),
+            Section("The gain from both sides", _gain(evidence), "gain"),
+            Section("The law of each degree", [*_degree_notes(laws), _degree_table(laws)], "degrees"),
             Section("How to check it", CHECK, "check"),
         ]
-    who = "all robots of the stated box of parameters" if _is_box(given) else "the nominal robot"
-    channels = ", ".join(d.name.replace("_", " ") for d in given.disturbances)
-    fed = "the true state or the observer's estimates" if given.observer else "the true state"
+    who = "all robots of the stated box of parameters" if _is_box(claim) else "the nominal robot"
+    channels = ", ".join(d.name.replace("_", " ") for d in claim.disturbances)
+    fed = "the true state or the observer's estimates" if claim.observer else "the true state"
     reach = (
-        f", and steps of up to {_steps_text(given)} stay in the region."
-        if given.starts
+        f", and steps of up to {_steps_text(claim)} stay in the region."
+        if claim.starts
         else " in the region."
     )
     settings = [
-        Setting("degree of V", given.degree), Setting("feedback", given.feedback),
-        Setting("decay α", given.decay, "1/s"), Setting("reach in z", given.reach),
+        Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
+        Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
         *(
             Setting(
                 p.name.replace("_", " "),
                 p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
             )
-            for p in given.parameters
+            for p in claim.parameters
         ),
-        *(Setting(name, value) for name, value in given.provenance.items()),
+        *(Setting(name, value) for name, value in claim.provenance.items()),
     ]  # fmt: skip
-    beyond = ", beyond the budget" if given.is_gradient_law else ""
+    beyond = ", beyond the budget" if claim.is_gradient_law else ""
     return Page(
-        f"Certificate: {given.about.split(',')[0]}",
-        f"{given.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
-        f"Proved: the gain is at most γ = {at_most(given.gamma)}{reach}", sections,
-        Settings({"Certificate": settings}), Provenance(tuple(command), s.seed), _numbers(one, given),
+        f"Certificate: {claim.about.split(',')[0]}",
+        f"{claim.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
+        f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach}", sections,
+        Settings({"Certificate": settings}), Provenance(tuple(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
          Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
     )  # fmt: skip
 
 
 # Numbers --------------------------------------------------------------------------------------------------
-def _is_box(given: Certificate) -> bool:
-    return any(p.low < p.high for p in given.parameters)
+def _is_box(claim: Certificate) -> bool:
+    return any(p.low < p.high for p in claim.parameters)
 
 
-def _position(given: Certificate) -> tuple[float, str]:
-    """Scale and unit in which positions are drawn: degrees of a joint that turns."""
-    unit = given.states[0].unit
+def _position(claim: Certificate) -> tuple[float, str]:
+    """Scale and unit of positions in figures: degrees for a joint that turns, else as they are."""
+    unit = claim.states[0].unit
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
 
 
-def _angle(given: Certificate, value: float) -> str:
-    unit = given.states[0].unit
+def _angle(claim: Certificate, value: float) -> str:
+    unit = claim.states[0].unit
     return (
         f"{at_least(float(np.degrees(value)), decimals=1)}°"
         if unit == "rad"
@@ -135,36 +135,36 @@ def _rule(rule: str) -> str:
     return RULES.get(rule, rule)
 
 
-def _steps_text(given: Certificate) -> str:
-    return " or ".join(f"{_angle(given, s.amplitude)} ({_rule(s.rule)})" for s in given.starts)
+def _steps_text(claim: Certificate) -> str:
+    return " or ".join(f"{_angle(claim, s.amplitude)} ({_rule(s.rule)})" for s in claim.starts)
 
 
 def _peak(unit: str) -> str:
     return "peak voltage" if unit == "V" else "peak input"
 
 
-def _numbers(one: CertifiedDegree, given: Certificate) -> list[KeyNumber]:
-    effort, gain, sampled = given.inputs[0].unit, given.attained_gain, given.sampled_level
+def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
+    effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
     attained = "" if gain is None else f"attained by a disturbance: {at_least(gain)}"
-    share = "" if sampled is None else f"{100 * given.level / sampled:.1f} % of the sampled one"
+    share = "" if sampled is None else f"{100 * claim.level / sampled:.1f} % of the sampled one"
     return [
-        *(KeyNumber("largest proved step", _angle(given, s.amplitude), "", _rule(s.rule)) for s in given.starts),
-        KeyNumber("gain, proved", f"≤ {at_most(given.gamma)}", "", attained),
-        KeyNumber("level of V", at_least(given.level), "", share),
+        *(KeyNumber("largest proved step", _angle(claim, s.amplitude), "", _rule(s.rule)) for s in claim.starts),
+        KeyNumber("gain, proved", f"≤ {at_most(claim.gamma)}", "", attained),
+        KeyNumber("level of V", at_least(claim.level), "", share),
         *(
             KeyNumber(
                 f"{_peak(effort)}, simulated", number(float(step.peak_input.max()), 3), effort,
                 f"nominal robot, {_rule(step.rule)}; not proved",
             )
-            for step in one.steps
+            for step in law.steps
         ),
     ]  # fmt: skip
 
 
 # Theorem --------------------------------------------------------------------------------------------------
-def _theorem(given: Certificate) -> list[Section]:
-    """Its parts, but for what it is about, which stands at the top."""
-    parts = dict(theorem_parts(given, given.stated))
+def _theorem(claim: Certificate) -> list[Section]:
+    """Sections of the theorem, without its subject, which stands at the top of the page."""
+    parts = dict(theorem_parts(claim, claim.stated))
     parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
     sections = []
     for title, lines in parts.items():
@@ -191,22 +191,22 @@ def _theorem(given: Certificate) -> list[Section]:
 
 
 def _set(text: str) -> str:
-    """A sentence of the theorem with the signs of a page."""
+    """A sentence of the theorem with mathematical signs in place of plain text."""
     for plain, sign in SIGNS:
         text = text.replace(plain, sign)
     return text
 
 
 # Slices of the region -------------------------------------------------------------------------------------
-def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
-    given, surface, (scale, unit) = shown.certificate, shown.surface, _position(shown.certificate)
-    if not one.steps:
+def _starts(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
+    claim, surface, (scale, unit) = evidence.certificate, evidence.surface, _position(evidence.certificate)
+    if not law.steps:
         return [Paragraph("No steps from rest to rest are stated.")]
-    text, blocks = "A step from rest starts at another equilibrium, ", [_steps_table(one, given)]
+    text, blocks = "A step from rest starts at another equilibrium, ", [_steps_table(law, claim)]
     if surface is None:
         return [Paragraph(f"{text}of each robot its own, without a jump of the input."), *blocks]
     lines = []
-    for path, start, colour in zip(surface.paths, given.starts, SERIES[2:]):
+    for path, start, colour in zip(surface.paths, claim.starts, SERIES[2:]):
         lines += [
             (scale * path[:, 0], path[:, 1], "-", {"color": colour, "label": f"starts: {_rule(start.rule)}"}),
             (scale * path[-1, 0], path[-1, 1], "o", {"color": colour, "markersize": 5}),
@@ -214,7 +214,7 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     names = (
         f"step to the goal ({unit})",
         "integral of the error",
-        next(x.unit for x in given.states if x.name.endswith("_integral")),
+        next(x.unit for x in claim.states if x.name.endswith("_integral")),
     )
     caption = "Equilibria at a distance from the goal (+), with each value of the integrator."
     text += (
@@ -222,13 +222,13 @@ def _starts(one: CertifiedDegree, shown: Evidence) -> list[Any]:
     )
     return [
         Paragraph(f"{text}and the input jumps."),
-        _slice(("starts", "Starts of steps"), given, surface, scale, lines, names, caption),
+        _slice(("starts", "Starts of steps"), claim, surface, scale, lines, names, caption),
         *blocks,
     ]
 
 
-def _limit(shown: Evidence) -> list[Any]:
-    given, plane, sampled = shown.certificate, shown.limit, shown.certificate.sampled_level
+def _limit(evidence: Evidence) -> list[Any]:
+    claim, plane, sampled = evidence.certificate, evidence.limit, evidence.certificate.sampled_level
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
     points = [(0.0, 1.0, "D", {"color": INK, "label": f"limits the level: {_LIMITS[plane.limit]}"})]
@@ -237,41 +237,41 @@ def _limit(shown: Evidence) -> list[Any]:
         across = f"share of {other}"
         points.append((1.0, 0.0, "o", {"color": SERIES[2], "label": other}))
     else:
-        state = given.states[plane.moved].name.replace("_", " ")
-        across = f"{state} ({given.states[plane.moved].unit})"
+        state = claim.states[plane.moved].name.replace("_", " ")
+        across = f"{state} ({claim.states[plane.moved].unit})"
         other = f"the {state} with the other states where V₂ is smallest"
-    share = "" if sampled is None else f", {number(100.0 * given.level / sampled, 4)} % of the sampled level"
+    share = "" if sampled is None else f", {number(100.0 * claim.level / sampled, 4)} % of the sampled level"
     where = ", ".join(
         f"{s.name.replace('_', ' ')} {number(float(v), 3)} {s.unit}".rstrip()
-        for s, v in zip(given.states, plane.point, strict=True)
+        for s, v in zip(claim.states, plane.point, strict=True)
     )
     caption = f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}."
     about = (
-        f"The proof covers all points of V ≤ c = {at_least(given.level, 5)}{share}; sampling looks for points at which "
+        f"The proof covers all points of V ≤ c = {at_least(claim.level, 5)}{share}; sampling looks for points at which "
         "the inequality fails, and so says how large a level can be at most."
     )
     names = (across, "share of the limiting point", "")
     return [
         Paragraph(about),
-        _slice(("limit", "Where the level ends"), given, plane, 1.0, points, names, caption, markersize=5),
+        _slice(("limit", "Where the level ends"), claim, plane, 1.0, points, names, caption, markersize=5),
     ]
 
 
 def _slice(
-    place: tuple[str, str], given: Certificate, one: Slice, scale: float, lines: Sequence[tuple[Any, ...]],
+    place: tuple[str, str], claim: Certificate, cut: Slice, scale: float, lines: Sequence[tuple[Any, ...]],
     names: tuple[str, str, str], caption: str, **style: Any,
 ) -> Figure:  # fmt: skip
-    """r/V in bands, the proved level's line and the sampled one's, the goal, the worst point inside, and `lines`.
+    """Figure of r/V in bands, with the proved and the sampled level, the goal, the worst point inside, and `lines`.
 
     `place`: anchor and title; `names`: of the horizontal axis, of the vertical one, and its unit.
     """
     figure, (axis,) = new_figure(1, height=5.0, labels=[names[1:]], across=names[0])
-    inside = one.rate[(one.value <= given.level) & (one.rate < 0.0)]
+    inside = cut.rate[(cut.value <= claim.level) & (cut.rate < 0.0)]
     fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
     edges = [float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)]  # from the fastest to the slowest
     bands = pairwise([-np.inf, *edges, 0.0])
-    across = scale * one.across
-    rate = np.where(one.value < 0.0, np.inf, np.nan_to_num(one.rate, nan=edges[-1]))  # V = 0: the goal
+    across = scale * cut.across
+    rate = np.where(cut.value < 0.0, np.inf, np.nan_to_num(cut.rate, nan=edges[-1]))  # V = 0: the goal
     areas = [  # values, limits, colour, depth and name of what is filled
         (rate, [low, high], SERIES[0], depth, f"r/V < {number(high, 2)}/s" if high else "r < 0")
         for (low, high), depth in zip(bands, np.linspace(0.62, 0.12, len(edges) + 1))
@@ -279,45 +279,45 @@ def _slice(
     if (rate > 0.0).any():
         areas.append((np.minimum(rate, 1e300), [0.0, np.inf], SERIES[1], 0.4, "r ≥ 0"))
     for values, levels, colour, depth, name in areas:
-        axis.contourf(across, one.up, values, levels=levels, colors=[colour], alpha=depth)
+        axis.contourf(across, cut.up, values, levels=levels, colors=[colour], alpha=depth)
         axis.fill_between([], [], [], color=colour, alpha=depth, linewidth=0, label=name)
-    axis.contour(across, one.up, one.value, levels=[given.level], colors=[INK], linewidths=1.8)
+    axis.contour(across, cut.up, cut.value, levels=[claim.level], colors=[INK], linewidths=1.8)
     axis.plot([], [], color=INK, linewidth=1.8, label="proved: V ≤ c")
-    if given.sampled_level is not None:
+    if claim.sampled_level is not None:
         dashed = {"colors": [SERIES[1]], "linewidths": 1.2, "linestyles": [(0, (3.0, 3.0))]}
-        axis.contour(across, one.up, one.value, levels=[given.sampled_level], **dashed)
+        axis.contour(across, cut.up, cut.value, levels=[claim.sampled_level], **dashed)
         axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
-    a, b, worst = one.worst(given.level)
+    a, b, worst = cut.worst(claim.level)
     axis.plot(scale * a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
     axis.plot(0.0, 0.0, "+", color=INK, markersize=9)
     axis.grid(False)
     for x, y, marker, own in lines:
         axis.plot(x, y, marker, **style, **own)
     legend(axis)
-    decays = " with the proved decay in r" if given.decay else ""
+    decays = " with the proved decay in r" if claim.decay else ""
     cross = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
     sentences = (
         f"{caption} Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for;",
         cross if worst < 0.0 else "see the cross.",
-        "" if (one.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved.",
+        "" if (cut.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved.",
     )
     return figure_block(place[0], figure, sentences, place[1])
 
 
 # Steps ----------------------------------------------------------------------------------------------------
-def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
-    given, solution, blocks = shown.certificate, one.choice.solution, list[Any]()
-    value = solution.value if one.box is None else one.box.value
-    scale, unit = _position(given)
-    kinds: tuple[Any, ...] = (one.steps, shown.worst)
-    for runs in kinds if one.steps else ():
+def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
+    claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
+    value = solution.value if law.box is None else law.box.value
+    scale, unit = _position(claim)
+    kinds: tuple[Any, ...] = (law.steps, evidence.worst)
+    for runs in kinds if law.steps else ():
         if not runs:
             continue
         name, title, second, caption = (
-            ("largest", "Largest steps", ("input", given.inputs[0].unit),
+            ("largest", "Largest steps", ("input", claim.inputs[0].unit),
              "The largest proved step for each start of the integrator, without disturbance.")
-            if runs is one.steps else
-            ("worst", "Worst disturbance", ("|d|", common_unit(given.disturbances)),
+            if runs is law.steps else
+            ("worst", "Worst disturbance", ("|d|", common_unit(claim.disturbances)),
              "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
              "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below.")
         )  # fmt: skip
@@ -327,13 +327,13 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
             few = thin(run.time)
             time, state = run.time[few], run.state[few]
             axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {_rule(run.rule)}")
-            if runs is one.steps:
+            if runs is law.steps:
                 axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
-                axes[2].plot(time, value(state) / given.level, color=colour)
+                axes[2].plot(time, value(state) / claim.level, color=colour)
             else:
-                bound = (run.value[0] + run.spent[few]) / given.level
+                bound = (run.value[0] + run.spent[few]) / claim.level
                 axes[1].plot(time, np.linalg.norm(run.disturbance[few], axis=1), color=colour)
-                axes[2].plot(time, run.value[few] / given.level, color=colour)
+                axes[2].plot(time, run.value[few] / claim.level, color=colour)
                 axes[2].plot(time, bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
             moving = np.flatnonzero(np.abs(run.state[:, 0]) > SETTLED * np.abs(run.state[0, 0]))
             ends.append(float(min(run.time[-1], LONGER * run.time[moving[-1]] if moving.size else np.inf)))
@@ -346,31 +346,31 @@ def _steps(one: CertifiedDegree, shown: Evidence) -> list[Any]:
 
 
 # Budget and gain ------------------------------------------------------------------------------------------
-def _budget(shown: Evidence) -> list[Any]:
-    given, square = shown.certificate, _energy_unit(shown.certificate).strip()
+def _budget(evidence: Evidence) -> list[Any]:
+    claim, square = evidence.certificate, _energy_unit(evidence.certificate).strip()
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = []
-    for run in shown.worst:
-        start, left = float(run.value[0]), given.level - float(run.value[0])
+    for run in evidence.worst:
+        start, left = float(run.value[0]), claim.level - float(run.value[0])
         rows.append((
-            _rule(run.rule), _angle(given, run.amplitude), at_most(100.0 * start / given.level, 3),
-            at_least(100.0 * left / given.level, 3), at_least(2.0 * left / given.gamma**2, 3),
+            _rule(run.rule), _angle(claim, run.amplitude), at_most(100.0 * start / claim.level, 3),
+            at_least(100.0 * left / claim.level, 3), at_least(2.0 * left / claim.gamma**2, 3),
         ))  # fmt: skip
     columns = (
         "start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
         Column("energy ∫|d|² allowed", square),
     )  # fmt: skip
-    energy = f"{at_least(2.0 * given.level / given.gamma**2, 3)} {square}".rstrip()
+    energy = f"{at_least(2.0 * claim.level / claim.gamma**2, 3)} {square}".rstrip()
     last = (
         "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
-        if not given.decay else
-        f"Disturbances that last: with the proved rate α = {number(given.decay, 3)}/s the region is invariant for "
-        f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(given), 3)} {common_unit(given.disturbances)} at all times."
+        if not claim.decay else
+        f"Disturbances that last: with the proved rate α = {number(claim.decay, 3)}/s the region is invariant for "
+        f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(claim), 3)} {common_unit(claim.disturbances)} at all times."
     )  # fmt: skip
     return [
         Paragraph(
             "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is "
-            f"the energy ∫|d|² that disturbances may have{also if given.is_gradient_law else '.'}"
+            f"the energy ∫|d|² that disturbances may have{also if claim.is_gradient_law else '.'}"
         ),
         *(
             [Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)]
@@ -381,41 +381,41 @@ def _budget(shown: Evidence) -> list[Any]:
     ]
 
 
-def _energy_unit(given: Certificate) -> str:
-    """Of ∫|d|², behind a number."""
-    unit = common_unit(given.disturbances)
+def _energy_unit(claim: Certificate) -> str:
+    """Unit of ∫|d|², to stand behind a number."""
+    unit = common_unit(claim.disturbances)
     return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
 
 
-def _gain(shown: Evidence) -> list[Any]:
-    given, attained = shown.certificate, shown.attained
+def _gain(evidence: Evidence) -> list[Any]:
+    claim, attained = evidence.certificate, evidence.attained
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
     nominal, where = " on the nominal robot", ""
-    if not _is_box(given):
-        share = number(100.0 * attained.largest_value / given.level, 3)
+    if not _is_box(claim):
+        share = number(100.0 * attained.largest_value / claim.level, 3)
         nominal, where = "", f" and V up to {share} % of the level"
     line, (axis,) = new_figure(1, height=1.5, across="√(∫|z|²/∫|d|²)")
     name = f"attained: {at_least(attained.gain)}"
     axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=name)
     between = {"left": attained.gain, "height": 0.5, "color": MUTED, "alpha": 0.35}
-    axis.barh(0.0, given.gamma - attained.gain, **between, label="the largest lies here")
-    axis.axvline(given.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(given.gamma)}")
-    axis.set(yticks=[], xlim=(0.0, 1.08 * given.gamma))
+    axis.barh(0.0, claim.gamma - attained.gain, **between, label="the largest lies here")
+    axis.axvline(claim.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(claim.gamma)}")
+    axis.set(yticks=[], xlim=(0.0, 1.08 * claim.gamma))
     legend(axis)
-    (scale, unit), run, few = _position(given), attained.trajectory, thin(attained.times)
-    d = ("d", common_unit(given.disturbances))
+    (scale, unit), run, few = _position(claim), attained.trajectory, thin(attained.times)
+    d = ("d", common_unit(claim.disturbances))
     figure, axes = new_figure(2, height=4.6, labels=(d, ("position − goal", unit)))
-    for column, signal, colour in zip(attained.disturbance.T, given.disturbances, SERIES):
+    for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES):
         axes[0].plot(attained.times[few], column[few], color=colour, label=signal.name.replace("_", " "))
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
     axes[1].plot(run.time[thin(run.time)], scale * moved[thin(run.time)], color=SERIES[2])
     legend(axes[0])
     return [
         Paragraph(
-            f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(given.gamma, 5)}. A disturbance found by search "
-            f"attains {number(attained.gain, 5)}{nominal}, {number(100.0 * attained.gain / given.gamma, 3)} % of it, "
-            f"with an energy of {number(attained.energy, 3)}{_energy_unit(given)}{where}. The largest gain of motions "
+            f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(claim.gamma, 5)}. A disturbance found by search "
+            f"attains {number(attained.gain, 5)}{nominal}, {number(100.0 * attained.gain / claim.gamma, 3)} % of it, "
+            f"with an energy of {number(attained.energy, 3)}{_energy_unit(claim)}{where}. The largest gain of motions "
             "in the region lies between."
         ),
         figure_block(
@@ -434,38 +434,38 @@ def _gain(shown: Evidence) -> list[Any]:
 
 
 # Degrees and check ----------------------------------------------------------------------------------------
-def _degree_table(found: Sequence[CertifiedDegree]) -> Table:
+def _degree_table(laws: Sequence[CertifiedDegree]) -> Table:
     rows = []
-    for one in found:
-        given, name = one.certificate, law_name(one.choice.degree) + (" *" if one.used else "")
+    for law in laws:
+        claim, name = law.certificate, law_name(law.choice.degree) + (" *" if law.used else "")
         proved: tuple[Any, ...] = (None, None, None, None)
-        if given is not None:
-            sampled = given.sampled_level
+        if claim is not None:
+            sampled = claim.sampled_level
             proved = (
-                at_least(given.level), None if sampled is None else f"{100.0 * given.level / sampled:.1f}",
-                _steps_text(given) if given.starts else None, given.provenance.get("cells"),
+                at_least(claim.level), None if sampled is None else f"{100.0 * claim.level / sampled:.1f}",
+                _steps_text(claim) if claim.starts else None, claim.provenance.get("cells"),
             )  # fmt: skip
         rows.append(
-            (name, *proved, one.cpu_seconds, (one.reason if given is None else "used" if one.used else ""))
+            (name, *proved, law.cpu_seconds, (law.reason if claim is None else "used" if law.used else ""))
         )
     columns = (
         "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
         "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
     )  # fmt: skip
-    whom = "all parameters within the tolerances" if any(one.box for one in found) else "nominal parameters"
+    whom = "all parameters within the tolerances" if any(law.box for law in laws) else "nominal parameters"
     title = f"What is proved, with the true state fed back and {whom} (* used)"
     return Table(columns, rows, "", "table-degrees", stacks=True, title=title)
 
 
-def _steps_table(one: CertifiedDegree, given: Certificate) -> Table:
-    effort = given.inputs[0].unit
+def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
+    effort = claim.inputs[0].unit
     inputs = [
         [", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)]
-        for run in one.steps
+        for run in law.steps
     ]
     rows = [
-        (_rule(run.rule), _angle(given, run.amplitude), run.overshoot_percent, *texts)
-        for run, texts in zip(one.steps, inputs)
+        (_rule(run.rule), _angle(claim, run.amplitude), run.overshoot_percent, *texts)
+        for run, texts in zip(law.steps, inputs)
     ]
     columns = (
         Column("start of the integrator", brief="integrators start"),
@@ -473,25 +473,25 @@ def _steps_table(one: CertifiedDegree, given: Certificate) -> Table:
         Column("first input", effort, right=True), Column(_peak(effort), effort, right=True),
     )  # fmt: skip
     caption = "Simulated, not proved: the nominal robot, undisturbed"
-    title = f"{law_name(one.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts"
+    title = f"{law_name(law.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts"
     return Table(columns, rows, caption, "table-steps", stacks=True, title=title)
 
 
-def certification_tables(found: Sequence[CertifiedDegree]) -> list[Any]:
-    """For a terminal: what is proved of the law of each degree, and the runs from the largest proved steps."""
-    steps = (_steps_table(one, one.certificate) for one in found if one.steps and one.certificate)
-    return [table.terminal() for table in (_degree_table(found), *steps)]
+def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
+    """Tables for a terminal: what is proved of the law of each degree, and runs from the largest proved steps."""
+    steps = (_steps_table(law, law.certificate) for law in laws if law.steps and law.certificate)
+    return [table.terminal() for table in (_degree_table(laws), *steps)]
 
 
-def certification_notes(found: Sequence[CertifiedDegree]) -> list[str]:
-    """Of which laws nothing is proved, and why."""
-    return [f"{law_name(one.choice.degree)}: nothing is proved: {one.reason}" for one in found if one.reason]
+def certification_notes(laws: Sequence[CertifiedDegree]) -> list[str]:
+    """Notes that name the laws of which nothing is proved, and why."""
+    return [f"{law_name(law.choice.degree)}: nothing is proved: {law.reason}" for law in laws if law.reason]
 
 
-def _degree_notes(found: Sequence[CertifiedDegree]) -> list[Note]:
+def _degree_notes(laws: Sequence[CertifiedDegree]) -> list[Note]:
     return [
         Note(f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}.")
-        for low, high in pairwise(found)
+        for low, high in pairwise(laws)
         if low.certificate is not None
         and high.certificate is not None
         and high.certificate.step_amplitude < low.certificate.step_amplitude

@@ -18,7 +18,7 @@ from flexhinf.design.tuning import (
 )
 from flexhinf.pages.design.frequency import Loop, frequency_figures
 from flexhinf.pages.design.laws import (
-    FIGURES,
+    METRICS,
     cell,
     metric_table,
     responses_figure,
@@ -56,7 +56,7 @@ KEYS = (
 )  # fmt: skip
 
 #: Laws in the frequency figures, the best by the criterion.
-DRAWN = 4
+CURVES = 4
 
 #: What a law needs of the state, in the order of the model.
 SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -81,7 +81,7 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
 
 
 def ours_of(comparison: Comparison) -> TunedLaw:
-    """The best nonlinear H∞ law tuned as the rivals are; the design as it is where that keeps no limit, or is worse."""
+    """The best nonlinear H∞ law tuned as the rivals are; the design itself where that keeps no limit or is worse."""
     design = comparison.own.tuned
     assert design is not None
     return min(
@@ -91,12 +91,12 @@ def ours_of(comparison: Comparison) -> TunedLaw:
 
 
 def called(law: TunedLaw) -> str:
-    """A law in a sentence."""
+    """Name of a law in a sentence."""
     return "the design" if law.name == DESIGN else law.name
 
 
 def _whole(text: str) -> str:
-    """Names of laws with hyphens at which no line breaks."""
+    """Replace the hyphens in names of laws by ones at which no line breaks."""
     for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
         text = text.replace(name, name.replace("-", "\u2011"))
     return text
@@ -152,7 +152,7 @@ def comparison_verdict(comparison: Comparison) -> str:
 def comparison_page(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
 ) -> Page:
-    """Everything on one page; parameters as for `flexhinf.pages.page.design_page`."""
+    """The page of a comparison; parameters as for `flexhinf.pages.page.design_page`."""
     own, s, robot = comparison.own.evaluation, comparison.specification, comparison.robot
     assert own is not None
     slides, degrees = robot.links.slides, s.in_degrees
@@ -181,7 +181,7 @@ def comparison_page(
         ("frequency", "Frequency responses"): _frequency(comparison),
         ("laws", "The laws and how they were tuned"): _laws(comparison),
     }  # fmt: skip
-    sections = [Section(title, tuple(found), anchor) for (anchor, title), found in blocks.items() if found]
+    sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in blocks.items() if parts]
     missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
     kept = ("met", f"The design meets {len(comparison.own.requirements)} requirements.")
     sampled = Status(
@@ -196,25 +196,25 @@ def comparison_page(
 
 
 def comparison_notes(comparison: Comparison) -> list[str]:
-    """What the reader must not miss."""
-    found, own, s = [], comparison.own.evaluation, comparison.specification
+    """Limits of the comparison that the reader must know."""
+    notes, own, s = [], comparison.own.evaluation, comparison.specification
     for row in comparison.rows:
         if row.failure:
-            found.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
+            notes.append(f"{row.name} was not compared: {row.failure.rstrip('.')}.")
         if row.evaluation is not None and row.evaluation.linear_failure:
-            found.append(
+            notes.append(
                 f"The loop of {row.name} could not be linearised: {row.evaluation.linear_failure.rstrip('.')}."
             )
     if own is not None and own.setup.left_out:
         names = " and ".join(own.setup.left_out).replace("_", " ")
-        found.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
+        notes.append(f"The linear loops leave out {names}, as in flexhinf design; the runs have it.")
     if comparison.synthesis.chosen.degree == 2 and any(row.name == "hinf" for row in comparison.compared):
-        found.append("The design chose degree 2: it is a linear law, as hinf is.")
+        notes.append("The design chose degree 2: it is a linear law, as hinf is.")
     if s.via:
-        found.append(
+        notes.append(
             "The design switches between laws of several poses; all else here is of the one at the goal."
         )
-    return found
+    return notes
 
 
 # Sections --------------------------------------------------------------------------------------------------
@@ -244,7 +244,7 @@ def _frequency(comparison: Comparison) -> list[Any]:
     always = (DESIGN, NL_HINF)
     chosen = [
         *(law for law in laws if law.name in always),
-        *sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)[: DRAWN - 1],
+        *sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)[: CURVES - 1],
     ]
     if not chosen:
         return []
@@ -256,7 +256,7 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     rival, ours, numbers = best_rival(tuned_laws(comparison)), ours_of(comparison), []
-    for metric in (one for key in KEYS for one in FIGURES if one.key == key):
+    for metric in (metric for key in KEYS for metric in METRICS if metric.key == key):
         values = [None if law is None else law.evaluation.metrics.get(metric.key) for law in (ours, rival)]
         mine, theirs = (cell(metric, value, comparison) for value in values)
         note = "" if rival is None else f"{_whole(rival.name)}: {theirs}"

@@ -1,4 +1,4 @@
-"""What pages have in common: blocks of a section, figures over time with a line for each joint, units, and numbers,
+"""Common parts of pages: blocks of a section, figures over time with a line for each joint, units, and numbers,
 poses and robots as text."""
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def framed(values: np.ndarray, margin: float = 0.06) -> tuple[float, float]:
 
 @house_style()
 def reference_line(axes: Axes, value: float = 0.0) -> None:
-    """A dotted horizontal line behind the others."""
+    """Draw a dotted horizontal line behind the others."""
     axes.axhline(value, color=MUTED, linewidth=1.0, linestyle=DOTTED, zorder=0.5)
 
 
@@ -88,7 +88,7 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What a panel of a figure shows: lines over `across`, dotted and dashed (value, colour, name) horizontal lines and
+    """A panel of a figure: lines over `across`, dotted and dashed (value, colour, name) horizontal lines and
     a dotted vertical one, within limits `x` and `y`, or at most `depth` below the largest value; what `also` draws."""
 
     quantity: str
@@ -127,8 +127,8 @@ class Panel:
 def draw_figure(
     name: str, parts: Sequence[Panel], caption: str, title: str, height: float | None = None, columns: int = 0
 ) -> Figure:
-    """Panels as a figure of a page, with a legend of the first that has more than one name: one above the other over
-    one horizontal axis, or with a number of `columns` for the legend above them, beside each other."""
+    """Draw panels as a figure of a page, with a legend of the first that has more than one name: stacked over one
+    horizontal axis, or, with a number of `columns` for the legend above them, side by side."""
     rows, side = (1, len(parts)) if columns else (len(parts), 1)
     figure, grid = panels(rows, side, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows), sharex=not columns)
     axes = [axis for row in grid for axis in row]
@@ -156,8 +156,8 @@ def joint_panel(
     plan: np.ndarray | None = None, plan_name: str = "plan", limits: np.ndarray | None = None, limit_name: str = "",
     least: float | None = None, linewidth: float = 1.5, vertical: float | None = None,
 ) -> Panel:  # fmt: skip
-    """Signals (N, n) of all joints over time (N,), with a dotted plan (N, n), and limits ± (n,), dashed where a signal
-    comes near its own (one that is far away would leave the values flat). The vertical axis shows `least` at least."""
+    """Panel of signals (N, n) over time (N,), a line for each joint, with a dotted plan (N, n), and limits ± (n,),
+    dashed where a signal comes near (a far one would leave the values flat). The axis shows `least` at least."""
     few, sides, y = thin(time), dict[float, str](), None
     lines = [
         Line(time[few], values[few, k], name, {**line_style(k), "linewidth": linewidth})
@@ -209,7 +209,7 @@ def panels(
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
-    """The legend of one panel above all of them."""
+    """Add the legend of one panel above all of them."""
     where = {"loc": "outside upper left", "ncols": columns, "frameon": False, **options}
     figure.legend(*axes.get_legend_handles_labels(), **where)
 
@@ -294,12 +294,12 @@ def law_name(degree: int) -> str:
 
 
 def joint_count(count: int) -> str:
-    """How many elastic joints."""
+    """Number of elastic joints, as text."""
     return "one elastic joint" if count == 1 else f"{count} elastic joints"
 
 
 def count_text(count: int, noun: str) -> str:
-    """A number and what it counts, with the plural where it needs one."""
+    """A number with a noun, in the plural where it needs one."""
     return f"{count} {noun if count == 1 else f'{noun}s'}"
 
 
@@ -309,12 +309,12 @@ def in_joint(joint: str, joints: Sequence[str]) -> str:
 
 
 def listed(texts: Sequence[str]) -> str:
-    """Words as in a sentence: ``a, b and c``."""
+    """Texts joined as in a sentence: ``a, b and c``."""
     return " and ".join(part for part in (", ".join(texts[:-1]), *texts[-1:]) if part)
 
 
 def range_text(values: Any, digits: int = 3) -> str:
-    """Smallest and largest of some numbers, or the one that they all are."""
+    """Range of some numbers as text, or their common value."""
     ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
     ends = dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))
     return " to ".join(ends) or "–"
@@ -353,14 +353,14 @@ def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
 
 
 def settling_text(value: float | None, duration: float | None = None) -> str:
-    """A settling time in seconds, or that the run ended before."""
+    """A settling time in seconds, or that the run ended before it."""
     if value is not None and math.isfinite(value):
         return f"{number(value, 3)} s"
     return "not settled" if duration is None else f"> {number(duration, 3)} s"
 
 
 def rounded(value: float | None, digits: int = 3) -> float | None:
-    """A number with fewer digits; None for what is missing or not finite."""
+    """Round a number to some digits; None for what is missing or not finite."""
     return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
 
 
@@ -388,7 +388,7 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
 
 
 def finite(value: Any) -> Any:
-    """The same with plain lists and numbers, and None for every number that is not finite."""
+    """Convert arrays to plain lists, and numbers that are not finite to None, at any depth."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -419,4 +419,4 @@ def joint_table(
 
 def note(text: str) -> Note:
     """A remark that the reader must not miss, options of the command line set as code."""
-    return Note(_OPTION.sub(lambda found: f"`{found[0].strip('`')}`", text))
+    return Note(_OPTION.sub(lambda match: f"`{match[0].strip('`')}`", text))

@@ -34,19 +34,19 @@ ENDING = "nc"
 def design_files(
     design: Design, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
-    """index.html, design.json, the controller, every run of the nominal robot, and a proof as certificate.json.
+    """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
     Parameters
     ----------
     command : sequence of str
-        That makes the report again; empty for a report that is written from Python.
+        Command that makes the report again; empty for a report that is written from Python.
     warnings : sequence of str
-        Of the robot's file.
+        Warnings about the robot's file.
     beside : sequence of str
         Names of files that the caller writes into the same folder: the page lists them.
     """
     e, proof = design.evaluation, design.proof
-    runs = {**_picked(e, RUNS), **{f"ring-down-{k}": one for k, one in enumerate(e.ring_down.responses, 1)}}
+    runs = {**_picked(e, RUNS), **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)}}
     if design.mujoco is not None:
         runs["step-mujoco"] = design.mujoco
     saved = {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
@@ -63,8 +63,8 @@ def design_files(
 def comparison_files(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
-    """index.html, comparison.json, and every run of the nominal robot, in a folder for each law; parameters as for
-    `design_files`."""
+    """Files of a report: index.html, comparison.json, and every run of the nominal robot, in a folder for each law;
+    parameters as for `design_files`."""
     saved = {
         f"runs/{row.name}/{name}.{ENDING}": response.run.save
         for row in comparison.compared
@@ -85,7 +85,7 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
-    """What each function writes; what cannot be written, as the controller of a law that is code, is left out."""
+    """Content of the files that functions write; what cannot be written, as a law that is code, is left out."""
     contents: dict[str, str | bytes] = {}
     with TemporaryDirectory() as folder:
         for name, save in files.items():
@@ -101,7 +101,7 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
 
 # Numbers ------------------------------------------------------------------------------------------------
 def _picked(value: Any, keys: str) -> dict[str, Any]:
-    """Attributes of an object by their names, in one text; ``key=path`` where the key is another, or lies deeper."""
+    """Collect attributes of an object by the names in `keys`; ``key=path`` for another key or a nested attribute."""
     return {
         key: attrgetter(path or key)(value) for key, _, path in (word.partition("=") for word in keys.split())
     }
@@ -131,7 +131,7 @@ DISTURBED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
 
 def design_numbers(design: Design) -> dict[str, Any]:
-    """Of one design."""
+    """Numbers of design.json."""
     e, s, attained, rest = design.evaluation, design.specification, design.attenuation.attained, design.rest
     estimator, along, ring_down = design.setup.estimator(design.start), design.synthesis.along, e.ring_down
     modes = {"open": e.open_modes, "closed": design.law_modes, "estimator": e.estimator_modes}
@@ -190,14 +190,14 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "move": _picked(e.move, f"duration_s=plan.duration {DISTURBED_RUN}"),
         "payload": [
             {
-                "masses_kg": dict(one.masses),
-                "step": _picked(one.step, RUN),
-                "gripped": one.load_step and _picked(one.load_step, DISTURBED_RUN),
-                "margins": _margins(one.margins),
-                "weighed_kg": one.weighed and one.weighed.masses,
-                "hidden_by_friction_kg": one.weighed and one.weighed.hidden,
+                "masses_kg": dict(payload.masses),
+                "step": _picked(payload.step, RUN),
+                "gripped": payload.load_step and _picked(payload.load_step, DISTURBED_RUN),
+                "margins": _margins(payload.margins),
+                "weighed_kg": payload.weighed and payload.weighed.masses,
+                "hidden_by_friction_kg": payload.weighed and payload.weighed.hidden,
             }
-            for one in design.payloads
+            for payload in design.payloads
         ],
         "rest": rest
         and {
@@ -259,19 +259,17 @@ def _weights(design: Design) -> dict[str, Any]:
 def _estimator_noise(design: Design) -> dict[str, Any]:
     search, tried = design.noise_search, []
     if search is not None:
-        others = (one for one in search.trade_off if not is_used(search, one))
-        tried = sorted([*others, search.chosen], key=lambda one: one.input_noise)
+        others = (candidate for candidate in search.trade_off if not is_used(search, candidate))
+        tried = sorted([*others, search.chosen], key=lambda candidate: candidate.input_noise)
     return {
         **_picked(design.setup.process_noise, "all_states link_velocities motor_velocities source"),
         "count": 0 if search is None else search.count,
-        "tried": [
-            {**_picked(one, NOISE), "used": search is not None and is_used(search, one)} for one in tried
-        ],
+        "tried": [{**_picked(c, NOISE), "used": search is not None and is_used(search, c)} for c in tried],
     }
 
 
 def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
-    """Of one comparison; figures by the keys of `LawEvaluation.metrics`."""
+    """Numbers of comparison.json; metrics by the keys of `LawEvaluation.metrics`."""
     criterion, runs = comparison.criterion, comparison.scenario
     tuned = [row.tuned for row in comparison.compared if row.tuned is not None]
     rival = best_rival(tuned)
@@ -295,13 +293,13 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "laws": [_law(row) for row in comparison.rows],
         "trade_off": [
             {
-                **_picked(one, "name peak_input=metrics.peak_input load_deviation=metrics.load_deviation"),
+                **_picked(law, "name peak_input=metrics.peak_input load_deviation=metrics.load_deviation"),
                 "curve": [
                     [point.peak_input, point.load_deviation]
-                    for point in pareto_front((*one.tried, one.metrics), criterion)
+                    for point in pareto_front((*law.tried, law.metrics), criterion)
                 ],
             }
-            for one in tuned
+            for law in tuned
         ],
     }
     return finite(numbers)

@@ -80,14 +80,14 @@ PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
 def design_page(
     design: Design, command: Sequence[str], warnings: Sequence[str] = (), files: Sequence[str] = ()
 ) -> Page:
-    """Everything on one page.
+    """The page of a design with all its sections, settings and notes.
 
     Parameters
     ----------
     command : sequence of str
-        That makes the report again.
+        Command that makes the report again.
     warnings : sequence of str
-        Of the robot's file.
+        Warnings about the robot's file.
     files : sequence of str
         Names of the files that stand beside the page.
     """
@@ -120,7 +120,7 @@ def design_page(
 
 
 def remarks(design: Design) -> dict[str, list[str]]:
-    """What the reader must not miss, by the anchor of its section, in the order of the page."""
+    """Limits and warnings that the reader must know, by the anchor of their section, in the order of the page."""
     return {
         anchor: [
             note.text
@@ -132,12 +132,12 @@ def remarks(design: Design) -> dict[str, list[str]]:
 
 
 def notes(design: Design) -> list[str]:
-    """The same as plain sentences, for a terminal and for design.json."""
+    """The `remarks` as plain sentences, for a terminal and for design.json."""
     return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
 def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
-    """What is not met, not proved and risky, one entry each; what is met where nothing is missed."""
+    """Entries for what is not met, not proved and risky; one for what is met where nothing is missed."""
     met = [f"{len(lines)} of {len(lines)} requirements"]
     if not any(line.stated_by != "default" for line in lines):
         met[0] += ", all of them our defaults"
@@ -169,7 +169,7 @@ def verdict(design: Design) -> str:
 
 
 def title_of(design: Design) -> str:
-    """What was designed, and for which robot."""
+    """Title of the report: what was designed, and for which robot."""
     name = law_name(design.chosen.degree)
     kind = f"A nonlinear H∞ law of {name}" if name.startswith("degree") else f"A {name} nonlinear H∞ law"
     kind = "A linear H∞ law" if design.chosen.degree == 2 else kind
@@ -258,7 +258,7 @@ def design_tables(design: Design) -> list[Terminal]:
 
 
 def robots_table() -> Terminal:
-    """The catalogue: what each robot is, and how many of its numbers have a source."""
+    """Table of the catalogue: what each robot is, and how many of its numbers have a source."""
     rows = []
     for name in catalogue():
         robot = load_robot(name)
@@ -285,7 +285,7 @@ MEANING = (
 
 
 def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
-    """The comparison first, then the design's own law."""
+    """Settings of a comparison in groups: the comparison first, then the design's own law."""
     own, criterion, runs = comparison.own.evaluation, comparison.criterion, comparison.scenario
     assert own is not None
     rows = [
@@ -308,7 +308,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
 
 
 def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
-    """In the order of the work."""
+    """Settings of a design in groups, in the order in which the design uses them."""
     robot = e.setup.robot
     spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
     groups: dict[str, Rows] = {
@@ -327,7 +327,7 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Se
 
 
 def _source(s: Specification, name: str, otherwise: str = "") -> str:
-    """The option of a field; where it was not stated its default, or where the value comes from."""
+    """Source of a setting: the option of the field, its default, or `otherwise`."""
     option = f"--{name.replace('_', '-')}"
     if otherwise:
         return otherwise if getattr(s, name) is None else f"option {option}"
@@ -448,7 +448,7 @@ def _simulation(e: LawEvaluation) -> Rows:
 
 
 def files_section(files: Sequence[str]) -> Section:
-    """One row for each file; those of one folder that mean the same share a row."""
+    """Table of the files; those of one folder with the same meaning share a row."""
     grouped: dict[tuple[str, str], list[str]] = {}
     for name in sorted(files):
         path = PurePath(name)

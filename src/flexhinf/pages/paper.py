@@ -98,14 +98,14 @@ FIRST_PART = 6.0
 
 # Drawings ----------------------------------------------------------------------------------------------
 def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
-    """The link position as measured and as estimated, degrees; no estimate where the true state is fed back."""
+    """Link position as measured and as estimated, degrees; None for the estimate if the true state is fed back."""
     same = run.names["output"] == run.names["estimate"]
     measured, estimate = (np.degrees(run.signal(kind, "link_position")) for kind in ("output", "estimate"))
     return measured, None if same else estimate
 
 
 def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:
-    """Motor voltages of several laws, or link positions with the command, and a settling band for a step, degrees."""
+    """Draw motor voltages of several laws, or link positions (degrees) with the command and a step's settling band."""
     quantity = ("motor voltage", "V") if voltage else ("link position", "°")
     figure, (axes,) = new_figure(1, height=None if voltage else 3.6, labels=[quantity])
     if not voltage:
@@ -122,7 +122,7 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
 
 
 def draw_loads(runs: Mapping[str, Trajectory]) -> str:
-    """Link position, its error enlarged from the disturbance on, and the torque; one colour per place of the torque."""
+    """Draw link position, its error enlarged from the disturbance on, and torque; a colour per place of the torque."""
     labels = (("link position", "°"), ("link − command", "°"), ("disturbance torque", "N·m"))
     figure, (position, error, torque) = new_figure(3, height=6.6, labels=labels)
     longest = max(runs.values(), key=lambda run: len(run.time))
@@ -146,7 +146,7 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
-    """Which run overshoots most and which settles last, or ends farthest; one that diverged comes before all others."""
+    """Indices of the runs that overshoot most and settle last, or end farthest; one that diverged is the worst."""
     ranked = {
         "largest overshoot": ("overshoot_percent",),
         "settles last": ("settling_time_s", "steady_state_error"),
@@ -160,7 +160,7 @@ def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
 
 @house_style()
 def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
-    """All runs on sampled plants, the two worst drawn apart; the first seconds above, the rest enlarged below."""
+    """Draw all runs on sampled plants, the two worst apart; the first seconds above, the rest enlarged below."""
     whole = [run for run in runs if run.diverged_at is None]
     figure, ((above,), (below,)) = panels(2, 1, 5.6)
     if not whole:
@@ -327,7 +327,7 @@ OURS = (
     "buys against a nonlinear LQR, is computed in docs/paper_studies.md at the default settings."
 )
 
-READING = (
+VERDICT_TEXT = (
     "Each claim has a criterion, fixed before the result, a verdict computed from it, and the numbers behind it "
     "under “Evidence”; another option may turn a verdict. Nothing here is proved: stable or unstable is by the "
     "growth rates of the linear loop, the rest by runs and searches."
@@ -335,33 +335,33 @@ READING = (
 
 
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
-    """index.html, metrics.json, and every figure of the paper."""
-    drawn = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
+    """Files of the report: index.html, metrics.json, and every figure of the paper."""
+    plots = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
     return {
-        "index.html": _page(reproduction, drawn).html(),
+        "index.html": _page(reproduction, plots).html(),
         "metrics.json": to_json(reproduction.metrics),
-        **{f"figure_{number}.svg": svg for number, svg in drawn.items()},
+        **{f"figure_{number}.svg": svg for number, svg in plots.items()},
     }
 
 
-def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
+def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
     setup, claims = reproduction.setup, reproduction.claims
     counters = {"table": count(1), "figure": count(13)}  # in the order of the page; the paper has 12 figures
     figures: list[Figure | Table] = []
     for number, (title, caption, _) in FIGURES.items():
         text = caption if isinstance(caption, str) else caption(setup)
-        figures.append(Figure(f"figure-{number}", drawn[number], f"{title} {text}", f"Figure {int(number)}"))
+        figures.append(Figure(f"figure-{number}", plots[number], f"{title} {text}", f"Figure {int(number)}"))
         if number == "09":
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
     def evidence(claims: Sequence[Claim]) -> list[Claim]:
-        """What fails first; the claims with their tables and figures."""
-        found = []
+        """The claims with their tables and figures, those that fail first."""
+        numbered = []
         for claim in by_verdict(claims):
             figure = EVIDENCE_FIGURES.get(claim.id, lambda *_: None)(setup, claim.data)
             blocks: Any = (*claim.blocks, *([] if figure is None else [figure]))
-            found.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
-        return found
+            numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
+        return numbered
 
     paper, ours = evidence(claims), evidence(reproduction.questions)
     gain = ", ".join(f"{k:.4g}" for k in setup.linear.law_data)
@@ -387,7 +387,7 @@ def _page(reproduction: Reproduction, drawn: Mapping[str, str]) -> Page:
         f"says. The law acts on {'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
         summary(claims),
         (
-            Section("Verdict per claim", (Paragraph(READING), Claims(claims)), "claims"),
+            Section("Verdict per claim", (Paragraph(VERDICT_TEXT), Claims(claims)), "claims"),
             Section("Figures 3–12", tuple(figures), "figures"),
             Section("Evidence, claim by claim", paper, "evidence"),
             Section("Our own question", (Paragraph(OURS), *ours), "ours"),

@@ -1,4 +1,4 @@
-"""A run of a deployed controller: was it in time, did it do what is required; its film as GIF or MP4."""
+"""Report of a run of a deployed controller: deadlines and requirements; its film as GIF or MP4."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ ROWS = {
 
 
 def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
-    """Whether a run met everything that is required of it, and came to its end."""
+    """Whether a run met every requirement and came to its end."""
     return not run.trajectory.message and all_met(prepared.requirements(run))
 
 
 def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
-    """Requirements; figures of each joint; times of the samples."""
+    """Tables of the requirements, of the metrics of each joint, and of the times of the samples."""
     timing, tables = run.timing, list[Table]()
     if not run.trajectory.message and len(run.trajectory.time):
         units = Units.of(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
@@ -92,7 +92,7 @@ def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
 
 # Sentences ------------------------------------------------------------------------------------------
 def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
-    """Real time first, then what the robot did."""
+    """Verdict on a run: deadlines first, then what the robot did."""
     text = _real_time(run.timing)
     if run.trajectory.message:
         return f"{text} {run.trajectory.message}"
@@ -143,7 +143,7 @@ def _real_time(timing: Timing) -> str:
 
 
 def run_notes(run: RealTimeRun) -> list[str]:
-    """Where deadlines were missed, what the controller refused, and what the system permitted."""
+    """Notes on missed deadlines, on values that the controller refused, and on what the operating system permitted."""
     notes, spans = list(run.scheduling), run.timing.missed_spans() if run.timing.real_time else []
     if spans and run.timing.slowness <= SLOW:
         places = [
@@ -210,12 +210,12 @@ def write_film(prepared: DeployedRun, run: RealTimeRun, path: str | os.PathLike[
 def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
     first = next(pictures)
     height, width, _ = first.shape
-    words = [
+    command = [
         str(_encoder()), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
         "-r", str(rate), "-i", "-", "-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart",
         "-f", "mp4", name,
     ]  # fmt: skip
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         pipe, messages = cast(IO[bytes], encoder.stdin), cast(IO[bytes], encoder.stderr)
         with suppress(BrokenPipeError):
             for frame in chain((first,), pictures):
@@ -227,8 +227,8 @@ def _write_mp4(name: str, pictures: Iterator[np.ndarray], rate: int) -> None:
 
 
 def _encoder() -> str | None:
-    if found := shutil.which("ffmpeg"):
-        return found
+    if path := shutil.which("ffmpeg"):
+        return path
     try:
         import imageio_ffmpeg
 

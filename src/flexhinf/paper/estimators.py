@@ -127,9 +127,9 @@ def _reconstructs(setup: PaperSetup) -> Finding:
 # Trials of two filters -----------------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What two filters are compared on: the model that both believe in, with its sensors; the period, s; q of R^v = q
-    I and the variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about
-    the filters' initial mean, their P0; and parameters of the truth that differ from the model's."""
+    """A comparison of two filters: the model that both use, with its sensors; the period, s; q of R^v = q I and the
+    variances R^n (p,), of the truth and of the filters; standard deviations (n,) of the true start about the filters'
+    initial mean, their P0; and parameters of the truth that differ from the model's."""
 
     name: str
     model: Plant
@@ -151,7 +151,7 @@ class Scores:
 
 
 def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[Scores, Scores]:
-    """(UKF's, EKF's) scores on the same data; inputs (steps, m), held between samples."""
+    """Run both filters on the same data; returns (UKF's, EKF's) scores. Inputs (steps, m) are held between samples."""
     parameters, n, p, steps = trial.model.parameters, trial.model.n, len(trial.model.outputs), len(inputs)
     q, r, initial = trial.process_noise, np.array(trial.measurement_noise), np.array(trial.initial)
     filters = [
@@ -164,7 +164,7 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
     ]
     plants = {"truth": parameters.replaced(dict(trial.changes)).vector(), "model": parameters.vector()}
 
-    def one(k: int) -> list[np.ndarray]:
+    def run_errors(k: int) -> list[np.ndarray]:
         normal = standard_normal(seed, steps + 1, n + p, sample=k)
         data = {
             **plants,
@@ -189,13 +189,13 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
             summaries.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [recorded[:, n].mean()]]))
         return summaries
 
-    found = np.array(in_two_threads(one, list(range(runs))))
-    ukf, ekf = (Scores(found[:, i, :n], found[:, i, n : 2 * n], found[:, i, -1]) for i in (0, 1))
+    scores = np.array(in_two_threads(run_errors, list(range(runs))))
+    ukf, ekf = (Scores(scores[:, i, :n], scores[:, i, n : 2 * n], scores[:, i, -1]) for i in (0, 1))
     return ukf, ekf
 
 
 def _program(filter: RecursiveFilter) -> Program:
-    """Measure, correct, compare with the truth, move both; one turn per sample."""
+    """Program of one run: measure, correct, compare with the truth, move plant and filter, in each sample."""
     plant = filter.plant
     n, m, p = plant.n, len(plant.inputs), len(plant.outputs)
     named, size = plant.parameters.named, plant.parameters.size
@@ -232,8 +232,8 @@ def _program(filter: RecursiveFilter) -> Program:
 
 # Against the EKF -----------------------------------------------------------------------------------------
 class Outcome(NamedTuple):
-    """Of a trial: pairs in which neither filter failed; mean of the paired relative difference (UKF − EKF) and half its
-    95 % interval; largest |mean error| over the RMS error, and NEES, of UKF and EKF; what the UKF is."""
+    """Result of a trial: pairs in which neither filter failed; mean of the paired relative difference (UKF − EKF) and
+    half its 95 % interval; largest |mean error| over the RMS error, and NEES, of UKF and EKF; verdict on the UKF."""
 
     pairs: int
     difference: float
@@ -263,14 +263,14 @@ def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
 
 
 def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
-    """With the link position measured, and with sensors of which sin x1 is no function."""
+    """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
     s, model = setup.settings, setup.model
     q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
     stiff = {"stiffness": setup.arm["stiffness"].interval[1]}
     motor = setup.arm.plant(measured=("motor_position",))
 
     def imu(x: Any, u: Any, p: Any) -> Any:
-        """What an inertial sensor at the link's end feels: specific force along and across the link, rate of turn."""
+        """Output of an inertial sensor at the link's end: specific force along and across the link, rate of turn."""
         torque = -p.mass * p.gravity * p.length * np.sin(x[0]) - p.stiffness * (x[0] - x[2])
         tangential = p.length * torque / p.link_inertia + p.gravity * np.sin(x[0])
         return np.array([tangential, p.length * x[1] ** 2 + p.gravity * np.cos(x[0]), x[1]])
@@ -298,7 +298,7 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
     step = setup.run(setup.nonlinear, Step(math.pi), DURATION, estimator=None)
 
     def outcome(trial: Trial) -> Outcome:
-        """Of both filters on the voltage of a step, which drives every plant of the trial."""
+        """Outcome of both filters on the voltage of a step, which drives every plant of the trial."""
         times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
         volts = np.interp(times, step.time, step.signals["input"][:, 0])
         volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
@@ -306,7 +306,7 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         return _outcome(*run_trial(trial, volts[:, None], runs, setup.settings.seed))
 
     own, others = ({trial: outcome(trial) for trial in trials} for trials in _trials(setup))
-    verdicts = {found.verdict for found in own.values()}
+    verdicts = {result.verdict for result in own.values()}
     verdict: bool | Verdict = "not judged" if verdicts == {"unknown"} else "ties"
     if "worse" in verdicts or verdicts == {"better"}:
         verdict = "worse" not in verdicts
@@ -343,8 +343,8 @@ def _closed_loops(setup: PaperSetup) -> str:
     count, gaps, law = affordable(LOOPS, setup.settings.period), [], setup.nonlinear
     for k in range(count):
         runs = [
-            setup.run(law, Step(math.pi), 8.0, estimator=one, seed=setup.seed(k))
-            for one in (setup.estimator(kind) for kind in ("ukf", "ekf"))
+            setup.run(law, Step(math.pi), 8.0, estimator=estimator, seed=setup.seed(k))
+            for estimator in (setup.estimator(kind) for kind in ("ukf", "ekf"))
         ]
         if all(run.diverged_at is None for run in runs):
             ukf, ekf = (run.signal("state", "link_position") for run in runs)

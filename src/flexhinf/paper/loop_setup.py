@@ -74,7 +74,7 @@ class ToleranceRun:
 
 
 class PaperSetup:
-    """What all figures and claims share; runs and other laws are computed once, on first use.
+    """Problem, laws, estimators and runs of all figures and claims, each computed once, on first use.
 
     `nonlinear` is NL-H∞, the paper's law (degree as set), `linear` L-H∞, the same problem with degree 2; `model` the
     plant that the estimators believe in, nominal and without coil; `true_plants` are by whether they have a coil.
@@ -174,7 +174,7 @@ class PaperSetup:
         return loop.run(reference, disturbance, self.deviation(loop) if noise else None, duration, None, seed)
 
     def runs(self, figure: str) -> dict[str, Trajectory]:
-        """The runs behind Figs. 3, 5, 7 ("03" …) by the name of the law, and 11 and 12 by where the torque acts."""
+        """Runs of Figs. 3, 5, 7 ("03" …) by the name of the law, and of 11 and 12 by where the torque acts."""
         if figure not in self._runs:
             laws = {"nonlinear": self.nonlinear, "linear": self.linear}
             self._runs[figure] = (
@@ -186,27 +186,27 @@ class PaperSetup:
 
     @cached_property
     def sampled_plants(self) -> list[ToleranceRun]:
-        """Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
+        """Runs of Figs. 9 and 10: plants sampled uniformly within Tables 1 and 2, coil included, 90° step."""
         population, period, plants = self.population, self.settings.period, range(SAMPLED_PLANTS)
         kept = np.arange(0, round(LONG / period) + 1, max(1, round(LONG / period / KEPT)))
         names, loop = ("output.link_position", "estimate.link_position"), self.loop(self.nonlinear, True)
         ensemble = loop.ensemble(
             Step(math.pi / 2), None, self.deviation(loop), LONG, kept=names, instants=kept
         )
-        found = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
+        batch = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
         runs = []
         for k in plants:
-            whole = ~np.isnan(found.kept[k]).any(axis=1)
-            diverged_at = None if found.completed[k] else float(found.diverged_at[k])
-            output, estimate = np.degrees(found.kept[k, whole].T)
-            metrics, changes = found.metrics_of(k), population.describe(k)
+            whole = ~np.isnan(batch.kept[k]).any(axis=1)
+            diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
+            output, estimate = np.degrees(batch.kept[k, whole].T)
+            metrics, changes = batch.metrics_of(k), population.describe(k)
             runs.append(ToleranceRun(metrics, diverged_at, period * kept[whole], output, estimate, changes))
         return runs
 
     def load_response(
         self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
     ) -> Trajectory:
-        """90° commanded after 2 s, then a disturbance torque."""
+        """Simulate a command of 90° after 2 s, and then a disturbance torque."""
         command = Step(math.pi / 2, at=COMMAND_AT)
         return self.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
 
@@ -250,7 +250,7 @@ def _peak_numbers(run: Trajectory) -> dict[str, Any]:
 
 
 def _spread(values: Iterable[float | None]) -> list[float | None]:
-    """[smallest, median, largest] of the numbers among the values."""
+    """[smallest, median, largest] of the values that are numbers."""
     numbers = [float(value) for value in values if value is not None]
     return [min(numbers), float(np.median(numbers)), max(numbers)] if numbers else [None, None, None]
 
@@ -267,7 +267,7 @@ FIGURE_NUMBERS = tuple(f"{number:02d}" for number in range(3, 13))
 
 
 def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
-    """Numbers of a figure, by law and by where a torque acts.
+    """Metrics of a figure's runs, by law and by where a torque acts.
 
     Of Figs. 9 and 10 [smallest, median, largest] over the plants; how many did not settle; in Fig. 10 the RMS error of
     each estimated state too.
@@ -292,23 +292,23 @@ def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
 
 
 def known(value: float) -> float | None:
-    """None for what is not finite."""
+    """The value, or None for one that is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 # Many runs -----------------------------------------------------------------------------------------------
 def name_goal(goal: float) -> str:
-    """``90°``."""
+    """A goal (rad) as text: ``90°``."""
     return f"{math.degrees(goal):.0f}°"
 
 
 def affordable(wanted: int, period: float, duration: float = LONG) -> int:
-    """How many runs to make of those wanted: all of them unless the period is far below 1 ms."""
+    """Number of runs to make: `wanted`, or fewer if the period is far below 1 ms."""
     return max(1, min(wanted, int(SAMPLES * period / duration)))
 
 
 def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """The first alone, which compiles what the others share; compiled runs let the other thread go on."""
+    """Map in two threads, after the first item alone, which compiles what the others share."""
     if not items:
         return []
     first = function(items[0])
@@ -341,7 +341,7 @@ class PaperClaim:
     ours: bool = False
 
     def judged(self, setup: PaperSetup) -> Claim:
-        """Compute the verdict."""
+        """Compute the claim's criterion and return the claim with its verdict."""
         verdict, evidence, table, *more = self.judge(setup)
         if not isinstance(verdict, str):
             verdict = "holds" if verdict else "fails"

@@ -38,12 +38,12 @@ class Reproduction:
 
     @cached_property
     def files(self) -> dict[str, str]:
-        """index.html, figure_03.svg … figure_12.svg, metrics.json."""
+        """Files of the report: index.html, figure_03.svg … figure_12.svg, metrics.json."""
         return import_module(PAGES).paper_files(self)
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """As in ``metrics.json``."""
+        """Content of ``metrics.json``."""
         return {
             "version": 1,
             "gamma_star": self.setup.gamma_star,
@@ -68,9 +68,9 @@ def reproduce(
     Parameters
     ----------
     command : sequence of str
-        What makes the report again, for the report.
+        Command that makes the report again, for the report.
     progress : callable, optional
-        Called with what comes next, `STAGES` times in all.
+        Called with the name of each next stage, `STAGES` times in all.
 
     Raises
     ------
@@ -87,6 +87,6 @@ def reproduce(
         begin(f"claim: {claim.id.replace('-', ' ')}")
         judged.append(claim.judged(setup))
     claims, questions = (
-        tuple(one for one, claim in zip(judged, CLAIMS) if claim.ours == ours) for ours in (False, True)
+        tuple(result for result, claim in zip(judged, CLAIMS) if claim.ours == ours) for ours in (False, True)
     )
     return Reproduction(setup, figures, claims, questions, tuple(command))

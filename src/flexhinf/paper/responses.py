@@ -115,7 +115,7 @@ def _beats_linear(setup: PaperSetup) -> Finding:
 
 def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
     rows: dict[tuple[str, str], Trajectory] = {}
-    wins, (rest, held) = [], setup.arm.operating_point(0.0, ("inductance",))
+    wins, (rest, volts) = [], setup.arm.operating_point(0.0, ("inductance",))
     for goal in reversed(GOALS):
         for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
             runs = []
@@ -124,7 +124,7 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
                 loop, period = setup.loop(solution, inductance=True), setup.settings.period
                 controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
                 run = Loop(loop.true_plant, controller).run(
-                    Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, held
+                    Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, volts
                 )
                 runs.append(run)
                 rows[name_goal(goal), f"{name} about {about}"] = run
@@ -143,14 +143,14 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
 
 # Tracking ------------------------------------------------------------------------------------------------
 def _tracks_sine(setup: PaperSetup) -> Finding:
-    found = {name: tracking_numbers(run) for name, run in setup.runs("07").items()}
+    errors = {name: tracking_numbers(run) for name, run in setup.runs("07").items()}
     degree, weights = setup.settings.degree, {"link_position": 60.0, "link_position_integral": 300.0}
     others = {
         "NL-H∞ (degree 6)": setup.law(weights, degree=6),
         "nonlinear LQR (γ = ∞)": solve_hji(setup.problem, gamma=math.inf, degree=degree),
         "LQR + gravity compensation": GravityCompensatedLQR.design(setup.problem),
     }
-    laws = {"L-H∞ (degree 2)": found["linear"], f"NL-H∞ (degree {degree})": found["nonlinear"]}
+    laws = {"L-H∞ (degree 2)": errors["linear"], f"NL-H∞ (degree {degree})": errors["nonlinear"]}
     laws |= {name: tracking_numbers(setup.run(law, SINE, TRACKING_DURATION)) for name, law in others.items()}
     keys = ("largest_error_rad", "tracking_rmse_rad")
     table = Table(
@@ -159,7 +159,7 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
         [(name, *(m[key] and math.degrees(m[key]) for key in keys)) for name, m in laws.items()],
         "Tracking π + sin(πt/10) by laws of the same weights.", "table-tracking",
     )  # fmt: skip
-    largest, linear = (found[name]["largest_error_rad"] for name in ("nonlinear", "linear"))
+    largest, linear = (errors[name]["largest_error_rad"] for name in ("nonlinear", "linear"))
     if largest is None:
         return Finding(False, "The run diverged in 40 s.", table)
     rival = "diverges" if linear is None else f"reaches {math.degrees(linear):.1f}°"
@@ -171,7 +171,7 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
 
 # Weights -------------------------------------------------------------------------------------------------
 def judge_weight(setup: PaperSetup, varied: str) -> Finding:
-    """Steps to both goals while the weight of x1 or of x5 is varied: overshoot or rise time falls with each."""
+    """Judge whether overshoot or rise time falls with a larger weight of x1 or of x5, in steps to both goals."""
     of_link = varied == "x1"
     weights = LINK_WEIGHTS if of_link else INTEGRAL_WEIGHTS
     pairs = [(weight, 300.0) if of_link else (60.0, weight) for weight in weights]
@@ -288,8 +288,8 @@ Signal = Callable[[np.ndarray], np.ndarray]
 
 # Gain of Eq. (5) -----------------------------------------------------------------------------------------
 class RunGain(NamedTuple):
-    """One disturbance: √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; ∫|d|², rad²·s; the
-    largest |x1|, rad; and whether the link stayed within ±180° of the hanging rest (false for a run that diverged)."""
+    """Gain under a disturbance: √(∫|z|²/∫|d|²), the largest over all horizons, infinite if the run diverged; ∫|d|²,
+    rad²·s; largest |x1|, rad; and whether the link stayed within ±180° of the hanging rest (false if it diverged)."""
 
     gain: float
     energy: float
@@ -307,23 +307,23 @@ class GainRuns:
     def attained(self, disturbance: Signal) -> RunGain:
         """The gain under a disturbance, held between samples."""
         d = np.asarray(disturbance(self.search.runs.times), dtype=float)
-        found, reach = self.search.runs.attained(d[:, None]), math.inf
-        if not np.isinf(found.gain):
-            reach = float(np.abs(found.trajectory.signals["state"][:, 0]).max())
-        return RunGain(found.gain, found.energy, reach, reach <= RANGE)
+        attained, reach = self.search.runs.attained(d[:, None]), math.inf
+        if not np.isinf(attained.gain):
+            reach = float(np.abs(attained.trajectory.signals["state"][:, 0]).max())
+        return RunGain(attained.gain, attained.energy, reach, reach <= RANGE)
 
     def searched(self) -> dict[str, RunGain]:
         """The worst disturbance found for each energy, each search begun from the last, up to where the loop
         diverges."""
-        found: dict[str, RunGain] = {}
+        gains: dict[str, RunGain] = {}
         d: Any = self.search.small()[1]  # the worst sinusoid of small motions, (N, 1)
         for energy in ENERGIES:
             d, name = self.search.ascend(d, energy, TURNS), f"worst found, ∫|d|² = {energy:g}"
             if d is None:
-                found[name] = RunGain(math.inf, energy, math.inf, False)
+                gains[name] = RunGain(math.inf, energy, math.inf, False)
                 break
-            found[name] = self.attained(lambda t, d=d: self.search.on(t, d[:, 0]))
-        return found
+            gains[name] = self.attained(lambda t, d=d: self.search.on(t, d[:, 0]))
+        return gains
 
 
 def stated_disturbances() -> dict[str, Signal]:
@@ -348,9 +348,9 @@ def attained_gain(setup: PaperSetup) -> Finding:
     runs = GainRuns(setup, setup.nonlinear)
     stated = {name: runs.attained(d) for name, d in stated_disturbances().items()}
     worst = runs.searched()
-    found = {**stated, **worst}
+    gains = {**stated, **worst}
     tame, largest = (
-        max((run.gain for run in group.values() if run.inside), default=math.inf) for group in (stated, found)
+        max((run.gain for run in group.values() if run.inside), default=math.inf) for group in (stated, gains)
     )
     best = known(largest)
     numbers = {
@@ -363,7 +363,7 @@ def attained_gain(setup: PaperSetup) -> Finding:
         evidence += ": the loop diverges under most disturbances tried."
     else:
         local = f"Nothing tried exceeds γ, within {HORIZON:g} s."
-        beyond = [run for run in found.values() if run.gain > setup.gamma and not run.inside]
+        beyond = [run for run in gains.values() if run.gain > setup.gamma and not run.inside]
         if beyond:
             first = min(beyond, key=lambda run: run.energy if math.isfinite(run.energy) else math.inf)
             gain = "diverges" if math.isinf(first.gain) else f"attains {first.gain:.1f}"
@@ -377,7 +377,7 @@ def attained_gain(setup: PaperSetup) -> Finding:
         (name, *map(known, (
             run.energy, math.degrees(run.reach), run.gain, run.gain / setup.gamma, run.gain / setup.gamma_star,
         )))
-        for name, run in found.items()
+        for name, run in gains.items()
     ]  # fmt: skip
     columns = (
         "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
@@ -394,25 +394,25 @@ def attained_gain(setup: PaperSetup) -> Finding:
 
 # Torques -------------------------------------------------------------------------------------------------
 def _deviation(run: Trajectory) -> tuple[float | None, float | None]:
-    """Largest deviation in degrees, time of recovery in s."""
+    """Largest deviation (degrees) and time of recovery (s) after a disturbance; None if it diverged or stayed away."""
     numbers = load_numbers(run)
     peak = numbers["peak_deviation_rad"]
     return peak and math.degrees(peak), numbers["recovery_time_s"]
 
 
 def _step_disturbance(setup: PaperSetup) -> Finding:
-    found = {c.replace("_torque", ""): _deviation(run) for c, run in setup.runs("11").items()}
+    by_channel = {c.replace("_torque", ""): _deviation(run) for c, run in setup.runs("11").items()}
     fed_back = setup.load_response(setup.nonlinear, Step(TORQUE, at=LOAD_FROM), estimator=None)
-    deviations = {**found, "link, true state fed back": _deviation(fed_back)}
-    peaks = [peak for peak, _ in found.values() if peak is not None]
-    lost = [name for name, (_, recovery) in found.items() if recovery is None]
+    deviations = {**by_channel, "link, true state fed back": _deviation(fed_back)}
+    peaks = [peak for peak, _ in by_channel.values() if peak is not None]
+    lost = [name for name, (_, recovery) in by_channel.items() if recovery is None]
     text = f"The link moves by at most {max(peaks, default=math.inf):.1f}°"
-    if len(peaks) < len(found):
+    if len(peaks) < len(by_channel):
         text = "The loop diverges."
     elif lost:
         text += f" and is not back within ±2 % at the end with the torque at the {' and the '.join(lost)}."
     else:
-        latest = max(recovery for _, recovery in found.values() if recovery is not None)
+        latest = max(recovery for _, recovery in by_channel.values() if recovery is not None)
         text += f" and is back within ±2 % after {latest:.2f} s at the latest."
     table = Table(
         ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2)),
@@ -423,7 +423,7 @@ def _step_disturbance(setup: PaperSetup) -> Finding:
 
 
 def _stays(run: Trajectory, frequency: float) -> bool:
-    """Whether the deviation is small and does not grow: the last two seconds against the two before."""
+    """Whether the deviation is small and does not grow, from the last two seconds and the two before."""
     peak = load_numbers(run)["peak_deviation_rad"]
     if peak is None or peak > LIMIT:
         return False

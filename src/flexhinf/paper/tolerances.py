@@ -54,7 +54,7 @@ OVERSHOOT, SETTLING = 1.0, 0.10
 
 # Growth rates --------------------------------------------------------------------------------------------
 def swept_noises(forms: Sequence[str] = FORMS) -> tuple[ProcessNoise, ...]:
-    """Every form of R^v with every q."""
+    """Process noises R^v of every form with every q."""
     return tuple(ProcessNoise(form, q) for form in forms for q in SWEPT)
 
 
@@ -105,29 +105,29 @@ class ToleranceStudy:
 
     @staticmethod
     def of(setup: PaperSetup, law: Law) -> ToleranceStudy:
-        """Every plant, at both goals, with every R^v."""
+        """Compute the growth rates of every plant, at both goals, with every R^v."""
         true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
         if setup.settings.estimator == "none":
             return ToleranceStudy(setup, true_state, true_state, dict.fromkeys(GOALS, ()))
-        found = growth_with(setup, law, (None, *swept_noises()))
-        chosen, swept = {g: r[0] for g, r in found.items()}, {g: r[1:] for g, r in found.items()}
+        rates = growth_with(setup, law, (None, *swept_noises()))
+        chosen, swept = {g: r[0] for g, r in rates.items()}, {g: r[1:] for g, r in rates.items()}
         return ToleranceStudy(setup, chosen, true_state, swept)
 
     @property
     def estimated(self) -> bool:
-        """Whether an estimator is in the loop, and R^v can be swept over."""
+        """Whether an estimator is in the loop, so that R^v can be varied."""
         return any(self.swept.values())
 
     def of_form(self, form: str, goal: float) -> list[GrowthRates]:
-        """Over q, in its order."""
+        """Growth rates with one form of R^v, in the order of q."""
         return [rates for rates in self.swept[goal] if rates.noise is not None and rates.noise.form == form]
 
     def count(self, kind: str) -> int:
-        """How many plants of a kind there are: "draw" (sampled), "corner", "single" or "nominal"."""
+        """Number of plants of a kind: "draw" (sampled), "corner", "single" or "nominal"."""
         return int((self.setup.population.kinds == kind).sum())
 
     def sufficient_alone(self, rates: Sequence[GrowthRates]) -> list[str]:
-        """The single tolerances that make the loop unstable in any of these, by their changes."""
+        """Single tolerances that make the loop unstable by one of these rates, by their changes."""
         singles = np.flatnonzero(self.setup.population.kinds == "single")
         worst = np.max([each.rates[singles] for each in rates], axis=0)
         chosen = singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
@@ -135,13 +135,13 @@ class ToleranceStudy:
 
 
 def unstable_of(rates: GrowthRates, kind: str) -> int:
-    """How many plants of a kind make the loop unstable."""
+    """Number of plants of a kind that make the loop unstable."""
     return int((rates.rates[rates.kinds == kind] >= 0.0).sum())
 
 
 # Runs ------------------------------------------------------------------------------------------------
 def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, float]:
-    """(runs of 30 s, how many agree with the growth rates of the linear loop, largest difference of rates in 1/s).
+    """(runs of 30 s, number that agree with the growth rates of the linear loop, largest difference of rates in 1/s).
 
     The rate of a run without noise is that of the RMS of the link's velocity between two parts of it.
     """
@@ -156,8 +156,8 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
     for goal in GOALS:
         own = [(k, expected) for at, k, expected in jobs if at == goal]
         ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
-        found = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
-        for (_, expected), velocity in zip(own, found, strict=True):
+        velocities = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
+        for (_, expected), velocity in zip(own, velocities, strict=True):
             measured = late = np.inf  # of a run that diverged
             if not np.isnan(velocity).any():
                 windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
@@ -221,11 +221,11 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
 def _tolerance_table(study: ToleranceStudy) -> Table:
     rows: list[tuple[Any, ...]] = []
     for goal in GOALS:
-        found = {"true state fed back": [study.true_state[goal]]}
+        groups = {"true state fed back": [study.true_state[goal]]}
         if study.estimated:
-            found[f"R^v = {number(study.setup.settings.process_noise)} I (settings)"] = [study.chosen[goal]]
-            found |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
-        for which, group in found.items():
+            groups[f"R^v = {number(study.setup.settings.process_noise)} I (settings)"] = [study.chosen[goal]]
+            groups |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
+        for which, group in groups.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
             sampled = max(unstable_of(rates, "draw") for rates in group)
             fastest = known(max(rates.fastest for rates in group))

@@ -1,4 +1,4 @@
-"""What a section is made of: paragraphs, notes, lists, listings, figures, tables. See also `page`.
+"""Blocks of a section: paragraphs, notes, lists, listings, figures, tables. See also `page`.
 
 Every block is a frozen value that checks itself where it is made, and writes itself as HTML; numbers are written for
 reading. JSON, in which a number that is not finite is refused.
@@ -50,7 +50,7 @@ def prose(text: str) -> str:
     """
     return _CODE.sub(
         r"<code>\1</code>",
-        _RAISED.sub(lambda found: f"R<sup>{found[1] or _LETTERS[found[2]]}</sup>", escape(text)),
+        _RAISED.sub(lambda match: f"R<sup>{match[1] or _LETTERS[match[2]]}</sup>", escape(text)),
     )
 
 
@@ -101,7 +101,7 @@ def at_least(value: float, digits: int = 4, decimals: int | None = None) -> str:
 
 
 def _rounded(value: float, digits: int, rounding: str, decimals: int | None = None) -> float:
-    """The nearest number of so many digits on one side; the nearest of all where that is the value but for its last
+    """Round to so many digits in one direction; to the nearest such number if that is the value but for its last
     bits: 50 degrees in radians and back are 49.99999999999999, and are to be written as 50."""
     if not math.isfinite(value):
         return float(value)
@@ -200,7 +200,7 @@ _ID = re.compile(r"[a-z][a-z0-9-]*\Z")
 
 
 class Block:
-    """A piece of a page: it has text, and perhaps an anchor `id` and `blocks` within it."""
+    """Base of the parts of a page: HTML text, and perhaps an anchor `id` and `blocks` within it."""
 
     def html(self) -> str:
         """The block as HTML, every text escaped."""
@@ -228,7 +228,7 @@ class Paragraph(Block):
     _escaped: ClassVar[Callable[[str], str]] = prose
 
     def html(self) -> str:
-        """The text in its frame."""
+        """The text as an HTML element."""
         return self._frame.format(type(self)._escaped(self.text))
 
 
@@ -239,7 +239,7 @@ class Note(Paragraph):
 
 
 class Listing(Paragraph):
-    """Text set as it is: a command, a file, a few lines of code."""
+    """Preformatted text: a command, a file, a few lines of code."""
 
     _frame = "<pre><code>{}</code></pre>"
     _escaped = escape
@@ -325,7 +325,7 @@ WIDTH = 80
 
 @dataclass(frozen=True)
 class Column:
-    """How a column is headed and how its numbers are written: with so many `decimals` (numbers of comparable size get
+    """Head of a table's column and format of its numbers: so many `decimals` (numbers of comparable size get
     common ones), or each with so many significant `digits`.
 
     For `Table.of` it shows the entry `key` of a record, times `scale`. In a terminal the header is `brief` where it
@@ -392,7 +392,7 @@ class Table(Block):
     def of(
         cls, columns: Sequence[Column], records: Iterable[Mapping[str, Any]], *others: Any, **named: Any
     ) -> Table:
-        """A table of records; columns say by `key` and `scale` what they show of each."""
+        """Make a table of records: each column shows the entry `key` of a record, times its `scale`."""
 
         rows = [
             tuple(
@@ -404,18 +404,18 @@ class Table(Block):
         return cls(columns, rows, *others, **named)
 
     def records(self) -> list[dict[str, object]]:
-        """Rows by the names of their columns."""
+        """Rows as dictionaries by the names of the columns."""
         names = [column.name for column in self.heads]
         return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
 
     @cached_property
     def heads(self) -> list[Column]:
-        """The columns."""
+        """The columns as `Column`s; a text becomes a `Column` with that name."""
         return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     @cached_property
     def _written(self) -> list[tuple[bool, list[str]]]:
-        """Of each column whether it is right-aligned, and its texts."""
+        """For each column, whether it is right-aligned, and its cells as text."""
         written = []
         for index, column in enumerate(self.heads):
             cells = [row[index] for row in self.rows if not isinstance(row, str)]
@@ -439,7 +439,7 @@ class Table(Block):
         return written
 
     def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
-        """The title of some rows, or the texts and marks of one."""
+        """Lines of the table: the title of a group of rows, or the texts and marks of one row."""
         texts = zip(*(texts for _, texts in self._written))
         for row in self.rows:
             if isinstance(row, str):
@@ -466,7 +466,7 @@ class Table(Block):
             else:
                 best = '<strong>{}</strong><br><span class="unit">best</span>'
                 texts = [(best if mark == "best" else "{}").format(prose(text)) for text, mark in line]
-                cells = [f"<td{one}{label}>{text}</td>" for one, label, text in zip(css, labels, texts)]
+                cells = [f"<td{kind}{label}>{text}</td>" for kind, label, text in zip(css, labels, texts)]
                 if grouped:
                     cells[0] = f'<th scope="row">{prose(line[0][0])}</th>'
             body.append(f"<tr>{''.join(cells)}</tr>")
@@ -529,13 +529,13 @@ class Settings(Block):
     groups: Mapping[str, Sequence[Setting]]
 
     def html(self) -> str:
-        """One folded table per group inside one folded part."""
+        """The settings as HTML: a table for each group, inside one folded part."""
         count, parts = sum(map(len, self.groups.values())), ""
         for name, group in self.groups.items():
             rows = "".join(
-                f'<tr><th scope="row">{prose(one.name)}</th><td>{prose(scalar(one.value))}{unit_html(one.unit)}</td>'
-                f"<td>{prose(one.source)}</td></tr>"
-                for one in group
+                f'<tr><th scope="row">{prose(row.name)}</th><td>{prose(scalar(row.value))}{unit_html(row.unit)}</td>'
+                f"<td>{prose(row.source)}</td></tr>"
+                for row in group
             )
             parts += (
                 f'<div class="table"><table class="settings"><caption>{prose(name)}</caption><thead><tr>'
@@ -547,7 +547,7 @@ class Settings(Block):
 
 @dataclass(frozen=True)
 class Provenance(Block):
-    """Where a report comes from: the words of the command that makes it again (none for a report written from Python),
+    """Origin of a report: the command that makes it again, as arguments (none for a report written from Python),
     the seed (None where nothing was drawn), and name and version of what had a part, as `versions` finds them."""
 
     command: Sequence[str]
@@ -572,5 +572,5 @@ def versions(distribution: str = "flexhinf") -> dict[str, str]:
         requirement, _, marker = line.partition(";")
         if "extra" not in marker:
             names.append(re.split(r"[^A-Za-z0-9._-]", requirement.strip(), maxsplit=1)[0])
-    found = {name: metadata.version(name) for name in names}
-    return {**found, "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}"}
+    known = {name: metadata.version(name) for name in names}
+    return {**known, "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}"}

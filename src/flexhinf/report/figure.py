@@ -1,4 +1,4 @@
-"""Matplotlib in the style of the house: SVG, the same bytes from the same numbers, colours for all readers.
+"""Matplotlib figures in one style: SVG, the same bytes from the same numbers, colours for all readers.
 
 Matplotlib's object interface is used, and only when a figure is drawn: importing this module costs nothing.
 """
@@ -94,7 +94,7 @@ _METADATA = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Matplotlib's own defaults and the style of the house, whatever the user's settings are; then back.
+    """Use Matplotlib's defaults and the style of flexhinf in this block, whatever the user's settings are.
 
     The functions of this file run in it; what else is drawn on their axes should too. Within it, it does nothing more.
     """
@@ -120,9 +120,9 @@ def _settings() -> dict[Any, Any]:
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(_STYLE)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        found = dict(matplotlib.rcParams.copy())
-    del found["backend"]  # stays the user's, as in `rc_context`
-    return found
+        settings = dict(matplotlib.rcParams.copy())
+    del settings["backend"]  # stays the user's, as in `rc_context`
+    return settings
 
 
 @house_style()
@@ -165,7 +165,7 @@ def time_response(
     name: str = "",
     colour: str = SERIES[0],
 ) -> None:
-    """One signal (N,) over time (N,), s: as measured a solid line, as estimated a dashed one on top of it.
+    """Draw a signal (N,) over time (N,), s: as measured a solid line, as estimated a dashed one on top of it.
 
     In the legend the two become "name, measured" and "name, estimated". Lengths that differ are refused.
     """
@@ -180,21 +180,21 @@ def time_response(
 
 @house_style()
 def reference_line(axes: Axes, time: np.ndarray, reference: np.ndarray, name: str = "command") -> None:
-    """The command, thin and dotted, behind the responses."""
+    """Draw the command, thin and dotted, behind the responses."""
     _same_length(time, reference)
     axes.plot(time, reference, color=MUTED, linewidth=1.2, linestyle=(0, (1.0, 1.6)), zorder=1.5, label=name)
 
 
 @house_style()
 def settling_band(axes: Axes, target: float, step: float, tolerance: float = 0.02) -> None:
-    """The band of `tolerance` times the step around its target, inside which a response counts as settled."""
+    """Draw the band of `tolerance` times the step around its target, inside which a response counts as settled."""
     half, name = abs(tolerance * step), f"±{100 * tolerance:.3g} % of step"
     axes.axhspan(target - half, target + half, color=MUTED, alpha=0.22, linewidth=0, zorder=0.5, label=name)
 
 
 @house_style()
 def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
-    """Many runs (R, N) at once: at each time (N,), s, their extremes, the band that holds 90 % of them, the median.
+    """Draw many runs (R, N): at each time (N,), s, their extremes, the band that holds 90 % of them, the median.
 
     Raises
     ------
@@ -217,7 +217,7 @@ def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
 
 @house_style()
 def legend(axes: Axes) -> None:
-    """A legend above the panel, where it hides nothing, in as many columns as fit."""
+    """Add a legend above the panel, where it hides nothing, in as many columns as fit."""
     handles, names = axes.get_legend_handles_labels()
     if not handles:
         return

@@ -42,21 +42,21 @@ _LITTER = {".DS_Store", "Thumbs.db", "desktop.ini"}
 
 
 def is_report(path: str | os.PathLike[str]) -> bool:
-    """Whether a folder is a report of ours, by its marker file."""
+    """Whether a folder is a report of flexhinf, by its marker file."""
     return _marker(Path(path)) is not None
 
 
 def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
-    """Whether a folder is a report of ours whose files of these names are there as they were written."""
+    """Whether a folder is a report of flexhinf whose files of these names are there and unchanged."""
     listed = (_marker(Path(path)) or {}).get("files")
     if not isinstance(listed, dict):
         return False
-    found = {name: _digest(Path(path) / name) for name in names}
-    return all(digest and listed.get(name) == digest for name, digest in found.items())
+    digests = {name: _digest(Path(path) / name) for name in names}
+    return all(digest and listed.get(name) == digest for name, digest in digests.items())
 
 
 def _digest(path: Path) -> str:
-    """Of a file; empty where it cannot be read."""
+    """SHA-256 of a file; empty where it cannot be read."""
     try:
         return file_digest(path)
     except OSError:
@@ -64,7 +64,7 @@ def _digest(path: Path) -> str:
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:
-    """What the marker file says; None where there is none, or something else in its place."""
+    """Content of the marker file; None where there is none, or something else in its place."""
     try:
         marker = json.loads(read_bytes(folder / MARKER, _LARGEST_MARKER))
     except (OSError, ValueError, RecursionError):
@@ -73,7 +73,7 @@ def _marker(folder: Path) -> dict[str, Any] | None:
 
 
 def check(path: str | os.PathLike[str]) -> Path:
-    """Make sure, before any work is done, that a report can be written to `path`; the absolute path, links followed.
+    """Check before any work that a report can be written to `path`; returns the absolute path, links followed.
 
     Nothing is changed, but for hidden left-overs of runs that were killed, which are cleared away.
 
@@ -108,7 +108,7 @@ def check(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """The absolute path, symbolic links followed; what the system refuses becomes `InvalidInput`."""
+    """Yield the absolute path, symbolic links followed; errors of the system within the block become `InvalidInput`."""
     try:
         yield checked_path("The report's folder", path).expanduser().resolve()
     except InvalidInput:
@@ -173,14 +173,14 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
             for folder in reversed(PurePosixPath(name).parents[:-1]):
                 (fresh / folder).mkdir(exist_ok=True)  # never `fresh`: who deleted it would delete again
             (fresh / name).write_bytes(content)
-        found = {
+        sizes = {
             str(path.relative_to(fresh).as_posix()): path.stat().st_size
             for path in [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
         }
-        if found != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
+        if sizes != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
             raise InvalidInput(
                 "The report's folder was changed while it was written; nothing was published.",
-                f"expected {len(contents)} files, got {len(found)} in {fresh.name}",
+                f"expected {len(contents)} files, got {len(sizes)} in {fresh.name}",
                 "write again; and no other program that clears this folder",
             )
         _exchange(fresh, target)
@@ -211,7 +211,7 @@ def _refuse(target: Path) -> None:
 
 
 def _refuse_strangers(folder: Path, target: Path) -> None:
-    """Raise if a report (that is, or was, at `target`) holds what no report of ours put there, or left so."""
+    """Raise if the report in `folder` (at `target`, now or before) has foreign files, or files that were changed."""
     marker = _marker(folder)
     if marker is None:
         return
@@ -230,7 +230,7 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
         elif name in digests:
             digest = "" if path.is_symlink() else _digest(path)  # of a link the digest is no file's
             changed += [name] if digest != digests[name] else []
-    for found, what, hint in (
+    for paths, what, hint in (
         (strangers, "The report's folder holds files that are not of the report", "move them elsewhere"),
         (
             changed,
@@ -238,8 +238,8 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
             "copy them elsewhere and delete the folder",
         ),
     ):
-        if found:
-            some = f"{', '.join(map(repr, found[:3]))}{' …' if len(found) > 3 else ''}"
+        if paths:
+            some = f"{', '.join(map(repr, paths[:3]))}{' …' if len(paths) > 3 else ''}"
             got, hint = f"got {some} in {target}", f"{hint}, or another folder for the report"
             raise InvalidInput(f"{what}; it is left alone.", got, hint)
 
@@ -280,7 +280,7 @@ def _exchange(fresh: Path, target: Path) -> None:
 
 
 def _clear(target: Path, sure: bool) -> None:
-    """Clear away what killed runs left beside the target; a report that they had set aside comes back.
+    """Delete what killed runs left beside the target; a report that they had moved aside is put back.
 
     `sure`: the lock is held, so nobody else is writing. Else only what is old is taken for left over.
     """

@@ -1,6 +1,6 @@
 """One self-contained HTML page: no network, no scripts, light and dark, fit to be printed.
 
-From top to bottom: what was asked, what is not met, not proved or risky, the verdict, the numbers that matter; sections
+From top to bottom: the request, what is not met, not proved or risky, the verdict, the numbers that matter; sections
 with figures and tables; then every assumption and setting, versions, seed and the command that makes the page again.
 """
 
@@ -75,7 +75,7 @@ class Claim(Block):
         return (f"claim-{self.id}", *super().ids()[1:])
 
     def html(self) -> str:
-        """An article with the evidence; colour is never the only sign of a verdict."""
+        """The claim as HTML, with its evidence; colour is never the only sign of a verdict."""
         links = []
         for name in self.figures:
             if name not in self.ids():
@@ -124,19 +124,19 @@ def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def summary(claims: Sequence[Claim]) -> str:
-    """How many claims got which verdict, as words.
+    """Number of claims with each verdict, as a sentence.
 
     Examples
     --------
     >>> summary([Claim("a", "A.", "holds", "1 < 2"), Claim("b", "B.", "fails", "2 > 1")])
     'Of 2 claims 1 holds, 1 fails.'
     """
-    words = {
+    verbs = {
         "holds": ("holds", "hold"), "fails": ("fails", "fail"), "ties": ("ties", "tie"),
         "not judged": ("is not judged", "are not judged"),
     }  # fmt: skip
     counts = Counter(claim.verdict for claim in claims)
-    parts = [f"{counts[kind]} {text[counts[kind] > 1]}" for kind, text in words.items() if counts[kind]]
+    parts = [f"{counts[kind]} {text[counts[kind] > 1]}" for kind, text in verbs.items() if counts[kind]]
     noun = "claim" if len(claims) == 1 else "claims"
     return f"Of {len(claims)} {noun} {', '.join(parts)}." if parts else "No claim was judged."
 
@@ -149,7 +149,7 @@ def badge(kind: str) -> str:
 
 @dataclass(frozen=True)
 class Status:
-    """Part of the line at the top that says how far a result can be relied on: met, proved, not met, not proved or
+    """An entry at the top that says how far a result can be relied on: met, proved, not met, not proved or
     risky. Another kind is refused with `InvalidInput`."""
 
     kind: str
@@ -188,7 +188,7 @@ class Section(Block):
 
 @dataclass(frozen=True)
 class Page:
-    """A report: what was asked, in one or two sentences; the verdict, in one line; the sections; every setting;
+    """A report: the request, in one or two sentences; the verdict, in one line; the sections; every setting;
     command, seed and versions; the numbers that matter; what is not met, not proved or risky.
 
     Raises
@@ -198,7 +198,7 @@ class Page:
     """
 
     title: str
-    asked: str
+    request: str
     verdict: str
     sections: Sequence[Section]
     settings: Settings
@@ -237,12 +237,12 @@ class Page:
         )
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
         strip = ""
-        for one in self.numbers:
-            note = f'<dd class="small">{prose(one.note)}</dd>' if one.note else ""
-            value = f"{escape(scalar(one.value))}{unit_html(one.unit)}"
-            strip += f"<div><dt>{prose(one.label)}</dt><dd>{value}</dd>{note}</div>"
+        for number in self.numbers:
+            note = f'<dd class="small">{prose(number.note)}</dd>' if number.note else ""
+            value = f"{escape(scalar(number.value))}{unit_html(number.unit)}"
+            strip += f"<div><dt>{prose(number.label)}</dt><dd>{value}</dd>{note}</div>"
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
-        status = "".join(f"<li>{badge(one.kind)} {prose(one.text)}</li>" for one in self.status)
+        status = "".join(f"<li>{badge(line.kind)} {prose(line.text)}</li>" for line in self.status)
         status = f'<ul class="status">{status}</ul>\n' if status else ""
         body = "\n".join(section.html() for section in sections)
         return (
@@ -250,7 +250,7 @@ class Page:
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             '<meta name="color-scheme" content="light dark">\n<meta name="generator" content="flexhinf">\n'
             f"<title>{escape(self.title)}</title>\n<style>\n:root {{\n{light}}}\n{screen}{sheet}</style>\n</head>\n"
-            f'<body>\n<main>\n<header>\n<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.asked)}</p>\n'
+            f'<body>\n<main>\n<header>\n<h1>{prose(self.title)}</h1>\n<p class="asked">{prose(self.request)}</p>\n'
             f'{status}<p class="verdict">{prose(self.verdict)}</p>\n{strip}</header>\n'
             f'<nav aria-label="Contents"><ol>{contents}</ol></nav>\n{body}\n</main>\n</body>\n</html>\n'
         )

@@ -38,10 +38,10 @@ FORMS = {
 }  # fmt: skip
 
 #: Decibels below the largest value that are shown.
-SHOWN_DB = 90.0
+DEPTH_DB = 90.0
 
 #: Fraction of half the sampling frequency that a Bode diagram shows: the phase jumps at its end.
-SHOWN_BAND = 0.97
+BAND = 0.97
 
 #: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
@@ -49,12 +49,12 @@ NYQUIST = 3.0
 #: The horizontal axis of a panel.
 FREQUENCY: dict[str, Any] = {"across": "frequency (Hz)", "log": True}
 
-RUNNING = "The linearised sampled loop at the goal, with estimator and delay as it runs."
+LOOP_CAPTION = "The linearised sampled loop at the goal, with estimator and delay as it runs."
 
 
 # Margins ------------------------------------------------------------------------------------------------
 def margins(design: Design) -> Blocks:
-    """Margins beside those of the true state, frequency responses, noise, estimation error."""
+    """Margins of the running loop and of state feedback, frequency responses, noise, estimation error."""
     e, units = design.evaluation, units_of(design.evaluation)
     m, own, s, joints = e.margins, e.state_margins, e.setup.specification, e.setup.joints
     yield from _margin_notes(e)
@@ -122,7 +122,7 @@ def _hertz(frequency: float) -> str:
 
 
 def margin_table(e: LawEvaluation) -> Table:
-    """Margins of the running loop, and with the true state fed back where there is an estimator."""
+    """Table of the margins of the running loop, and with the true state fed back where there is an estimator."""
     alone, period = e.setup.specification.estimator == "none", e.setup.specification.period
     loops, joints = [e.margins] if alone else [e.margins, e.state_margins], e.setup.joints
     damped = in_joint(e.least_damped_joint, joints)
@@ -197,7 +197,7 @@ def _estimation_figure(e: LawEvaluation) -> Figure:
 
 # Frequency responses ------------------------------------------------------------------------------------
 class Loop(NamedTuple):
-    """A loop in these figures: its name in the legend, and the number of its line's style."""
+    """A loop in the frequency figures: name in the legend, frequency response, and number of its line style."""
 
     name: str
     response: FrequencyResponse
@@ -215,7 +215,7 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
     lines, command, phase, torque = _lines(loops, joints), [], [], []
     for name, style, response, joint in lines:
-        below = response.frequencies <= SHOWN_BAND * np.pi / response.period
+        below = response.frequencies <= BAND * np.pi / response.period
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
         command.append(Line(hertz, _decibel(followed), name, style))
@@ -225,11 +225,11 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
     return draw_figure(
         "bode",
         (
-            Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=SHOWN_DB),
+            Panel("command → link", "dB", command, (0.0, 20.0 * np.log10(np.sqrt(0.5))), depth=DEPTH_DB),
             Panel("phase", "°", phase),
-            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=SHOWN_DB, **FREQUENCY),
+            Panel(f"torque → link\n(dB of {position}/({load}))", "", torque, depth=DEPTH_DB, **FREQUENCY),
         ),
-        f"{RUNNING} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
+        f"{LOOP_CAPTION} Dotted: 0 dB, and −3 dB, where the bandwidth is read.{which}", "Bode diagram", 8.4,
     )  # fmt: skip
 
 
@@ -247,8 +247,8 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
         "; T: an error of the model" if alone else "",
     )
     return draw_figure(
-        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=SHOWN_DB, **FREQUENCY)],
-        f"{RUNNING} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
+        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY)],
+        f"{LOOP_CAPTION} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
         "Sensitivity", 3.6,
     )  # fmt: skip
 
@@ -274,7 +274,7 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
     )  # fmt: skip
     return draw_figure(
         "nyquist", [panel],
-        f"{RUNNING} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
+        f"{LOOP_CAPTION} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
         "Nyquist diagram", 4.6,
     )  # fmt: skip
 
@@ -292,7 +292,7 @@ def _lines(
 
 
 def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
-    """Torque on a link → its own position (F,)."""
+    """Response (F,) of a joint's link position to a torque on the same link."""
     name = response.positions[joint].replace("link_position", "link_torque", 1)
     return response.disturbance[:, joint, response.disturbances.index(name)]
 
@@ -303,7 +303,7 @@ def _decibel(values: np.ndarray) -> np.ndarray:
 
 # Corners of the tolerances ------------------------------------------------------------------------------
 def corners(design: Design) -> Blocks:
-    """How many corners are unstable; none for a robot without tolerances."""
+    """Table of the unstable corners of the tolerances; nothing for a robot without tolerances."""
     e, cases, state = design.evaluation, design.evaluation.corners, design.evaluation.state_corners
     if cases is None:
         return
@@ -341,7 +341,7 @@ def corners(design: Design) -> Blocks:
 
 
 def corners_text(e: LawEvaluation) -> str:
-    """How many corners are unstable as designed, and the worst of them."""
+    """Sentence with the number of unstable corners as designed, and the worst of them."""
     corners, state, s = e.corners, e.state_corners, e.setup.specification
     assert corners is not None
     of = f"of {'the ' if not corners.unstable else ''}{corners.count} {'' if corners.complete else 'sampled '}corners"
@@ -381,8 +381,8 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
 
 
 def corner_table(e: LawEvaluation) -> Table:
-    """Unstable corners and growth rates over q/Rⁿ, a pair of columns for each form of Rᵛ; without forms, of the loops
-    that were looked at."""
+    """Table of unstable corners and growth rates over q/Rⁿ, a pair of columns for each form of Rᵛ; without forms, of
+    the loops that were evaluated."""
     assert e.corners is not None
     rows, forms = corner_rows(e), e.corners.forms
     title = f"Corners of the tolerances. {corners_text(e)}"

@@ -53,7 +53,7 @@ SLOWEST = 1e-3
 MANY = 3
 
 #: A panel shows so many steps on either side of the goal: a loop that diverges would hide the others.
-SHOWN_STEPS = 2.5
+AXIS_STEPS = 2.5
 
 #: A gain below this fraction of the largest is rounding, and shown as 0.
 ROUNDING = 1e-13
@@ -107,7 +107,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
 
 
 def poles(design: Design) -> Blocks:
-    """Figure, a table of what oscillates or does not decay, and what decays without oscillating."""
+    """Poles: figure, table of modes that oscillate or do not decay, sentence on those that decay monotonically."""
     after = vibration_damping(design.law_modes)
     if after and min(after) < RINGS:
         yield note(
@@ -175,7 +175,7 @@ def _listed(mode: Mode) -> bool:
 
 
 def mode_table(design: Design, brief: bool = False) -> Table:
-    """Modes that oscillate or do not decay; `brief`: that oscillate, of many joints the vibrations alone."""
+    """Modes that oscillate or do not decay; `brief`: only those that oscillate, of many joints only vibrations."""
     several, many = (len(design.robot.joint_names) > few for few in (1, MANY))
     return Table(
         (
@@ -255,7 +255,7 @@ def law(design: Design) -> Blocks:
 
 # The rigid design: what neglecting the springs would have done ------------------------------------------
 def rigid(design: Design) -> Blocks:
-    """Text, table and figure; none if no rigid design was made."""
+    """The rigid design: text, table and figure; nothing if there is none."""
     if design.rigid is None:
         return
     loops, estimator = design.rigid.loops, design.specification.estimator != "none"
@@ -299,7 +299,7 @@ def rigid(design: Design) -> Blocks:
 
 
 def loop_text(loop: RigidLoop) -> str:
-    """What the rigid law does when it is fed from one side."""
+    """Outcome of the rigid law in words, fed from the link or the motor side."""
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
@@ -336,7 +336,7 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
             style = {"color": SERIES[order], "linewidth": 1.4, "zorder": 3.0 - 0.1 * order}
             lines.append(Line(time[few], signal(response)[few], name, style))
         # where our law stays: a rigid law that diverges would hide it
-        y = framed(lines[0].y, 0.75) if k else (-SHOWN_STEPS * step, SHOWN_STEPS * step)
+        y = framed(lines[0].y, 0.75) if k else (-AXIS_STEPS * step, AXIS_STEPS * step)
         panels.append(
             Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1])))
         )

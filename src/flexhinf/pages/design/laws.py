@@ -26,14 +26,14 @@ from flexhinf.pages.drawing import (
 from flexhinf.report import Cell, Column, Figure, Table, house_style, label, number
 from flexhinf.report.blocks import WIDTH
 
-#: Two figures are equally good within this relative difference, or the smallest difference that counts.
+#: Two values are equally good within this relative difference, or the smallest difference that counts.
 SHARED = 0.005
 
 #: Points of a line in small panels.
 POINTS = 600
 
 #: A panel shows so many times the median law's range; lines may leave it.
-SHOWN = 2.5
+AXIS_RANGES = 2.5
 
 #: A panel ends this much after the last law has settled.
 AFTER = 1.3
@@ -42,7 +42,7 @@ AFTER = 1.3
 RANGE = 30.0
 
 
-class LawFigure(NamedTuple):
+class LawMetric(NamedTuple):
     """A metric of a law, by its key of `LawEvaluation.metrics`.
 
     `unit` "input" is V or N·m; shown in thousandths are "small input", "length" (of rad or m) and "ms" (of s).
@@ -62,33 +62,33 @@ class LawFigure(NamedTuple):
 STEP, LOAD, MOVE, SAMPLES, LINEAR, COST = "step", "load", "move", "samples", "linear", "cost"
 
 #: In the order of the table.
-FIGURES = (
-    LawFigure("step_peak_input", STEP, "peak input", "input"),
-    LawFigure("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
-    LawFigure("step_settling_s", STEP, "settling time", "s", least=0.01),
-    LawFigure("step_remaining", STEP, "remaining error", "length", least=1e-4),
-    LawFigure("load_deviation", LOAD, "largest deviation", "length"),
-    LawFigure("load_recovery_s", LOAD, "recovered after", "s", least=0.01),
-    LawFigure("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
-    LawFigure("move_error", MOVE, "largest error", "length", least=1e-4),
-    LawFigure("move_remaining", MOVE, "remaining error", "length", least=1e-4, brief=False),
-    LawFigure("move_peak_input", MOVE, "peak input", "input"),
-    LawFigure("drawn_unsettled", SAMPLES, "steps not settled", "", least=0.5),
-    LawFigure("drawn_overshoot_percent", SAMPLES, "median overshoot", "%", least=0.5, brief=False),
-    LawFigure("drawn_worst_overshoot_percent", SAMPLES, "worst overshoot", "%", least=0.5),
-    LawFigure("drawn_settling_s", SAMPLES, "median settling time", "s", least=0.01, brief=False),
-    LawFigure("drawn_worst_settling_s", SAMPLES, "worst settling time", "s", least=0.01),
-    LawFigure("drawn_worst_peak_input", SAMPLES, "worst peak input", "input", brief=False),
-    LawFigure("drawn_move_error", SAMPLES, "median move error", "length", least=1e-4, brief=False),
-    LawFigure("drawn_worst_move_error", SAMPLES, "worst move error", "length", least=1e-4),
-    LawFigure("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
-    LawFigure("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
-    LawFigure("gain_margin", LINEAR, "gain margin, ×", "", 1, 0.01),
-    LawFigure("delay_margin_s", LINEAR, "delay margin", "ms", 1),
-    LawFigure("damping", LINEAR, "smallest damping ratio", "", 1, 0.0005),
-    LawFigure("input_noise", LINEAR, "input noise, rms", "small input"),
-    LawFigure("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
-    LawFigure("operations", COST, "operations per sample", ""),
+METRICS = (
+    LawMetric("step_peak_input", STEP, "peak input", "input"),
+    LawMetric("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
+    LawMetric("step_settling_s", STEP, "settling time", "s", least=0.01),
+    LawMetric("step_remaining", STEP, "remaining error", "length", least=1e-4),
+    LawMetric("load_deviation", LOAD, "largest deviation", "length"),
+    LawMetric("load_recovery_s", LOAD, "recovered after", "s", least=0.01),
+    LawMetric("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
+    LawMetric("move_error", MOVE, "largest error", "length", least=1e-4),
+    LawMetric("move_remaining", MOVE, "remaining error", "length", least=1e-4, brief=False),
+    LawMetric("move_peak_input", MOVE, "peak input", "input"),
+    LawMetric("drawn_unsettled", SAMPLES, "steps not settled", "", least=0.5),
+    LawMetric("drawn_overshoot_percent", SAMPLES, "median overshoot", "%", least=0.5, brief=False),
+    LawMetric("drawn_worst_overshoot_percent", SAMPLES, "worst overshoot", "%", least=0.5),
+    LawMetric("drawn_settling_s", SAMPLES, "median settling time", "s", least=0.01, brief=False),
+    LawMetric("drawn_worst_settling_s", SAMPLES, "worst settling time", "s", least=0.01),
+    LawMetric("drawn_worst_peak_input", SAMPLES, "worst peak input", "input", brief=False),
+    LawMetric("drawn_move_error", SAMPLES, "median move error", "length", least=1e-4, brief=False),
+    LawMetric("drawn_worst_move_error", SAMPLES, "worst move error", "length", least=1e-4),
+    LawMetric("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
+    LawMetric("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
+    LawMetric("gain_margin", LINEAR, "gain margin, ×", "", 1, 0.01),
+    LawMetric("delay_margin_s", LINEAR, "delay margin", "ms", 1),
+    LawMetric("damping", LINEAR, "smallest damping ratio", "", 1, 0.0005),
+    LawMetric("input_noise", LINEAR, "input noise, rms", "small input"),
+    LawMetric("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
+    LawMetric("operations", COST, "operations per sample", ""),
 )
 
 #: Groups of metrics, with their titles where there is little room.
@@ -114,30 +114,30 @@ def _titles(comparison: Comparison) -> dict[str, str]:
     }
 
 
-def unit_of(figure: LawFigure, comparison: Comparison) -> str:
-    """The unit that is shown."""
+def unit_of(metric: LawMetric, comparison: Comparison) -> str:
+    """Unit of a metric as it is printed."""
     units, own = comparison.units(), comparison.own.evaluation
-    if figure.key == "drawn_unsettled":
+    if metric.key == "drawn_unsettled":
         return f"of {len(comparison.scenario.robots)}"
-    if figure.key == "unstable_corners" and own is not None and own.corners is not None:
+    if metric.key == "unstable_corners" and own is not None and own.corners is not None:
         return f"of {own.corners.count}"
     known = {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}
-    return known.get(figure.unit, figure.unit)
+    return known.get(metric.unit, metric.unit)
 
 
-def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
-    """One figure without its unit."""
+def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
+    """Value of a metric as text, without its unit."""
     if value is None:
         return "–"
     if np.isinf(value):
-        if "settling" in figure.key:
+        if "settling" in metric.key:
             return f"> {comparison.scenario.step_duration:g}"
-        return "never" if figure.key == "load_recovery_s" else "∞" if figure.better > 0 else "diverges"
-    if figure.unit in ("length", "ms", "small input"):
+        return "never" if metric.key == "load_recovery_s" else "∞" if metric.better > 0 else "diverges"
+    if metric.unit in ("length", "ms", "small input"):
         value *= 1e3
-    if figure.unit == "%":
+    if metric.unit == "%":
         return number(value, decimals=1)
-    if abs(value) >= 1e3 or (not figure.unit and value == round(value)):
+    if abs(value) >= 1e3 or (not metric.unit and value == round(value)):
         return number(round(value))
     if 0.0 < abs(value) < 1e-2:
         return number(value, 2)
@@ -145,14 +145,14 @@ def cell(figure: LawFigure, value: float | None, comparison: Comparison) -> str:
     return number(value, decimals=min(max(2 - size, 0), 3))
 
 
-def best_of(figure: LawFigure, values: Sequence[float | None]) -> tuple[bool, ...]:
-    """Which values share the best; none where all are alike."""
+def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ...]:
+    """Which values are the best or as good; none where all are alike."""
     known, best = [value for value in values if value is not None], [False for _ in values]
-    if figure.better and len(known) > 1:
-        top = min(known) if figure.better < 0 else max(known)
-        width = max(SHARED * abs(top), figure.least) if np.isfinite(top) else 0.0
+    if metric.better and len(known) > 1:
+        top = min(known) if metric.better < 0 else max(known)
+        width = max(SHARED * abs(top), metric.least) if np.isfinite(top) else 0.0
         best = [value is not None and (value == top or abs(value - top) <= width) for value in values]
-    return tuple(one and sum(best) < len(known) for one in best)
+    return tuple(tied and sum(best) < len(known) for tied in best)
 
 
 def metric_table(
@@ -174,14 +174,14 @@ def metric_table(
         rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
     for group, heading in (GROUPS if short else _titles(comparison)).items():
         entries = []
-        for figure in (figure for figure in FIGURES if figure.group == group and (figure.brief or not short)):
-            values = {law.name: law.metrics.get(figure.key) for law in comparison.compared}
+        for metric in (metric for metric in METRICS if metric.group == group and (metric.brief or not short)):
+            values = {law.name: law.metrics.get(metric.key) for law in comparison.compared}
             if set(values.values()) == {None}:
                 continue
-            marks = zip(values, best_of(figure, list(values.values())))
+            marks = zip(values, best_of(metric, list(values.values())))
             best = {name: "best" if there else "" for name, there in marks}
-            cells = (Cell(cell(figure, values[law.name], comparison), best[law.name]) for law in laws)
-            entries.append((", ".join(filter(None, (figure.label, unit_of(figure, comparison)))), *cells))
+            cells = (Cell(cell(metric, values[law.name], comparison), best[law.name]) for law in laws)
+            entries.append((", ".join(filter(None, (metric.label, unit_of(metric, comparison)))), *cells))
         rows += [heading, *entries] if entries else []
     hyphen = "\u2011"  # at which no line breaks
     return Table(
@@ -226,7 +226,7 @@ def _joint_and_limits(errors: Errors, span: tuple[float, float]) -> tuple[int, t
         ends.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
     low, high = np.array(ends).T
     size = float(np.median(high - low))
-    return joint, framed(np.clip([low.min(), high.max()], -SHOWN * size, SHOWN * size))
+    return joint, framed(np.clip([low.min(), high.max()], -AXIS_RANGES * size, AXIS_RANGES * size))
 
 
 @house_style()
@@ -299,7 +299,7 @@ def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure
         k, own = place[law.name], law.name == NL_HINF
         style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
         front = pareto_front((*law.tried, law.metrics), comparison.criterion)
-        curve = np.array([[one.peak_input, 1e3 * one.load_deviation] for one in front]).reshape(-1, 2)
+        curve = np.array([[m.peak_input, 1e3 * m.load_deviation] for m in front]).reshape(-1, 2)
         axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
         axis.plot(
             *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,

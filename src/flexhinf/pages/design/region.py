@@ -1,5 +1,5 @@
-"""What is proved of the law, in a sentence, in design.json and on the page; where each solution was checked by samples,
-the worst disturbance, and the dissipation budget."""
+"""Proofs of the law in a sentence, in design.json and on the page; where each solution was checked by samples, the
+worst disturbance, and the dissipation budget."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
 
 # What is proved -----------------------------------------------------------------------------------------
 def proof_text(design: Design) -> str:
-    """What is proved of the step that is asked for, then of the law for all tolerances and for the nominal robot; why
+    """What is proved of the required step, then of the law for all tolerances and for the nominal robot; why
     nothing is."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
     texts = [design.step_proof.text]
@@ -88,7 +88,7 @@ def proof_text(design: Design) -> str:
 
 
 def penalty_text(design: Design) -> str:
-    """The z whose gain is proved for all tolerances."""
+    """Sentence on the z whose gain is proved for all tolerances."""
     own = "the robot's own penalty" if design.robot.penalty else "Eq. (11), scaled to the robot"
     return f"the z of {own if design.specification.checked_penalty is None else 'the checked penalty'}"
 
@@ -107,7 +107,7 @@ def _amplitude_text(design: Design, amplitude: float) -> str:
 
 
 def proof_numbers(design: Design) -> dict[str, Any]:
-    """For design.json."""
+    """Numbers of the proofs for design.json."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
     tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
     if box is not None and box.certificate is not None:
@@ -135,7 +135,7 @@ def proof_numbers(design: Design) -> dict[str, Any]:
 
 # The section --------------------------------------------------------------------------------------------
 def region(design: Design) -> Blocks:
-    """Level set and step of every degree; the gain found; the budget."""
+    """The sampled region: level set and step of every degree, the attained gain, the dissipation budget."""
     attained, proved = design.attenuation.attained, design.synthesis.proved
     yield from _notes(design)
     yield Paragraph(_degree_text(design))
@@ -262,7 +262,7 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
 
 
 def _strength(design: Design) -> str:
-    """Of the regions of all degrees; of the law that is used, more may be proved."""
+    """Whether the regions of all degrees are sampled or proved, in words; of the law in use more may be proved."""
     certificate = design.proof.certificate
     own = "" if certificate is None else f"; of the law that is used V ≤ {at_least(certificate.level)} is"
     return f"sampled{own or ', not'} proved"
@@ -347,10 +347,10 @@ def _budget(design: Design) -> Blocks:
         left = term.budget.left if np.isfinite(term.budget.left) else None
         within = ("yes" if term.budget.kept else "NO") if np.isfinite(term.budget.level) else None
         rows.append((BUDGET_PARTS[term.name], term.added, term.budget.total, left, within))
-    found = ""
+    lower_bound = ""
     if attained is not None:
         gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
-        found = f"√(∫|z|²/∫|d|²): {gain}\n"
+        lower_bound = f"√(∫|z|²/∫|d|²): {gain}\n"
     yield Table(
         (
             Column("part of the loop", brief="part"), Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
@@ -358,7 +358,7 @@ def _budget(design: Design) -> Blocks:
             "within the budget",
         ),
         rows, "Parts are added one after the other", "table-budget", stacks=True,
-        title=f"{found}Dissipation budget of the step",
+        title=f"{lower_bound}Dissipation budget of the step",
     )  # fmt: skip
     if budget.complete:
         yield lambda: _budget_figure(terms[-1])

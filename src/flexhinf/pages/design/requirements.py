@@ -1,4 +1,4 @@
-"""What is required, what the loop achieves, where, and by which criterion; then what it costs the motors."""
+"""Requirements: limit, achieved value, place and criterion; then the inputs of the motors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COLOURS = {"met": "green", "NOT MET": "red"}
 
 
 def requirements(design: Design) -> Blocks:
-    """Requirements, those that are not met first; inputs."""
+    """Table of the requirements, those that are not met first, and of the inputs."""
     yield requirement_table(
         design.requirements, units_of(design.evaluation).degrees,
         f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
@@ -53,8 +53,8 @@ def limit_text(line: Requirement) -> str:
     return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text}"
 
 
-def found_text(line: Requirement) -> str:
-    """What is achieved, with its unit and the joint of the worst value."""
+def achieved_text(line: Requirement) -> str:
+    """The achieved value with its unit and the joint of the worst value."""
     if np.isinf(line.found):
         return "diverges" if line.at_most else "unlimited"
     places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
@@ -65,7 +65,7 @@ def found_text(line: Requirement) -> str:
 def requirement_text(line: Requirement) -> str:
     """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
     limit = f"{'at most' if line.at_most else 'at least'} {limit_text(line).split(' ', 1)[1]}"
-    return f"{line.what} {found_text(line)} ({limit}; {line.where})"
+    return f"{line.what} {achieved_text(line)} ({limit}; {line.where})"
 
 
 def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
@@ -82,7 +82,7 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
             limit = limit_text(line)
             if source == "default":
                 source, limit = "our default", f"{limit}*"
-            rows.append((line.what, limit, found_text(line), judged, line.criterion, source))
+            rows.append((line.what, limit, achieved_text(line), judged, line.criterion, source))
     return Table(
         (
             "requirement", Column("required", right=True), Column("achieved", right=True), "met",

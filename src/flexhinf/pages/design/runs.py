@@ -56,7 +56,7 @@ PIECES = 400
 SEEN = 0.5
 
 #: The figure of the ring-down ends after so many periods of the least damped oscillation.
-SHOWN = 8.0
+PERIODS = 8.0
 
 
 # Torques on the links ------------------------------------------------------------------------------------
@@ -110,7 +110,7 @@ def _load_figure(e: LawEvaluation, loaded: LoadResponse, name: str, caption: str
 
 # Payloads ------------------------------------------------------------------------------------------------
 def payload(design: Design) -> Blocks:
-    """What the robot carries, the heaviest payload as it is gripped, and a table; none without a range of masses."""
+    """Payloads: text, load step of the heaviest one, and table; nothing without a range of masses."""
     if not design.payloads:
         return
     yield from _payload_notes(design)
@@ -140,13 +140,13 @@ def payload(design: Design) -> Blocks:
         )  # fmt: skip
     (unit, scale), limits = units_of(e).small, design.setup.limits
     rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
-    carried = ((f"{number(one.mass, 3)} kg", one.step, one.margins, one) for one in design.payloads)
-    for name, step, m, one in ((modelled, e.step, e.margins, None), *carried):
+    loaded = ((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads)
+    for name, step, m, case in ((modelled, e.step, e.margins, None), *loaded):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
-        gripped: list[float | None] = [None, None, None]
-        if one is not None and one.load_step is not None:
-            gripped = [scale * one.deflection.value, one.recovery.value, scale * one.remaining.value]
-        metrics = [step.overshoot.value, step.settling.value, used, *gripped, m.damping, m.peak_sensitivity]
+        load_step: list[float | None] = [None, None, None]
+        if case is not None and case.load_step is not None:
+            load_step = [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
+        metrics = [step.overshoot.value, step.settling.value, used, *load_step, m.damping, m.peak_sensitivity]
         rows.append((name, *finite([*metrics, m.gain_margin])))
     yield Table(
         (
@@ -163,16 +163,16 @@ def payload(design: Design) -> Blocks:
 
 
 def _payload_notes(design: Design) -> Blocks:
-    for one in design.payloads:
-        grip = one.load_step
-        if one.step.diverged_at is not None or (grip and grip.response.diverged_at is not None):
+    for case in design.payloads:
+        grip = case.load_step
+        if case.step.diverged_at is not None or (grip and grip.response.diverged_at is not None):
             yield note(
-                f"The loop diverges with {number(one.mass, 3)} kg of payload. Try a nominal mass nearer to it, "
+                f"The loop diverges with {number(case.mass, 3)} kg of payload. Try a nominal mass nearer to it, "
                 "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
             )
             return
     s, limits = design.specification, design.setup.limits
-    places = {line.where for one in design.payloads for line in payload_requirements(s, limits, one, RINGS)}
+    places = {line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS)}
     missed = dict.fromkeys(line.what for line in design.requirements if not line.met and line.where in places)
     if missed:
         yield note(
@@ -184,23 +184,23 @@ def _payload_notes(design: Design) -> Blocks:
 
 def payload_text(design: Design) -> str:
     """The heaviest payload in one sentence."""
-    one, units = design.payloads[-1], units_of(design.evaluation)
-    text = f"With {number(one.mass, 3)} kg of payload, which the model does not know, the step"
-    if one.step.diverged_at is not None:
+    case, units = design.payloads[-1], units_of(design.evaluation)
+    text = f"With {number(case.mass, 3)} kg of payload, which the model does not know, the step"
+    if case.step.diverged_at is not None:
         return f"{text} diverges."
-    text += f" overshoots by {number(one.step.overshoot.value, 2)} %"
-    if one.load_step is None:
+    text += f" overshoots by {number(case.step.overshoot.value, 2)} %"
+    if case.load_step is None:
         return f"{text}."
     back = "and is not back within 2 % of its step in the run"
-    if np.isfinite(one.recovery.value):
-        back = f"and is back within 2 % of its step after {number(one.recovery.value, 2)} s"
-    sags = f"{units.small_text(one.deflection.value, 2)}{in_joint(one.deflection.joint, design.robot.joint_names)}"
+    if np.isfinite(case.recovery.value):
+        back = f"and is back within 2 % of its step after {number(case.recovery.value, 2)} s"
+    sags = f"{units.small_text(case.deflection.value, 2)}{in_joint(case.deflection.joint, design.robot.joint_names)}"
     return f"{text}; gripping it the robot sags by {sags} {back}."
 
 
 # The planned move ---------------------------------------------------------------------------------------
 def move(design: Design) -> Blocks:
-    """What a plan changes, figure and table."""
+    """The planned move: what the plan changes, figure and table."""
     e, planned, units = design.evaluation, design.evaluation.move, units_of(design.evaluation)
     response, (unit, scale), s = planned.response, units.small, design.evaluation.setup.specification
     if response.diverged_at is not None:
@@ -251,7 +251,7 @@ def move(design: Design) -> Blocks:
 
 
 def margins_along(design: Design) -> Blocks:
-    """Which poses were looked at, the margins there, and the worst poses; nothing without a stated move."""
+    """Margins at poses along the move, with the worst poses; nothing without a stated move."""
     along = design.synthesis.along
     if along is None:
         return
@@ -275,7 +275,7 @@ def margins_along(design: Design) -> Blocks:
     slides, degrees = design.robot.links.slides, units_of(design.evaluation).degrees
     panels, rows, acting = [], [], np.array(along.laws)
     for name, quantity in MARGINS.items():
-        values = np.array([getattr(one, name) for one in along.margins], dtype=float)
+        values = np.array([getattr(m, name) for m in along.margins], dtype=float)
         k, limit = (
             int((np.argmax if name == "peak_sensitivity" else np.argmin)(values)),
             getattr(along.limits, name),
@@ -307,7 +307,7 @@ def margins_along(design: Design) -> Blocks:
 
 # Ring-down after an impulse ---------------------------------------------------------------------------
 def ring_down(design: Design) -> Blocks:
-    """How the loop comes to rest after an impulse on each link: figure and table; none where a run diverged."""
+    """Ring-down of the loop after an impulse on each link: figure and table; nothing where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
         yield note(f"After a blow on {runs.responses[0].joints[runs.worst]} at the goal the loop diverges.")
@@ -338,7 +338,7 @@ def ring_down(design: Design) -> Blocks:
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
-    """Of each joint: impulse, largest deviation of its link, least damped oscillation, and what is left of it."""
+    """Row of each joint: impulse, peak deviation of its link, least damped oscillation, and what is left of it."""
     rows, fit = [], runs.ring_down
     for k, response in enumerate(runs.responses):
         least = runs.least_damped(k)
@@ -356,7 +356,7 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
 def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     joints, time, worst = runs.responses[0].joints, runs.responses[0].run.time, runs.worst
     least = runs.least_damped(worst)
-    early = time <= (time[-1] if least is None else SHOWN / least.frequency)
+    early = time <= (time[-1] if least is None else PERIODS / least.frequency)
     values = np.column_stack([runs.velocity(k)[early] for k in range(len(joints))])
     panel = joint_panel("link velocity / peak", "", time[early], joints, values, zero=True)
     caption = "Velocity of each link over its peak, after an impulse on it, without measurement noise."
@@ -375,7 +375,7 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
 
 # At rest with dry friction -------------------------------------------------------------------------------
 def long_run(design: Design) -> Blocks:
-    """Which joints keep moving; figure and table, none for a robot without dry friction or a run that diverged."""
+    """Limit cycle check (dry friction): figure and table; nothing without dry friction or where the run diverged."""
     run, s, units = design.rest, design.specification, units_of(design.evaluation)
     if run is None:
         return
@@ -405,9 +405,9 @@ def long_run(design: Design) -> Blocks:
         if run.oscillates:
             yield note("The long run at rest with the robot's dry friction diverges.")
         return
-    dry, hunting = [name for name in run.extras if name in DRY], ""
+    dry, outcome = [name for name in run.extras if name in DRY], ""
     if run.oscillates:
-        hunting, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting", ""
+        outcome, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting", ""
         both = all(
             any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
         )
@@ -448,7 +448,7 @@ def long_run(design: Design) -> Blocks:
         f"With {listed(dry).replace('_', ' ')}{'' if run.dead_zone is None else ', and a dead zone of the integrals'}. "
         "Amplitude: half of the distance between the extremes in the last half. Remaining error: largest in the last "
         "tenth",
-        "table-hunting", hunting,
+        "table-hunting", outcome,
     )  # fmt: skip
 
 
@@ -459,7 +459,7 @@ def _frequency(frequency: float | None) -> str:
 
 
 def long_run_rows(run: LimitCycleCheck) -> list[dict[str, Any]]:
-    """Of each joint: amplitude and frequency of what still moves, and the remaining error; none of a run that
+    """Row of each joint: amplitude and frequency of its limit cycle, and the remaining error; none of a run that
     diverged."""
     return [
         {

@@ -70,7 +70,7 @@ FLAT = 0.02
 
 
 def step(design: Design) -> Blocks:
-    """What the step looks like, and its metrics for each joint; on MuJoCo's plant too."""
+    """The step: figure and metrics of each joint; on MuJoCo's plant too."""
     e, s, units = design.evaluation, design.specification, units_of(design.evaluation)
     names = [parameter.name for parameter in design.robot.parameters if parameter.value]
     left = [
@@ -184,8 +184,8 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
             "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
         )
         name = f"{name} {limit_text(limits.effort)} {units.effort}"
-    drawn = {"limits": limits.effort, "limit_name": name} if name else {}
-    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **drawn)
+    lines = {"limits": limits.effort, "limit_name": name} if name else {}
+    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **lines)
     return panel, name
 
 
@@ -214,7 +214,7 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
 
 
 def difference_text(design: Design) -> str:
-    """How far the run on MuJoCo's plant is from ours."""
+    """Difference between the runs on MuJoCo's plant and on that of flexhinf, in words."""
     ours, theirs, units = design.evaluation.step, design.mujoco, units_of(design.evaluation)
     assert theirs is not None
     if theirs.diverged_at is not None or ours.diverged_at is not None:
@@ -291,7 +291,7 @@ def arm_figure(
 def viewing_plane(
     down: np.ndarray, points: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
-    """Two directions to look along, and their names: upright where the robot leaves the horizontal, else from above."""
+    """Axes of the picture (right, up) and their names: upright if the robot leaves the horizontal, else from above."""
     up, centred = -down / np.linalg.norm(down), points - points.mean(axis=0)
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
     right = next(row for row in spread if abs(row @ up) < 0.5)
@@ -379,7 +379,7 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
-    """Name, unit, values of the robots, value of the nominal one, and joint of the worst."""
+    """Metrics of the sampled robots: name, unit, values, value of the nominal robot, and joint of the worst."""
     own, m, peak = e.step, samples, samples.peak_joints[int(np.argmax(samples.peak))]
     return [
         ("overshoot", "%", m.overshoot, own.overshoot.value, m.overshoot_joints[m.worst]),

@@ -44,7 +44,7 @@ ROWS = 6
 
 
 class Weight(NamedTuple):
-    """One weight: of which signal, its value, and the unit that makes the product dimensionless."""
+    """One weight: its signal, its value, and the unit that makes the product dimensionless."""
 
     signal: str
     value: float
@@ -52,7 +52,7 @@ class Weight(NamedTuple):
 
 
 def weights(design: Design) -> Blocks:
-    """Preset, search and weights; with the preset robust what its channels cover and cost."""
+    """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
     problem, names = design.design_problem, design.problem.disturbance_names
     kinds = [text for kind, text in KINDS.items() if any(name.startswith(kind) for name in names)]
     which = " of this problem, with the channels of the tolerances" if problem.robustness is not None else ""
@@ -108,7 +108,7 @@ def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Bl
 
 
 def candidate_table(design: Design) -> Table:
-    """The first candidate, the last, the one that is used, and its neighbours; by ζ."""
+    """Table of some candidates by ζ: the first, the last, the one in use, and its neighbours."""
     search = design.design_problem.search
     assert search is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
@@ -135,7 +135,7 @@ def candidate_table(design: Design) -> Table:
 
 # The tolerances -----------------------------------------------------------------------------------------
 def whole_loop(design: Design) -> Blocks:
-    """What the preset robust searched for on the running loop, and what came of it; nothing with other presets."""
+    """Search of the preset robust on the running loop, and its result; nothing with other presets."""
     search = design.synthesis.robust
     if search is None:
         return
@@ -164,7 +164,7 @@ def whole_loop(design: Design) -> Blocks:
 
 
 def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, float]]:
-    """What, its unit or "input", with the preset damped, and as found."""
+    """Rows of the search on the running loop: quantity, unit or "input", value with the preset damped, and found."""
     d, r = search.damped, search.chosen
     return [
         ("factor of all tolerances at which a corner is unstable", "", d.scale, r.scale),
@@ -177,7 +177,7 @@ def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, floa
 
 
 def robust_table(r: Robustness) -> Table:
-    """Levels without the channels of the tolerances, and with them."""
+    """Table of γ* and of the attained level, without and with the tolerance channels."""
     levels = (
         ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
         ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
@@ -205,13 +205,13 @@ def _robust_text(r: Robustness) -> str:
             f" the inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at "
             "the goal, so it holds for each tolerance alone, and not for all of them together."
         )
-    covered, beyond = "the whole of the stated tolerances", ""
+    tolerances, beyond = "the whole of the stated tolerances", ""
     if r.fraction < 1.0:
-        covered = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
+        tolerances = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
         beyond = ", and nothing follows from them for robots beyond that fraction"
     scalings = (f"{group.replace('_', ' ')} {range_text(ends)}" for group, ends in sorted(r.scalings.items()))
     return (
-        f"{r.channels} channels stand for the tolerances, and the problem has a solution for {covered}{beyond}. The "
+        f"{r.channels} channels stand for the tolerances, and the problem has a solution for {tolerances}{beyond}. The "
         "channels are linear in each tolerance: the level holds on the linear part, with the true state fed back, "
         "for robots that such channels describe. Products of tolerances change a robot by more than its channels:"
         f"{products} Scalings s of the channels, each "
@@ -221,7 +221,7 @@ def _robust_text(r: Robustness) -> str:
 
 # The weights themselves ---------------------------------------------------------------------------------
 def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weight]:
-    """Of states, integrals, spring torques and their rates; empty for a penalty that is code of the user's."""
+    """Weights of states, integrals, spring torques and their rates; empty for a penalty that is the user's code."""
     states, coded = problem.penalty.states, callable(problem.penalty.states)
     values = getattr(states, "states", None) if coded else problem.penalty.weights(problem.state_names)
     named = [] if values is None else list(zip(problem.state_names, np.asarray(values, dtype=float)))
@@ -235,7 +235,7 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
 
 
 def effort_unit(problem: GeneralisedPlant) -> str:
-    """Of R2, with a dimensionless z."""
+    """Unit of R2 with a dimensionless z."""
     units = (problem.plant.unit(name) for name in problem.input_names)
     return " or ".join(dict.fromkeys(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units))
 
@@ -272,7 +272,7 @@ def _weight_table(design: Design) -> Blocks:
 
 # Noise levels of the estimator --------------------------------------------------------------------------
 def noise_levels(design: Design) -> Blocks:
-    """Levels in use, the trade-off as a curve and a table; none without an estimator."""
+    """Noise levels of the estimator, and their trade-off as figure and table; nothing without an estimator."""
     if design.specification.estimator == "none":
         return
     noise, search, joints = design.setup.process_noise, design.noise_search, design.robot.joint_names
@@ -308,8 +308,8 @@ def noise_levels(design: Design) -> Blocks:
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
     if robust:
-        found = "They were found together with the weights, for the tolerances: see there."
-        return f" {found} The curve is of the same law."
+        origin = "They were found together with the weights, for the tolerances: see there."
+        return f" {origin} The curve is of the same law."
     chosen, beyond = search.chosen, ""
     if search.unreachable:
         beyond = f" No levels reach the limit of the {' and the '.join(search.unreachable)}, which counts only in part."
@@ -328,7 +328,7 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
 
 
 def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
-    """Why more is not possible with the motors' positions alone, where the damping is missed with them."""
+    """Why motor positions alone limit the damping, where it is missed with them."""
     setup = design.setup
     if (
         any(not name.startswith("motor") for name in setup.model.outputs)
@@ -348,7 +348,7 @@ def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
 
 
 def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
-    """Whether it is the candidate whose levels the design has."""
+    """Whether a candidate is the one whose noise levels the design uses."""
     return candidate.levels is search.chosen.levels
 
 
@@ -367,11 +367,9 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
         for joint, joint_name in enumerate(design.robot.joint_names):
             color = line_style(joint)["color"]
             groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
-            groups += [
-                (None, [one], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, one in marks
-            ]
-            for legend_name, shown, style in groups:
-                points = np.array([(one.noises[joint], getattr(one, name)) for one in shown]).T
+            groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
+            for legend_name, candidates, style in groups:
+                points = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
                 lines.append(
                     Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
                 )
@@ -400,12 +398,12 @@ def _noise_table(design: Design, search: NoiseSearch) -> Table:
     others = [
         (search.trade_off[k], "")
         for k in np.unique(np.linspace(0, len(search.trade_off) - 1, ROWS).round().astype(int))
-        if not any(np.allclose(metrics(search.trade_off[k]), metrics(one), rtol=1e-3) for one, _ in apart)
+        if not any(np.allclose(metrics(search.trade_off[k]), metrics(c), rtol=1e-3) for c, _ in apart)
     ]
     rows = []
-    for one, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
-        missed = f"{'missed: ' if note and one.missed else ''}{', '.join(one.missed)}"
-        *finite_metrics, gain = metrics(one)
+    for candidate, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
+        missed = f"{'missed: ' if note and candidate.missed else ''}{', '.join(candidate.missed)}"
+        *finite_metrics, gain = metrics(candidate)
         rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
     return Table(
         (
