@@ -175,9 +175,9 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     return list(groups.values())
 
 
-def power_product(group: Mapping[str, int], values: Mapping[str, Any], one: Any = 1.0) -> Any:
+def power_product(group: Mapping[str, int], values: Mapping[str, Any], unity: Any = 1.0) -> Any:
     """The product of powers of parameters."""
-    return prod((values[name] ** power for name, power in group.items()), start=one)
+    return prod((values[name] ** power for name, power in group.items()), start=unity)
 
 
 def group_ends(
@@ -187,7 +187,7 @@ def group_ends(
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
         corners = [dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group))]
-        corners.sort(key=partial(power_product, group, one=number(1.0)))
+        corners.sort(key=partial(power_product, group, unity=number(1.0)))
         ends.append([corners[0], corners[-1]])
     return ends
 
@@ -205,10 +205,10 @@ class BoxExcess:
 
     def __init__(self, certificate: Certificate, reach: float) -> None:
         changes = _Changes(certificate)
-        self.n, found = changes.n, changes.products()
-        columns = [[nearest_double(c) for c in change] for change in found.values()]
+        self.n, products = changes.n, changes.products()
+        columns = [[nearest_double(c) for c in change] for change in products.values()]
         self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
-        self._factors = np.array(list(found), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
+        self._factors = np.array(list(products), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
         self._mean = MeanForms(self.n, changes.enclosed)
         self._lines = changes.forms(certificate.functions)
         self._tables = [
@@ -313,13 +313,13 @@ class _Changes(Algebra):
 
     def products(self) -> dict[tuple[int, int, int], list[fmpq]]:
         """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices, by two forms and a function or −1."""
-        found, given = dict[tuple[int, int, int], list[fmpq]](), self.certificate
+        products, claim = dict[tuple[int, int, int], list[fmpq]](), self.certificate
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
-            found[key] = [a + b for a, b in zip(found[key], changes)] if key in found else changes
+            products[key] = [a + b for a, b in zip(products[key], changes)] if key in products else changes
 
-        rows = [(i, term, None) for i, row in enumerate(given.drift) for term in row]
-        rows += [(i, t, j) for i, row in enumerate(given.g2) for j, entry in enumerate(row) for t in entry]
+        rows = [(i, term, None) for i, row in enumerate(claim.drift) for term in row]
+        rows += [(i, t, j) for i, row in enumerate(claim.g2) for j, entry in enumerate(row) for t in entry]
         for i, term, driven in rows:
             *ends, middle = self._at_ends(term)
             if all(end == middle for end in ends):
@@ -331,10 +331,10 @@ class _Changes(Algebra):
             else:
                 part = self.x.from_dict({term.powers: fmpq(1)})
                 if term.function is not None:  # x^a ℓ, which S(ℓ) multiplies
-                    part *= self.line(given.functions[term.function].slope)
+                    part *= self.line(claim.functions[term.function].slope)
                 form = self._number((term.powers, term.function), part)
             add((slope, form, number), [end - middle for end in ends])
-        for column in zip(*given.g1):
+        for column in zip(*claim.g1):
             entries = [[self._at_ends(term) for term in entry] for entry in column]
             if all(end == ends[-1] for entry in entries for ends in entry for end in ends):
                 continue
@@ -346,11 +346,11 @@ class _Changes(Algebra):
             ]
             for i, j in itertools.combinations_with_replacement(range(len(column)), 2):
                 *squares, middle = (a * b for a, b in zip(sums[i], sums[j]))
-                weight = (1 if i == j else 2) / (2 * rational(given.gamma) ** 2)
+                weight = (1 if i == j else 2) / (2 * rational(claim.gamma) ** 2)
                 changes = [weight * (square - middle) for square in squares]
                 if any(changes):
                     add((self._slope(i), self._slope(j), -1), changes)
-        return found
+        return products
 
 
 def _refuse_powers(term: Term) -> None:

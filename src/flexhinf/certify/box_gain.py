@@ -73,16 +73,16 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
             moves = rng.standard_normal((_TRIES, *starts.shape)) @ root.T
             moved = np.vstack(starts + step * size[:, None] * moves / np.sqrt(starts.shape[1]))
             near = np.vstack([starts, moved[value(moved) <= level]])
-            found = _parts(statement, vertices, near)
-            worst, step = _gamma(found, scale), step / 2
+            near_parts = _parts(statement, vertices, near)
+            worst, step = _gamma(near_parts, scale), step / 2
             points = np.vstack([points, near])
-            parts = np.hstack([parts, found])
+            parts = np.hstack([parts, near_parts])
     return float(_gamma(parts, scale).max()), scale
 
 
-def _gamma(found: np.ndarray, scale: float) -> np.ndarray:
+def _gamma(parts: np.ndarray, scale: float) -> np.ndarray:
     """The smallest γ at each point; inf where there is none."""
-    a, z, g = found
+    a, z, g = parts
     room = -scale * a - z
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(room > 0, np.sqrt(scale**2 * g / np.where(room > 0, room, 1.0)), np.inf)

@@ -53,7 +53,7 @@ class Algebra:
         self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
         self.zero, z = self.z.constant(0), self.z.gens()
         self._state = [
-            sum((self.z.constant(rational(a)) * one for a, one in zip(row, z)), self.zero)
+            sum((self.z.constant(rational(a)) * variable for a, variable in zip(row, z)), self.zero)
             for row in certificate.coordinates
         ]
         self._units = [tuple(int(j == i) for j in range(n)) for i in range(n)]
@@ -109,9 +109,9 @@ class Inequality(Algebra):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
             total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
         self.value, self.polynomial = terms_of(value), terms_of(total)
-        found = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
-        self.functions = [function for function, factor in found if factor]
-        self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in found if part]
+        pairs = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
+        self.functions = [function for function, factor in pairs if factor]
+        self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in pairs if part]
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
         """Terms of a field in z, all with the same function or none, without it."""
@@ -255,7 +255,7 @@ class MeanForms:
         self._derivatives = np.zeros((n, len(rows), len(rows)))
         for place, row in enumerate(rows):
             less = [(tuple(e - (i == j) for i, e in enumerate(row)), j) for j in range(n)]
-            below = [(self._index[one], j) for one, j in less if one in self._index]
+            below = [(self._index[lower], j) for lower, j in less if lower in self._index]
             self._parents += below[-1:]
             for parent, j in below:
                 self._derivatives[j, place, parent] = row[j]

@@ -54,7 +54,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     if rest is None:
         return ()
     path, free = rest
-    level, probe, found = statement.start_level, 1e-3, []
+    level, probe, paths = statement.start_level, 1e-3, []
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
         first = place(solution, path_start(statement, path, probe), free)
         step = 0.0 if first is None else probe * float(np.sqrt(level / solution.value(first))) / _STEPS
@@ -75,8 +75,8 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         if len(starts) > 1:
             columns, grid = np.transpose(starts).tolist(), tuple(amplitudes)
             table = tuple(tuple(column) if moves else () for column, moves in zip(columns, free))
-            found.append(replace(path, rule=rule, amplitude=grid[-1], amplitudes=grid, table=table))
-    return tuple(found)
+            paths.append(replace(path, rule=rule, amplitude=grid[-1], amplitudes=grid, table=table))
+    return tuple(paths)
 
 
 # The equilibrium ----------------------------------------------------------------------------------
@@ -142,9 +142,9 @@ def term_along(
     if factor == 0.0:
         return []
     if term.function is not None:
-        given = statement.functions[term.function]
-        slope = sum((s * _multiple(path[i]) for i, s in enumerate(given.slope) if s), 0.0)
-        along = replace(given, slope=(slope,))
+        function = statement.functions[term.function]
+        slope = sum((s * _multiple(path[i]) for i, s in enumerate(function.slope) if s), 0.0)
+        along = replace(function, slope=(slope,))
         if along not in functions:
             functions.append(along)
         index = functions.index(along)

@@ -115,8 +115,8 @@ def verify(
     """
     began, corner = time.process_time(), ""
 
-    def ended(proved: bool, reason: str = "", **found: Any) -> Verification:
-        return Verification(proved, reason, **found, cpu_s=time.process_time() - began)
+    def ended(proved: bool, reason: str = "", **fields: Any) -> Verification:
+        return Verification(proved, reason, **fields, cpu_s=time.process_time() - began)
 
     try:
         _check_sizes(claim)

@@ -353,7 +353,7 @@ class Face:
             pairs = [proof.parts(p) for p in row]
             self._factors.append(columns(proof.small, pairs, weight))
             lifted = [[(a * s**m, b * s**m) for a, b in pairs] for m in range(ORDER + 1)]
-            self._lifted.append([columns(proof.table, one, weight) for one in lifted])
+            self._lifted.append([columns(proof.table, power, weight) for power in lifted])
 
     def bounds(self, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Bounds:
         """On cells |t_i − τ_i| ≤ h_i, `begin` ≤ ρ ≤ `end`; t and h are (n − 1, cells)."""
@@ -393,9 +393,9 @@ class Face:
             ray, half = sign * slope[f] + slope[others] @ t, np.abs(slope[others]) @ h
             width = np.abs(ray) * radius + half * end + 1e-12 * np.abs(slope).sum() * end
             coefficients, rest = quotient.at(ray * middle - width, ray * middle + width)
-            for one, a in zip(lifted, coefficients, strict=True):
-                rows += one.rows[..., None] * a
-                rounding += one.error(end) * np.abs(a)
+            for columns, a in zip(lifted, coefficients, strict=True):
+                rows += columns.rows[..., None] * a
+                rounding += columns.error(end) * np.abs(a)
             form, _ = proof.small.on_interval(
                 self._shifted(proof.small, factor, t, h), interval, (proof.mid, proof.rad)
             )

@@ -110,10 +110,10 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
     """
     slopes = _law_slopes(claim, estimated)
     widest = _hull(claim, observer, estimated, storage)
-    polynomials = [{tuple(map(int, e)): v for e, v in one.to_dict().items()} for row in slopes for one in row]
-    middle = [one.pop((0,) * len(widest), fmpq(0)) for one in polynomials]
+    polynomials = [{tuple(map(int, e)): v for e, v in jac.to_dict().items()} for row in slopes for jac in row]
+    middle = [jac.pop((0,) * len(widest), fmpq(0)) for jac in polynomials]
     radius = [
-        sum((abs(v) * prod(map(pow, widest, e)) for e, v in one.items()), fmpq(0)) for one in polynomials
+        sum((abs(v) * prod(map(pow, widest, e)) for e, v in jac.items()), fmpq(0)) for jac in polynomials
     ]
     uncertain = [i for i, r in enumerate(radius) if r != 0]
     require(len(uncertain) <= _MOST_CORNERS, "the law has too many slopes for an observer's proof")
