@@ -147,21 +147,21 @@ class ParameterTable:
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
-        found, start = np.tile(self.vector(), (len(rows), 1)), 0
+        table, start = np.tile(self.vector(), (len(rows), 1)), 0
         fits = all(name in self.values for row in rows for name in row)
         try:
             for name, value in self.values.items():
-                given = [k for k, row in enumerate(rows) if name in row]
-                if given:
-                    columns = real_array([rows[k][name] for k in given])
-                    fits &= columns.shape == (len(given), *value.shape)
-                    found[given, start : start + value.size] = columns.reshape(len(given), -1)
+                changed = [k for k, row in enumerate(rows) if name in row]
+                if changed:
+                    columns = real_array([rows[k][name] for k in changed])
+                    fits &= columns.shape == (len(changed), *value.shape)
+                    table[changed, start : start + value.size] = columns.reshape(len(changed), -1)
                 start += value.size
         except (TypeError, ValueError, OverflowError):  # another size, or no number
             fits = False
-        if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
+        if not (fits and np.all(np.isfinite(table))):  # `replaced` raises, and says which value it is
             return np.array([self.replaced(row).vector() for row in rows])
-        return found
+        return table
 
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
@@ -458,7 +458,7 @@ class Model(Summarised):
 
         if x is None and u is None:
             return python_control().nlsys(rates, measured, **names)
-        x, u, _ = (rows[0] for rows in self._points(x, u, one=True))
+        x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         a, b, g, c = self.linearise(x, u)
         d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
         return python_control().ss(a, np.hstack([b, g]), c, d, **names)
@@ -553,18 +553,18 @@ class Model(Summarised):
 
     def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
-        given = self._points(x, u, d)
-        count = max(map(len, given)) if all(map(len, given)) else 0
-        if any(len(rows) not in (1, count) for rows in given):
+        points = self._points(x, u, d)
+        count = max(map(len, points)) if all(map(len, points)) else 0
+        if any(len(rows) not in (1, count) for rows in points):
             raise InvalidInput(
                 "The numbers of points differ.",
-                f"got {[len(rows) for rows in given]} rows of x, u and d",
+                f"got {[len(rows) for rows in points]} rows of x, u and d",
                 "a row for each point, or one for all",
             )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
-        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in given]
+        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
         result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
@@ -572,27 +572,27 @@ class Model(Summarised):
         self, x: Any = None, u: Any = None, d: Any = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default."""
-        points = [rows[0] for rows in self._points(x, u, d, one=True)]
+        points = [rows[0] for rows in self._points(x, u, d, single=True)]
         jacobians = self.traced_jacobians(*points, self.parameters.vector())
         a, b, g, c = (np.asarray(matrix, dtype=float) for matrix in jacobians)
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
         """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s."""
-        x, u, _ = (rows[0] for rows in self._points(x, u, one=True))
+        x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         return float(fastest_modes(self, self.parameters.vector()[None], x, u)[0])
 
-    def _points(self, x: Any, u: Any, d: Any = None, one: bool = False) -> list[np.ndarray]:
+    def _points(self, x: Any, u: Any, d: Any = None, single: bool = False) -> list[np.ndarray]:
         """Rows of numbers for x, u and d, (N, n), (N, m) and (N, k); zeros for None."""
-        found = []
+        points = []
         for letter, value, names in zip("xud", (x, u, d), (self.states, self.inputs, self.disturbances)):
             rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
-            fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not one or len(rows) == 1)
+            fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not single or len(rows) == 1)
             if not fits or not np.isfinite(rows).all():
                 raise InvalidInput(
                     f"The point {letter} does not fit the plant.",
                     f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
-                    "one number per name" + ("" if one else ", or one row of them for each point"),
+                    "one number per name" + ("" if single else ", or one row of them for each point"),
                 )
-            found.append(rows)
-        return found
+            points.append(rows)
+        return points

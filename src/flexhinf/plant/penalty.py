@@ -172,7 +172,7 @@ class Penalty:
 
 def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
     """The error for a weight of something that is not known, with the known name that is most like it."""
-    close = max(known, key=lambda one: difflib.SequenceMatcher(None, name, one).ratio())
+    close = max(known, key=lambda other: difflib.SequenceMatcher(None, name, other).ratio())
     return InvalidInput(
         f"The penalty names a state that the problem does not have: {name!r}.",
         f"expected names out of {list(known)}",

@@ -234,14 +234,14 @@ class Estimator(Numbered):
         """`measurement_update` on a run, likewise."""
         return self._update_on(run, self.measurement_update, belief, p, measurement_noise, y, u)
 
-    def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *given: Any) -> Any:
-        kind, count, named = type(belief), len(given), self.plant.parameters.named
+    def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *values: Any) -> Any:
+        kind, count, named = type(belief), len(values), self.plant.parameters.named
 
         def update(*arguments: Any) -> Any:
             p, noise, *parts = arguments[count:]
             return tuple(written(kind(*parts), *arguments[:count], named(p), noise))
 
-        return kind(*run.call(update, *given, p, noise, *belief))
+        return kind(*run.call(update, *values, p, noise, *belief))
 
 
 class BlackBox(abc.ABC):

@@ -275,11 +275,11 @@ class Payload:
             centre = [
                 Parameter("", x, source="assumption: where the link is drawn to end") for x in frame.tip
             ]
-        place = np.array(frame.placement.translation) + turn @ [one.value for one in centre]
+        place = np.array(frame.placement.translation) + turn @ [entry.value for entry in centre]
         six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
         numbers = {"mass": self.mass}
         for axis, value in zip(VECTOR, place):
-            tolerance = max(one.tolerance for one in centre)
+            tolerance = max(entry.tolerance for entry in centre)
             numbers[f"centre_of_mass_{axis}"] = Parameter(
                 "", float(value), tolerance, source=centre[0].source
             )
@@ -322,10 +322,10 @@ def payload_from_text(text: str) -> Payload:
     nominal mass and upper end. Behind ``@`` stands what carries it, behind ``:`` its centre of mass there (m).
     """
     head, colon, place = text.partition(":")
-    words, at, link = (part.strip() for part in head.partition("@"))
+    amount, at, link = (part.strip() for part in head.partition("@"))
     try:
         # A number without the underscores that Python allows.
-        numbers = [float(word.replace("_", "x")) for word in words.removesuffix("kg").split("..")]
+        numbers = [float(word.replace("_", "x")) for word in amount.removesuffix("kg").split("..")]
         centre = [float(word.replace("_", "x")) for word in place.split(",")] if colon else None
         whole = len(numbers) <= 3 and (centre is None or len(centre) == 3) and (link or not at)
         if not whole or not all(np.isfinite([*numbers, *(centre or ())])):
@@ -350,7 +350,7 @@ def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
     """
     masses = [p for p in uncertain if p.name.startswith("payload_mass")]
     ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
-    return [found for found in ends if found != {p.name: p.value for p in masses}]
+    return [values for values in ends if values != {p.name: p.value for p in masses}]
 
 
 #: A payload whose lever arm is shorter than this, m, loads no motor: its weight is lost in rounding.

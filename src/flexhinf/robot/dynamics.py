@@ -394,10 +394,10 @@ def frames_of(tree: Tree, q: Any) -> list[Frame]:
     return frames
 
 
-def joined(one: Body, other: Body) -> Body:
+def joined(own: Body, other: Body) -> Body:
     """Two bodies that move together, seen from one frame."""
     return Body(
-        plus(one.mass, other.mass), add(one.moment, other.moment), tuple(map(add, one.inertia, other.inertia))
+        plus(own.mass, other.mass), add(own.moment, other.moment), tuple(map(add, own.inertia, other.inertia))
     )
 
 
@@ -429,9 +429,9 @@ def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
         mass, (hx, hy, hz), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = moved[i]
         moved[i] = Body(0.0, (hx, hy, 0.0), ((minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
         if tree.parents[i] >= 0:
-            given = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
+            part = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
             above = moved[tree.parents[i]]
-            moved[tree.parents[i]] = joined(above, seen_by_parent(given, Frame(*tree.aligned[i])))
+            moved[tree.parents[i]] = joined(above, seen_by_parent(part, Frame(*tree.aligned[i])))
     return moved
 
 

@@ -62,17 +62,17 @@ DEFAULTS = {
 }  # fmt: skip
 
 
-def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot: str) -> tuple[str, ...]:
+def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot: str) -> tuple[str, ...]:
     """The switches that are on, in a fixed order; an unknown one, or one without its number, is refused."""
     requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
         if name not in EXTRAS:
             raise unknown_name(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
-        if EXTRAS[name] not in given:
+        if EXTRAS[name] not in stated:
             raise InvalidInput(
                 f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
-                f"expected it beside {sorted(given)}",
+                f"expected it beside {sorted(stated)}",
                 f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
             )
     return tuple(name for name in EXTRAS if name in requested)
@@ -115,7 +115,7 @@ class Sticking:
         n = self.joints
         velocity = x[3 * n : 4 * n]
         most = np.broadcast_to((step / p.motor_inertia) * dry_level(velocity, p, self.extras), velocity.shape)
-        lost = np.array([clip(one, -limit, limit) for one, limit in zip(velocity, most)])
+        lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
         return np.concatenate(
             [x[: 2 * n], x[2 * n : 3 * n] - (0.5 * step) * lost, velocity - lost, x[4 * n :]]
         )

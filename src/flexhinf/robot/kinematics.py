@@ -211,11 +211,11 @@ def pose_at(
             rng.uniform(-np.pi, np.pi, n),
         )
         q = begin if start == 0 else np.clip(free, low, high)
-        found = least_squares(
+        fit = least_squares(
             at, q, bounds=(low - 1e-12, high + 1e-12), xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=60
         )
-        if best is None or found.cost < best.cost:
-            best = found
+        if best is None or fit.cost < best.cost:
+            best = fit
         if np.linalg.norm(best.fun) < CLOSE * size:
             break
     assert best is not None

@@ -230,7 +230,7 @@ class Robot(Summarised):
             parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, self.links.slides, self.plant_parameters()),
-            groups={one: names_of(one, joints, self.rigid) for one in UNITS if len(joints) > 1},
+            groups={name: names_of(name, joints, self.rigid) for name in UNITS if len(joints) > 1},
             limits={name: ends for name, ends in ranges if ends is not None},
             engaged=self.layout.engaged if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
@@ -413,8 +413,8 @@ class Robot(Summarised):
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        drawn = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        return self.plant_parameters({**self.nominal, **drawn})
+        values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
+        return self.plant_parameters({**self.nominal, **values})
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.

@@ -118,10 +118,10 @@ class RobotFile:
 
     def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
         try:
-            found = key.read(self, value, key, place)
-            if not key.usable(found):
+            parsed = key.read(self, value, key, place)
+            if not key.usable(parsed):
                 raise Unusable(key.expected, "")
-            return found
+            return parsed
         except Unusable as wrong:
             *before, name = place if place[-1] != "value" else place[:-1]
             expected, advice = wrong.args
@@ -217,11 +217,11 @@ def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> 
 
     A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
     """
-    one = Key(_list if key.size else _number, key.units, key.size, required=True)
+    entry = Key(_list if key.size else _number, key.units, key.size, required=True)
     if not isinstance(value, dict):
-        return {"value": one.read(file, value, key, place), "source": "assumption"}
+        return {"value": entry.read(file, value, key, place), "source": "assumption"}
     ends = {} if key.size else {"range": Key(_list, key.units, 2)}
-    return file.table(value, {"value": one, **TOLERANCE, **ends}, place)
+    return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
 def _numbers(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
@@ -266,7 +266,7 @@ _INERTIA_TABLE = Key(_table, inside="inertia")
 _TOLERANCES = Key(_table, inside="tolerances", default={})
 
 #: Numbers of a motor, its gear and its friction; its constants say what its input is.
-MOTOR = tuple(one.name for one in fields(ElasticJoint) if one.name not in SPRING)
+MOTOR = tuple(joint_field.name for joint_field in fields(ElasticJoint) if joint_field.name not in SPRING)
 
 _OF_JOINT = {
     name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name == "stiffness")
@@ -316,7 +316,7 @@ TABLES: dict[str, dict[str, Key]] = {
 
 def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
     """A place in the file as text: joint 2 ('elbow'), spring."""
-    words, value = [], data
+    parts, value = [], data
     for part in location:
         try:
             value = value[part]  # type: ignore[assignment]
@@ -324,7 +324,7 @@ def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
             value = {}
         if isinstance(part, int):
             name = value.get("name") if isinstance(value, dict) else None
-            words[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
+            parts[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
         else:
-            words.append(str(part))
-    return ", ".join(words) if words else "the file"
+            parts.append(str(part))
+    return ", ".join(parts) if parts else "the file"

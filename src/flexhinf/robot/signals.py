@@ -89,9 +89,9 @@ def expanded(
             f"expected one or more of {list(known)}, got {list(requested)}",
             "measured=('link_position',)",
         )
-    found = tuple(name for part in requested for name in known[part])
-    distinct("Of the measured signals", found)
-    return found
+    singles = tuple(name for part in requested for name in known[part])
+    distinct("Of the measured signals", singles)
+    return singles
 
 
 @dataclass(frozen=True)

@@ -218,7 +218,7 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
         raise InvalidInput(
             f"There are too many {tag}s.", f"expected at most {MOST_LINKS}, got {len(elements)}", "one robot"
         )
-    names = [checked_name(f"a {tag}", one.get("name"), spaces=True) for one in elements]
+    names = [checked_name(f"a {tag}", entry.get("name"), spaces=True) for entry in elements]
     distinct(f"The {tag}", names)
     for name, element in zip(names, elements):
         _check_element(name, element)
@@ -226,8 +226,8 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
 
 
 def _link_at(joint: Element, end: str) -> str:
-    found = joint.find(end)
-    return "" if found is None else found.get("link", "")
+    link = joint.find(end)
+    return "" if link is None else link.get("link", "")
 
 
 def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[Any, str]:
@@ -299,8 +299,8 @@ def _check_element(name: str, element: Element) -> None:
 def _vector(name: str, element: Element | None, key: str, default: tuple[float, ...]) -> Any:
     if element is None or element.get(key) is None:
         return default
-    words = str(element.get(key)).split()
-    numbers = tuple(float(word) for word in words) if all(map(NUMBER.fullmatch, words)) else ()
+    tokens = str(element.get(key)).split()
+    numbers = tuple(float(word) for word in tokens) if all(map(NUMBER.fullmatch, tokens)) else ()
     if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
         raise InvalidInput(
             f"{key} of <{element.tag}> in {name!r} cannot be read.",
