@@ -1,10 +1,10 @@
-"""A box of parameters: the claim for every robot within its tolerances, and what the box adds to r on cells.
+"""Robust certificates: the claim for every robot within its tolerances, and bounds of r over a box of parameters.
 
-The law is the nominal one, and so is V, of the deviation from each robot's own equilibrium at the goal. Two things of a
-robot are its own: its rates, for which the search takes the whole box, and its equilibrium. Where that moves, to δ from
-the nominal one, the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever
-δ is, and where the plant is linear in what moves, its rates are the same too. So with V of degree two the box needs
-nothing else at any goal; for a nonlinear law the goal must be one whose equilibrium stays, such as upright.
+Law and V are the nominal ones, as functions of the deviation from each robot's own equilibrium at the goal. Parameters
+change the vector field, which the search bounds over the whole box, and the equilibrium. Where the latter moves by δ,
+the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever δ is, and where
+the plant is linear in the states that move, its vector field is the same too. So for a linear law (V of degree two)
+nothing more is needed at any goal; for a nonlinear one the equilibrium must not depend on the parameters: upright.
 
 r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
 whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
@@ -60,7 +60,7 @@ _MOST_VERTICES = 4096
 def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
     """Ranges of a plant's parameters over `scale` times the robot's tolerances, rounded outwards.
 
-    Each parameter of the plant is monotone in each of the robot's, so the ends are those of its corners.
+    Each parameter of the plant is monotone in each of the robot's, so its extremes are at corners of the tolerances.
     """
     table = plant.parameters
     names = [parameter.name for parameter in robot.uncertain]
@@ -114,7 +114,7 @@ def tolerance_statement(
 
 
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
-    """Raise unless each robot of the box has the law and the rates of this statement about its own equilibrium.
+    """Raise unless law and vector field in deviations from each robot's own equilibrium are those of this statement.
 
     That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
     and so must the plant in all states that move: those of functions and products are held by an integrator.
@@ -145,7 +145,7 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
 
 
 def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether the nominal equilibrium has rates that are not zero at some parameters of the box."""
+    """Whether the equilibrium depends on the parameters: ẋ ≠ 0 at the nominal one somewhere in the box."""
     table = problem.plant.parameters
     flat, nominal = flat_names(table), table.vector()
     point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
@@ -183,7 +183,7 @@ def power_product(group: Mapping[str, int], values: Mapping[str, Any], unity: An
 def group_ends(
     certificate: Certificate, number: Callable[[float], Any] = float
 ) -> list[list[dict[str, Any]]]:
-    """For each of `parameter_groups` its values in the box at which its product is least, and largest."""
+    """Values of the parameters in the box at which the product of each of `parameter_groups` is least, and largest."""
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
         corners = [dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group))]
@@ -195,7 +195,7 @@ def group_ends(
 class BoxExcess:
     """An upper bound of [r(p) − r(p0)]/ρ² on cells in max|z_i| ≤ reach, over the box of parameters.
 
-    It is of sums of products (an entry of V_x) · (a form) · (a quotient S_j or 1), weighted at each vertex of the box.
+    The difference is a sum of (an entry of V_x) · (a form) · (a quotient S_j or 1), with weights at each vertex.
 
     Raises
     ------
@@ -219,7 +219,7 @@ class BoxExcess:
     def __call__(
         self, face: np.ndarray, t: np.ndarray, half: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The bound, (N,), and how much the radius and each t_j add to it, (n, N).
+        """The bound, (N,), and the contributions of the radius and of each t_j to it, (n, N).
 
         `face` is 2 f for the face z_f = ρ of the cube and 2 f + 1 for z_f = −ρ, (N,); `t` and `half` are centre and
         half width in the other z_i/ρ, (n − 1, N); `low` and `high` the interval of ρ, (N,).

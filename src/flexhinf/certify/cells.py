@@ -15,7 +15,7 @@ Nothing overflows or underflows unnoticed: sizes are checked once, with the tabl
 is added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons
 are ordered, and max(a, 0) of NaN is NaN.
 
-The proof itself: branch and bound over cells that march outwards along rays.
+The proof itself: branch and bound over cells that follow each other outwards along rays.
 
 Every bundle of rays (a box of directions on a face) starts at radius 0. A cell of it is accepted where V grows along
 every ray and r < 0 wherever V ≤ level; then the next cell of the bundle follows it outwards, twice as long. A bundle is
@@ -309,7 +309,7 @@ def time_limit(seconds: float) -> Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a search ended.
+    """Result of a search: proved, refuted or given up.
 
     `reason` is "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where
     cells became too small, "not closed" where the region leaves the reach, and "too many cells".
@@ -386,7 +386,7 @@ def _following(cells: Records) -> Records:
 def _outcome(
     bounds: CellBounds, cells: Records, results: Records, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
-    """A search that ended at the middle of a cell, and that point z (n,)."""
+    """The outcome of a search that fails at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
     radius = bounds.reach * (cells.inner[place] + cells.outer[place]) / 2
     point = np.insert(cells.t[place] * radius, variable, sign * radius)

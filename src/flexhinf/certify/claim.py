@@ -71,8 +71,8 @@ Check = tuple[bool, str, str]
 
 
 class Part:
-    """What a certificate consists of. A key that no entry has is refused: what it says would stand in the file, and not
-    in the theorem."""
+    """Base of the parts of a certificate. An unknown key is refused: it would stand in the file, and not in the
+    theorem."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 

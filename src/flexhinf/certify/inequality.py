@@ -5,7 +5,7 @@
 All numbers of the certificate are rational, and so are these polynomials. A function enters by its quotient
 S_j = (φ(o + ℓ) − φ(o))/ℓ with Q_j = B_j ℓ_j where B_j is its factor in r: so r/|z|² needs nothing special at 0.
 
-Elementary functions inside cells: polynomials with a proved bound on what they leave out.
+Elementary functions inside cells: polynomials with a proved bound of the remainder.
 
 A function Φ of a linear form ℓ enters r through its quotient S(ℓ) = (Φ(ℓ) − Φ(0))/ℓ = ∫₀¹ Φ'(uℓ) du. Near a node a,
 
@@ -60,15 +60,15 @@ class Algebra:
         self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
     def in_x(self, polynomial: Polynomial) -> fmpq_mpoly:
-        """A polynomial of the certificate, exactly."""
+        """A polynomial of the certificate with exact coefficients, in x."""
         return self.x.from_dict({powers: rational(value) for powers, value in polynomial})
 
     def moved(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:
-        """A polynomial in x in coordinates z."""
+        """A polynomial in x, expressed in z with x = T z."""
         return polynomial.compose(*self._state, ctx=self.z)
 
     def line(self, slope: Sequence[float]) -> fmpq_mpoly:
-        """ℓᵀx."""
+        """The linear form ℓᵀx as a polynomial in x."""
         return self.x.from_dict({unit: rational(a) for unit, a in zip(self._units, slope) if a})
 
     def forms(self, functions: Iterable[Function]) -> np.ndarray:
@@ -175,7 +175,7 @@ class QuotientTable:
     largest: float  # bound of |S| in the whole table
 
     def enclose(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of what they leave out: inf beyond the table."""
+        """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of their remainders: inf beyond the table."""
         node = np.rint((low + high) / (2 * _SPACING))
         place = node.astype(np.int64) - self.first
         known = (place >= 0) & (place < len(self.rows))
@@ -287,7 +287,7 @@ class MeanForms:
     def enclose(
         self, face: np.ndarray, middle: np.ndarray, half: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
+        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of the remainder.
 
         `face` is 2 f for z_f = ρ and 2 f + 1 for z_f = −ρ, (N,); `middle` and `half` are of the cell in (ρ, t), (n, N).
         """

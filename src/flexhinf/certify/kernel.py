@@ -209,7 +209,7 @@ class _Code(Writer):
         self.place(end)
 
     def sum(self, start: str = zero) -> str:
-        """A vector on the stack that is added to: its place."""
+        """Place of a new vector on the stack, to which `add` adds."""
         place = self.allocate(_VECTOR)
         self.store(start, place)
         return place
@@ -218,7 +218,7 @@ class _Code(Writer):
         self.store(self.real(operation, self.load(place), value), place)
 
     def finish(self, head: str, name: str) -> None:
-        """Put the function that is written into the module."""
+        """Close the function, and add it to the module."""
         text = [f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"]
         self.module.definitions[name] = "\n".join(text)
 
@@ -373,7 +373,7 @@ class _Kernel(_Code):
         self.finish(f"define i64 @{entry}(ptr %context)", entry)
 
     def _powers(self) -> None:
-        """Powers of the radii into the work buffer, and h^β for every monomial: each is another one times one h."""
+        """Write powers of the radii, and h^β of every monomial as another one times one h, into the work buffer."""
         size = self.top + 3
         for which, name in enumerate(("inner", "outer", "middle", "half")):
             base, value = self.input(name), self.lanes.constant(1.0)

@@ -1,4 +1,4 @@
-"""Numbers of a certificate's pictures: slices of the region with r on them, and a step with the worst disturbance.
+"""Data of a certificate's figures: slices of the region with r on them, and a step with the worst disturbance.
 
 None of this is part of the theorem; it shows what is in it.
 """

@@ -282,7 +282,7 @@ class _Reader:
         return [(i, power) for i, power in enumerate(powers) if power]
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
-        """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
+        """A penalised output, with coefficients rounded to doubles: these are claimed and checked."""
         terms, n = terms_of(part), self.edges[1]
         plain = not any(any(exponents[n:]) for exponents in terms)
         require(plain, "a penalty that is no polynomial of the state")
@@ -290,7 +290,7 @@ class _Reader:
 
 
 def _exact_double(value: fmpq, where: str) -> float:
-    """A rational number that is a double."""
+    """A rational number as a double; refused where it is none."""
     number = nearest_double(value)
     exact = rational(number) == value
     require(exact, f"a number of {where} that is no double: make it a parameter of the plant")
@@ -369,7 +369,7 @@ def value_polynomial(solution: ValueFunction, scale: float = 1.0) -> Polynomial:
 
 
 def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """A matrix as a claim has it."""
+    """A matrix as tuples of rows, the form that a claim has."""
     return tuple(map(tuple, matrix.tolist()))
 
 

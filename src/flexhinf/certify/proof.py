@@ -224,9 +224,9 @@ def certify_tolerances(
     solution : HJISolution
         Its law is proved, with `scale` times its V as the storage function, or ½ xᵀPx with `p` (n, n).
     problem : GeneralisedPlant
-        Whose disturbance, penalty and R2 the gain is of: need not be the one that the law was designed for.
+        Has the disturbance, penalty and R2 of the gain; need not be the one that the law was designed for.
     ranges : mapping of str to (float, float)
-        Of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
+        Ranges of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
     level, step : float
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
@@ -265,7 +265,7 @@ def certify_tolerances(
 
 
 def _largest(claim: Certificate) -> Certificate:
-    """The same at the largest level at which definite matrices still prove it, within 5 %.
+    """The certificate with the largest level at which definite matrices still prove it, within 5 %.
 
     The quotients' ranges grow with the level, so what fails at one level fails at each larger one.
     """
@@ -345,7 +345,7 @@ def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPla
 def _error_energy(
     certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """M, X and γ_e for which the errors are paid. The hull depends on X and M on the hull, so they are iterated."""
+    """M, X and γ_e of the observer's inequalities. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
     algebra = Algebra(certificate)
     laws = map(algebra.in_x, certificate.law)

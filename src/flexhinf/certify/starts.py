@@ -45,7 +45,7 @@ _ROUNDING = 1e-14  # terms below this, relative to the largest, are what roundin
 
 
 class _NoForm(Exception):
-    """A state that is no sum of terms in a and the parameters."""
+    """Raised for a state that is no sum of terms in a and the parameters."""
 
 
 def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
@@ -152,7 +152,7 @@ def term_along(
 
 
 def _multiple(terms: Terms) -> float:
-    """m of a state that is m a."""
+    """The factor m of a state m a, proportional to the amplitude."""
     for term in terms:
         if len(terms) > 1 or (term.powers, term.parameters, term.function) != ((1,), (), None):
             raise _NoForm
@@ -176,7 +176,7 @@ def divided(term: Term, divisor: Term) -> Term:
 
 # The integrators ----------------------------------------------------------------------------------
 def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
-    """The integrators at which the law's input is the one that holds the start, by Newton's method."""
+    """States of the integrators with which the law's input keeps the start in equilibrium, by Newton's method."""
     index = np.flatnonzero(free)
     f, _, g2, _ = solution.exact_fields(x[None])
     held = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]

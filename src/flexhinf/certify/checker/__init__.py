@@ -58,7 +58,7 @@ _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 @dataclass(frozen=True)
 class Verification:
-    """What the checker found.
+    """Result of the checker: whether the claim is proved, why not, and statistics of the proof.
 
     Attributes
     ----------

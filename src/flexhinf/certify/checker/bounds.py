@@ -41,7 +41,7 @@ class CentredForm(NamedTuple):
     tail: np.ndarray
 
     def chosen(self, cells: np.ndarray) -> CentredForm:
-        """Some of the cells."""
+        """The form on some of the cells."""
         return CentredForm(*(part[:, cells] for part in self))
 
     def less(self, factor: np.ndarray, other: CentredForm) -> CentredForm:
@@ -222,7 +222,7 @@ class Quotient:
         return values, bound if isfinite(bound) else inf
 
     def at(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients (ORDER + 1, cells) of powers of s, and the bound (cells,) of what they leave."""
+        """Coefficients (ORDER + 1, cells) of powers of s, and the bound (cells,) of the remainder."""
         index = np.clip(np.rint((low + high) / 2 * GRID), -self._count, self._count).astype(int)
         width = np.maximum(high - index / GRID, index / GRID - low) * _UP
         edge = np.ceil(np.maximum(np.abs(low), np.abs(high)) * GRID)
@@ -242,7 +242,7 @@ _UP = 1 + 1e-12  # more than a few roundings
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What is known on each cell of a batch, arrays of shape (cells,) where not said."""
+    """Bounds of V, its growth and r on each cell of a batch; arrays (cells,) unless stated."""
 
     least_value: np.ndarray  # lower bound of V at the inner end of the interval of ρ
     least_growth: np.ndarray  # lower bound of ∂V/∂ρ / ρ

@@ -1,4 +1,4 @@
-"""What is looked at next, and what is refused: nothing here can make a claim proved.
+"""Choice of the next cut of a cell, and refusals: nothing here can make a claim proved.
 
 Every way to cut a cell is sound, and so is every refusal. Where r is a quadratic form, a corner that fails is no
 refutation by itself, since the functions' quotients take their extreme values far from 0 only: so a point at which the

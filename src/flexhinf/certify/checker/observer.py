@@ -28,7 +28,7 @@ _MOST_CORNERS = 12  # binary logarithm of the corners of a box of slopes
 
 
 def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None:
-    """The two matrix inequalities, and the form of the plant that they are about; a `Refusal` where one fails."""
+    """Check the two matrix inequalities, and the form of the plant that they need; a `Refusal` where one fails."""
     require(gradient_law, "the budget for estimates needs the law -R2^-1 g2'V_x' and a known input matrix")
     used = {
         name for row in (claim.drift, *claim.g1) for terms in row for t in terms for name, _ in t.parameters

@@ -42,7 +42,7 @@ def rounded(value: fmpq) -> float:
 
 
 def series_of(name: str, argument: arb_series) -> arb_series:
-    """φ of a power series; nan where the enclosure of what is divided by holds 0."""
+    """φ of a power series; nan where the enclosure of the divisor contains 0."""
     if name == "tanh":
         below = (2 * argument).exp() + 1
         return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * argument.prec, prec=argument.prec)
@@ -51,7 +51,7 @@ def series_of(name: str, argument: arb_series) -> arb_series:
 
 
 def offset_of(function: Function) -> arb:
-    """Enclosure of o."""
+    """Enclosure of a function's offset o, in balls."""
     return arb(function.offset) + arb.pi() * function.pi_halves / 2
 
 

@@ -100,7 +100,7 @@ def _on_face(polynomial: Any, cell: Cell, places: list[Any], lift: int, growth: 
 
 
 def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], arb]:
-    """Rational coefficients about a centre, and a bound of what they leave within the radius: nan where φ is not
+    """Rational coefficients about a centre, and a bound of the remainder within the radius: nan where φ is not
     analytic between o and there, for a pole has no bound."""
     offset, about = offset_of(function), arb(center)
     series = series_of(function.name, arb_series([offset + about, 1], prec=_ORDER + 2))
