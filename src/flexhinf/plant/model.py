@@ -129,7 +129,7 @@ class ParameterTable:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Those of the values that are in this table: a robot states more than each of its plants has."""
+        """The values whose names are in this table: a robot states more than each of its plants has."""
         return {name: value for name, value in values.items() if name in self.values}
 
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
@@ -202,7 +202,7 @@ class TracedCode:
         return TracedCode, (self.function,)
 
     def evaluate(self, *arrays: Any) -> np.ndarray | None:
-        """Its result on vectors of numbers or symbols of the sizes that it has; None for any other element."""
+        """The result for vectors of numbers or symbols of the traced sizes; None for any other element."""
         vectors = [np.asarray(array) for array in arrays]
         sizes = [vector.size for vector in vectors]
         if sizes != self._sizes:
@@ -239,7 +239,7 @@ def has_a_name(function: Callable[..., Any]) -> bool:
 
 
 def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
-    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
+    """Result of the model's code on symbols, as a vector; exceptions of that code become `InvalidInput`."""
     try:
         signals = np.asarray(model(), dtype=object)
     except FlexhinfError:
@@ -292,8 +292,8 @@ class Model(Summarised):
         ``engaged(x, p)`` → a point near x at which everything in the flow acts, where it has a dead zone: inside
         backlash no spring is felt, and a run that leaves it is faster than its linearisation there.
     arrest : callable, optional
-        ``arrest(x, h, p)`` → the state at the end of a step of h seconds, of that which the flow reaches: what
-        set-valued friction, which no flow can express, takes away. Only `flexhinf.Loop` has it; linearisations and
+        ``arrest(x, h, p)`` → the state at the end of a step of h seconds after set-valued friction, which no flow
+        can express, has acted on the state x that the flow reaches. Only `flexhinf.Loop` has it; linearisations and
         estimators do not.
 
     Raises
@@ -374,7 +374,7 @@ class Model(Summarised):
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes this plant's code from another's (not its parameter values).
 
-        The code is what it computes, not who computes it: two functions that do the same share their machine code, and
+        The key depends on what the code computes: two functions that do the same share their machine code, and
         one function that reads a changed constant has another key when its plant is built anew.
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
@@ -389,8 +389,8 @@ class Model(Summarised):
     def check_unchanged(self) -> None:
         """Refuse code that no longer computes what it did when the plant was built.
 
-        Numbers, derivatives and machine code are those of the flow as it was traced then; whoever runs its text again
-        asks here first, so that two models are never mixed.
+        Numbers, derivatives and machine code are those of the flow as it was traced then. This is called before its
+        text runs again, so that two models are never mixed.
         """
         if isinstance(self.flow, StoredCode):
             return
@@ -536,7 +536,7 @@ class Model(Summarised):
         return self.flow(x, u, d, self.parameters.named(p)) if rates is None else rates
 
     def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
-        """y (p,) on any element, likewise."""
+        """y (p,) on any element, as `evaluate_flow`."""
         y = self._codes[1].evaluate(x, u, p)
         return self._output_text(x, u, p) if y is None else y
 

@@ -1,4 +1,4 @@
-"""What the design wants small: z = (h(x), l(x) u) with lᵀl = R2, Eqs. (3) and (4)."""
+"""Penalty of a design: z = (h(x), l(x) u) with lᵀl = R2, Eqs. (3) and (4)."""
 
 from __future__ import annotations
 

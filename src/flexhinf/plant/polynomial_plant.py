@@ -1,4 +1,4 @@
-"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand.
+"""A plant whose fields are polynomials: the result of every Taylor expansion, or stated by hand.
 
 Taylor expansion of model code about a point: the code is run once on truncated polynomials.
 
@@ -112,7 +112,7 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
 def checked_parts(
     name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
 ) -> dict[int, np.ndarray]:
-    """Shapes and finiteness; zero parts dropped; the lowest degree always present."""
+    """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest."""
     if not parts:
         raise InvalidInput(f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]
@@ -141,7 +141,7 @@ def checked_parts(
 
 
 def check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -> None:
-    """f(x*) = 0 and h(x*) = 0 up to rounding; the constant part is then dropped."""
+    """Check that f(x*) = 0 or h(x*) = 0 up to rounding, and drop the constant part."""
     constant = parts.pop(0, None)
     if constant is None:
         return
@@ -275,7 +275,7 @@ class PolynomialPlant(Summarised):
         h: Mapping[int, np.ndarray], r2: Any, state_names: Sequence[str] | None = None, operating_point: Any = None,
         input_names: Sequence[str] | None = None, operating_input: Any = None,
     ) -> PolynomialPlant:  # fmt: skip
-        """The same from homogeneous parts: degree → monomial coefficients along the last axis.
+        """A polynomial plant from homogeneous parts: degree → monomial coefficients along the last axis.
 
         f and h are (n, count(n, degree)) and (s, count(n, degree)), g1 and g2 (n, md, count) and (n, m, count). A part
         of degree 0 of f and h is the value at the operating point; it must vanish up to rounding.
@@ -319,7 +319,7 @@ class PolynomialPlant(Summarised):
     def from_kronecker(
         cls, f: Sequence[Any], g1: Sequence[Any], g2: Sequence[Any], h: Sequence[Any], r2: Any, **named: Any
     ) -> PolynomialPlant:
-        """The same from Kronecker coefficients, as PPR and NLbalancing have them.
+        """A polynomial plant from Kronecker coefficients, in the form of PPR and NLbalancing.
 
         Parameters
         ----------
@@ -363,7 +363,7 @@ class PolynomialPlant(Summarised):
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take over attributes; copies share their arrays, so nobody may write them."""
+        """Restore attributes with read-only arrays, which copies share."""
         vars(self).update(read_only(state))
 
     @property

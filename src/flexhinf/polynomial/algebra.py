@@ -66,7 +66,7 @@ def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], large: bool) -> None:
-    """Call `task` on each tuple of arguments, side by side if `large`; the calls must be independent.
+    """Call `task` on each tuple of arguments, in parallel if `large`; the calls must be independent.
 
     NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough.
     """

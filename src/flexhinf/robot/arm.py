@@ -2,7 +2,7 @@
 
 A single link in closed form, as in Sec. 6: its inertia is stated about the joint's axis.
 
-What a robot carries: a body of unknown mass that is fixed to one of its links; and its mass, weighed by the motors.
+Payloads: bodies of unknown mass that are fixed to links, and their masses identified from motor torques at rest.
 
 A payload is part of its link's mass, centre of mass and inertia in every plant (`Arm.packed`), so that dynamics,
 estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain
@@ -188,7 +188,7 @@ class Arm(JointTree):
         return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
 
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
-        """The links as other tools want them: tree, mass (n,), centre of mass (n, 3) and inertia (n, 6)."""
+        """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of the links, for other tools."""
         return self.tree, p.mass, p.centre_of_mass, p.inertia
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
@@ -269,7 +269,7 @@ class Payload:
             )
 
     def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
-        """The robot's parameters for it, in the frame of the link that carries it."""
+        """The robot's parameters for this payload, in the frame of the link that carries it."""
         turn, centre = np.array(frame.placement.rotation), self.centre_of_mass
         if centre is None:
             centre = [
@@ -346,7 +346,7 @@ def payload_from_text(text: str) -> Payload:
 def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
     """Masses (kg) by name of a robot's uncertain payloads at the lower, and at the upper ends of their ranges.
 
-    Where those are the nominal ones they are left out.
+    Ends that are the nominal masses are left out.
     """
     masses = [p for p in uncertain if p.name.startswith("payload_mass")]
     ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
@@ -359,9 +359,9 @@ SHORTEST_LEVER = 1e-6
 
 @dataclass(frozen=True)
 class Weighing:
-    """What the motors say of payloads: masses, kg, by the robot's parameters, as for ``robot.with_values``.
+    """Payload masses, kg, identified from motor torques at rest, by parameter name as for ``robot.with_values``.
 
-    `hidden` are kg that dry friction may hide, at most: with every joint held by all of it, in the worst directions.
+    `hidden` are their largest errors by dry friction, kg: all of it at every joint, in the worst directions.
     `unexplained` (n,) is the torque of each motor that these masses do not explain, N·m (N).
     """
 
@@ -378,9 +378,9 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
     pose : (n,)
         Link positions at rest, rad or m.
     effort : (n,)
-        What each motor gives there, V, A, or N·m (N): a mean over the noise.
+        Input of each motor there, V, A, or N·m (N): a mean over the noise.
     unloaded : (n,), optional
-        The same at this pose with the masses that the robot states (its nominal ones); by default what the model says.
+        Input at this pose with the masses that the robot states (its nominal ones); by default what the model says.
 
     Raises
     ------

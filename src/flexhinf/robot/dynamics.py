@@ -395,7 +395,7 @@ def frames_of(tree: Tree, q: Any) -> list[Frame]:
 
 
 def joined(own: Body, other: Body) -> Body:
-    """Two bodies that move together, seen from one frame."""
+    """Inertial parameters of two bodies that move together, in one frame."""
     return Body(
         plus(own.mass, other.mass), add(own.moment, other.moment), tuple(map(add, own.inertia, other.inertia))
     )
@@ -415,7 +415,7 @@ def seen_by_parent(body: Body, frame: Frame) -> Body:
 
 
 def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
-    """Other bodies that move in the same way, with zeros among their parameters [gautier1990].
+    """Equivalent bodies, regrouped so that some of their inertial parameters are zero [gautier1990].
 
     About the axis z of a revolute joint, a mass on the axis and equal moments of inertia about x and y, without one
     about z, are the same whatever its angle: a link's mass, its first moment along z and its inertia about y are

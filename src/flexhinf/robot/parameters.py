@@ -1,4 +1,4 @@
-"""The physical numbers a robot is made of: unit, tolerance and source, and what they must be.
+"""Physical parameters of a robot: unit, tolerance, source and sign.
 
 Numbers with units as text, ``"180deg"``, ``"10 kNm/rad"``: what a unit is in SI units, and what it measures.
 
@@ -108,7 +108,7 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
 
 
 def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
-    """Refuse parameters that mean nothing, or have the wrong sign; `slides`: joints by name, whether prismatic."""
+    """Refuse parameters that are unknown, or have the wrong sign; `slides`: joints by name, whether prismatic."""
     known: dict[str, tuple[str, str]] = {}
     for joint in slides:
         for quantity in QUANTITIES:
@@ -361,7 +361,7 @@ def measured(text: str, *si: str) -> Stated:
 
 
 def lettered(unit: str) -> str:
-    """A unit with its words, rad, deg, rpm, ohm and Hz, in the letters that they have; prefixes and symbols as written.
+    """A unit with rad, deg, rpm, ohm and Hz in their usual case; prefixes and symbols stay as written.
 
     Examples
     --------
@@ -372,7 +372,7 @@ def lettered(unit: str) -> str:
 
 
 def respelled(text: str, *si: str) -> list[str]:
-    """What a number with a unit in other letters may mean, in units that measure what one of `si` does.
+    """Possible readings of a number whose unit has the wrong case, in units of the dimension of one of `si`.
 
     Examples
     --------
@@ -396,7 +396,7 @@ def respelled(text: str, *si: str) -> list[str]:
 
 @lru_cache(256)
 def _unit(text: str) -> tuple[float, Dimension] | None:
-    """What a unit is in SI units, and its dimension."""
+    """Size of a unit in SI units, and its dimension; None for text that is no unit."""
     above, *below = lettered(text).split("/")
     if not above:
         return None

@@ -1,8 +1,8 @@
-"""Numbers that can be computed with and are probably in another unit: questions, and refusals of what is surely wrong.
+"""Plausibility of a robot's numbers: warnings where another unit was probably meant, refusals of impossible ones.
 
 Each check compares a number with what it does to the robot: a twist under the robot's own weight, the size of a body of
-that inertia, a range in turns. Between what machines have and what none has lies a factor of ten or more, where a
-question is asked (a `flexhinf.robot.RobotFileWarning`) and the number is used as it stands.
+that inertia, a range in turns. Between usual and impossible values lies a factor of ten or more, where a
+`flexhinf.robot.RobotFileWarning` is given and the number is used as it stands.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²":
 
 
 def check_plausible(robot: Robot, file: str) -> Robot:
-    """The same robot; asks about numbers that are probably in another unit, and refuses those that no robot has."""
+    """Return the robot; warn of numbers that are probably in another unit, and refuse those that no robot has."""
     p = Parameters(robot.plant_parameters())
     _check_geometry(robot, p, file)
     _check_load(robot, p, file)

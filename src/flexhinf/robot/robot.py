@@ -170,7 +170,7 @@ class Robot(Summarised):
     def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
 
-        They come of all parameters by name, nominal by default.
+        `values` are all parameters of the robot by name, nominal by default.
         """
         values = self.nominal if values is None else values
         columns = reflected(values, self.drive, self.joint_names, self.rigid)
@@ -408,7 +408,7 @@ class Robot(Summarised):
     # Tolerances -----------------------------------------------------------------------------------
     @cached_property
     def uncertain(self) -> tuple[Parameter, ...]:
-        """The parameters whose tolerance leaves them room (a per cent of zero is none)."""
+        """Parameters whose interval has a positive width (a tolerance in per cent of zero has none)."""
         return tuple(p for p in self.parameters if p.interval[0] < p.interval[1])
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it."""
+"""Robots from files: TOML robot files, or a URDF or an MJCF file with the elastic data beside it."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ class PartsReader:
     def whole_robot(
         self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
     ) -> Robot:
-        """The robot of a file on its own."""
+        """The robot of a TOML file that states its links too."""
         table, file = self.table, self.file
         if chosen is not None or locked or "joints" in table or table["locked"]:
             raise InvalidInput(
@@ -342,13 +342,13 @@ class PartsReader:
 
     # Numbers --------------------------------------------------------------------------------------
     def _tolerance(self, joint: str, quantity: str) -> float:
-        """What the tables [tolerances] say of a number that states none itself, per cent."""
+        """Tolerance, per cent, that the tables [tolerances] state for a number without one of its own."""
         key = KEYS.get(quantity, quantity)
         self._used |= {(None, key), (joint, key)}
         return self._stated.get(joint, {}).get(key, self._stated[None].get(key, 0.0))
 
     def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
-        """One number with tolerance, or range, and source; three that share them of a vector."""
+        """A `Parameter` from the table of a number; of a vector three, with the same tolerance and source."""
         tolerance, ends = table.get("tolerance"), table.get("range")
         if tolerance is None:
             tolerance = 0.0 if ends is not None or joint is None else self._tolerance(joint, quantity)

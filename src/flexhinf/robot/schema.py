@@ -1,4 +1,4 @@
-"""What a robot file may say, key by key: read, checked and put into SI units in one walk.
+"""Schema of robot files: their keys, read, checked and converted to SI units in one walk.
 
 `TABLES` states each key once: what may stand there, its units, and whether it must. Which unit a spring has depends on
 its joint, N·m/rad where it turns and N/m where it slides, and on what the motors are driven by; a file may say that
@@ -52,7 +52,7 @@ def ask(what: str, found: str, advice: str, wrong: bool = False) -> None:
 
 
 class Unusable(ValueError):
-    """A value that cannot stand there; its texts are what was expected, and what to write behind "="."""
+    """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
 
 
 def _plain(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
@@ -60,11 +60,11 @@ def _plain(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> Any
 
 
 class Key(NamedTuple):
-    """What may stand behind a key.
+    """Values that a key of a robot file takes.
 
-    ``read(file, value, key, place)`` returns what it is, or raises `Unusable`, as for what is not `usable`. Units are
+    ``read(file, value, key, place)`` returns the value, or raises `Unusable` as for one that is not `usable`. Units are
     SI, for a joint that turns and one that slides; a size is that of a list, 0 for any; `inside` names the table that
-    stands there.
+    is expected.
     """
 
     read: Callable[..., Any] = _plain
@@ -80,7 +80,7 @@ class Key(NamedTuple):
 class RobotFile:
     """The tables of one file: `root` has the keys of `TABLES` that are stated or have a default.
 
-    The first mistake is refused, with the number of the others.
+    The first mistake is raised, with the number of the others.
     """
 
     def __init__(self, data: dict[str, Any], name: str) -> None:
@@ -133,7 +133,7 @@ class RobotFile:
             return None
 
     def check_units(self, robot: Any) -> Any:
-        """The robot; refuses units of a joint that turns where it slides, and of another drive."""
+        """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
         slides = dict(zip(robot.joint_names, robot.links.slides))
         for place, units, number in self.stated:
             kinds = set(slides.values()) if place[0] == "home" else set()
@@ -162,7 +162,7 @@ def _is_table(value: Any) -> bool:
 
 # Values -------------------------------------------------------------------------------------------
 def number_in(value: Any, units: Any) -> tuple[str, str]:
-    """What is expected of a number with one of these units, and how it is written."""
+    """Texts for an error: what is expected of a number with one of these units, and an example of it."""
     if not units:
         return "a valid number", ""
     meant = [repr(text) for text in respelled(value, *units)] if isinstance(value, str) else []

@@ -94,7 +94,7 @@ class RigidArm:
     def add_joint(
         self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
     ) -> tuple[int | None, Placement]:
-        """The joint that carries what is behind this one, which stands at `place`, and the place there.
+        """Add a joint at `place`; return the moving joint that carries what is behind it, and its place on that link.
 
         A joint that is locked outside its limits, rad or m, is refused.
         """
@@ -113,7 +113,7 @@ class RigidArm:
         return len(self.joints) - 1, Placement()
 
     def add_body(self, carrier: int, link: str, mass: float, inertia: np.ndarray, place: Placement) -> None:
-        """A body at `place`, its centre of mass, with its inertia (3, 3) there; it may be a point, or have no mass."""
+        """Add a body with its centre of mass at `place` and inertia (3, 3) there; it may be a point, or massless."""
         a, b, c = np.linalg.eigvalsh(inertia)
         slack = 1e-9 * max(abs(a), c)
         faults = {
@@ -132,7 +132,7 @@ class RigidArm:
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
     def merge(self) -> RigidArm:
-        """The same with the bodies that move together as one link."""
+        """The arm with the bodies that move together merged into one link each."""
         for joint, bodies in zip(self.joints, self._bodies):
             mass = sum(body[1] for body in bodies)
             if not mass > 0.0:
@@ -261,7 +261,7 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
 
 
 def _check_element(name: str, element: Element) -> None:
-    """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt."""
+    """Refuse elements of the link or the joint `name` that are ambiguous or probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
@@ -365,7 +365,7 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
 
 # Joints of URDF and MJCF --------------------------------------------------------------------------
 def check_selection(joints: Any, locked: Any) -> None:
-    """Refuse what does not say which joints move, and where the others stand."""
+    """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
     if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
         raise InvalidInput(
