@@ -9,10 +9,10 @@ estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robo
 number, and the inertia of the payload is in proportion to its mass.
 
 A robot that stands still is held by its motors, and with an integral of the position error it stands where it was
-commanded to, whatever it carries. So what the motors give there is u = u0(q) + Σ m_i s_i(q), where u0 holds the robot
-itself and s_i is what a kilogram of the payload i adds: the masses follow by least squares. What the links' own masses
-are uncertain by falls on the payload; two weighings at one pose, before and after it is gripped, cancel that. Dry
-friction holds a part of the weight that the motors do not show, and bounds what can be known.
+commanded to, whatever its payload. So the input there is u = u0(q) + Σ m_i s_i(q), where u0 holds the robot itself and
+s_i is what a kilogram of the payload i adds: the masses follow by least squares. Errors of the links' own masses are
+attributed to the payload; two measurements at one pose, before and after the load step, cancel them. Dry friction
+holds a part of the weight that the input does not show, and limits the accuracy.
 """
 
 from __future__ import annotations

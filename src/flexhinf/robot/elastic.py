@@ -14,7 +14,7 @@ switch                    adds
 ========================  ===============================================================================
 
 Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
-as long as the torque is below F_c. `Sticking` is the sharp one, which holds: it is no part of a flow, and acts at the
+as long as the torque is below F_c. `Sticking` is set-valued and holds a joint: it is no part of a flow, and acts at the
 end of each step of a simulation. Backlash is not smooth: a synthesis refuses it by name.
 
 Inverse dynamics gives the state and the input of a motion of the links [deluca2016]: the link positions are a flat

@@ -183,7 +183,7 @@ class Robot(Summarised):
         self, measured: str | Sequence[str] = ("link_position",), inductance: bool = False,
         extras: str | Sequence[str] = (), sticking: bool = False,
     ) -> Plant:  # fmt: skip
-        """Physics: Spong's model, with what a real joint adds, on request.
+        """The physical plant: Spong's model, with the extras of a real joint that are requested.
 
         The states are all link positions, all link velocities, all motor positions, all motor velocities, and
         with `inductance` all coil currents. With one joint they have these plain names; with several each has

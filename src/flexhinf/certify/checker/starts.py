@@ -53,8 +53,8 @@ def check_start(claim: Claim, start: Start) -> int:
 
 
 def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int], bool]) -> int:
-    """The number of intervals, halved until `done` says so of V in their middle and on them, their middle and how often
-    they were halved, for all parameters in the box."""
+    """Number of intervals of a, each halved until `done(V in its middle, V on it, its middle, halvings)` is true, with
+    all parameters in the box."""
     count = 0
     for values in parameter_values(claim, start):
         todo = _first_pieces(start)
