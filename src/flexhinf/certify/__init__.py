@@ -1,4 +1,4 @@
-"""What is proved about a synthesis, on which region: the certificate, and the checker that re-verifies it."""
+"""Certificates: the proved gain of a law and the region where it holds, and the checker that proves them again."""
 
 from flexhinf.certify.certificate import Certificate, load_certificate
 from flexhinf.certify.checker import Verification

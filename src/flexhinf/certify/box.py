@@ -1,10 +1,10 @@
-"""A box of parameters: the claim for every robot within its tolerances, and what the box adds to r on cells.
+"""Robust certificates: the claim for every robot within its tolerances, and bounds of r over a box of parameters.
 
-The law is the nominal one, and so is V, of the deviation from each robot's own equilibrium at the goal. Two things of a
-robot are its own: its rates, for which the search takes the whole box, and its equilibrium. Where that moves, to δ from
-the nominal one, the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever
-δ is, and where the plant is linear in what moves, its rates are the same too. So with V of degree two the box needs
-nothing else at any goal; for a nonlinear law the goal must be one whose equilibrium stays, such as upright.
+Law and V are the nominal ones, as functions of the deviation from each robot's own equilibrium at the goal. Parameters
+change the vector field, which the search bounds over the whole box, and the equilibrium. Where the latter moves by δ,
+the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever δ is, and where
+the plant is linear in the states that move, its vector field is the same too. So for a linear law (V of degree two)
+nothing more is needed at any goal; for a nonlinear one the equilibrium must not depend on the parameters: upright.
 
 r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
 whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
@@ -60,7 +60,7 @@ _MOST_VERTICES = 4096
 def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
     """Ranges of a plant's parameters over `scale` times the robot's tolerances, rounded outwards.
 
-    Each parameter of the plant is monotone in each of the robot's, so the ends are those of its corners.
+    Each parameter of the plant is monotone in each of the robot's, so its extremes are at corners of the tolerances.
     """
     table = plant.parameters
     names = [parameter.name for parameter in robot.uncertain]
@@ -114,7 +114,7 @@ def tolerance_statement(
 
 
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
-    """Raise unless each robot of the box has the law and the rates of this statement about its own equilibrium.
+    """Raise unless law and vector field in deviations from each robot's own equilibrium are those of this statement.
 
     That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
     and so must the plant in all states that move: those of functions and products are held by an integrator.
@@ -145,7 +145,7 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
 
 
 def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether the nominal equilibrium has rates that are not zero at some parameters of the box."""
+    """Whether the equilibrium depends on the parameters: ẋ ≠ 0 at the nominal one somewhere in the box."""
     table = problem.plant.parameters
     flat, nominal = flat_names(table), table.vector()
     point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
@@ -175,19 +175,19 @@ def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     return list(groups.values())
 
 
-def power_product(group: Mapping[str, int], values: Mapping[str, Any], one: Any = 1.0) -> Any:
+def power_product(group: Mapping[str, int], values: Mapping[str, Any], unity: Any = 1.0) -> Any:
     """The product of powers of parameters."""
-    return prod((values[name] ** power for name, power in group.items()), start=one)
+    return prod((values[name] ** power for name, power in group.items()), start=unity)
 
 
 def group_ends(
     certificate: Certificate, number: Callable[[float], Any] = float
 ) -> list[list[dict[str, Any]]]:
-    """For each of `parameter_groups` its values in the box at which its product is least, and largest."""
+    """Values of the parameters in the box at which the product of each of `parameter_groups` is least, and largest."""
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
         corners = [dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group))]
-        corners.sort(key=partial(power_product, group, one=number(1.0)))
+        corners.sort(key=partial(power_product, group, unity=number(1.0)))
         ends.append([corners[0], corners[-1]])
     return ends
 
@@ -195,7 +195,7 @@ def group_ends(
 class BoxExcess:
     """An upper bound of [r(p) − r(p0)]/ρ² on cells in max|z_i| ≤ reach, over the box of parameters.
 
-    It is of sums of products (an entry of V_x) · (a form) · (a quotient S_j or 1), weighted at each vertex of the box.
+    The difference is a sum of (an entry of V_x) · (a form) · (a quotient S_j or 1), with weights at each vertex.
 
     Raises
     ------
@@ -205,10 +205,10 @@ class BoxExcess:
 
     def __init__(self, certificate: Certificate, reach: float) -> None:
         changes = _Changes(certificate)
-        self.n, found = changes.n, changes.products()
-        columns = [[nearest_double(c) for c in change] for change in found.values()]
+        self.n, products = changes.n, changes.products()
+        columns = [[nearest_double(c) for c in change] for change in products.values()]
         self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
-        self._factors = np.array(list(found), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
+        self._factors = np.array(list(products), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
         self._mean = MeanForms(self.n, changes.enclosed)
         self._lines = changes.forms(certificate.functions)
         self._tables = [
@@ -219,7 +219,7 @@ class BoxExcess:
     def __call__(
         self, face: np.ndarray, t: np.ndarray, half: np.ndarray, low: np.ndarray, high: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The bound, (N,), and how much the radius and each t_j add to it, (n, N).
+        """The bound, (N,), and the contributions of the radius and of each t_j to it, (n, N).
 
         `face` is 2 f for the face z_f = ρ of the cube and 2 f + 1 for z_f = −ρ, (N,); `t` and `half` are centre and
         half width in the other z_i/ρ, (n − 1, N); `low` and `high` the interval of ρ, (N,).
@@ -313,13 +313,13 @@ class _Changes(Algebra):
 
     def products(self) -> dict[tuple[int, int, int], list[fmpq]]:
         """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices, by two forms and a function or −1."""
-        found, given = dict[tuple[int, int, int], list[fmpq]](), self.certificate
+        products, claim = dict[tuple[int, int, int], list[fmpq]](), self.certificate
 
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
-            found[key] = [a + b for a, b in zip(found[key], changes)] if key in found else changes
+            products[key] = [a + b for a, b in zip(products[key], changes)] if key in products else changes
 
-        rows = [(i, term, None) for i, row in enumerate(given.drift) for term in row]
-        rows += [(i, t, j) for i, row in enumerate(given.g2) for j, entry in enumerate(row) for t in entry]
+        rows = [(i, term, None) for i, row in enumerate(claim.drift) for term in row]
+        rows += [(i, t, j) for i, row in enumerate(claim.g2) for j, entry in enumerate(row) for t in entry]
         for i, term, driven in rows:
             *ends, middle = self._at_ends(term)
             if all(end == middle for end in ends):
@@ -331,10 +331,10 @@ class _Changes(Algebra):
             else:
                 part = self.x.from_dict({term.powers: fmpq(1)})
                 if term.function is not None:  # x^a ℓ, which S(ℓ) multiplies
-                    part *= self.line(given.functions[term.function].slope)
+                    part *= self.line(claim.functions[term.function].slope)
                 form = self._number((term.powers, term.function), part)
             add((slope, form, number), [end - middle for end in ends])
-        for column in zip(*given.g1):
+        for column in zip(*claim.g1):
             entries = [[self._at_ends(term) for term in entry] for entry in column]
             if all(end == ends[-1] for entry in entries for ends in entry for end in ends):
                 continue
@@ -346,11 +346,11 @@ class _Changes(Algebra):
             ]
             for i, j in itertools.combinations_with_replacement(range(len(column)), 2):
                 *squares, middle = (a * b for a, b in zip(sums[i], sums[j]))
-                weight = (1 if i == j else 2) / (2 * rational(given.gamma) ** 2)
+                weight = (1 if i == j else 2) / (2 * rational(claim.gamma) ** 2)
                 changes = [weight * (square - middle) for square in squares]
                 if any(changes):
                     add((self._slope(i), self._slope(j), -1), changes)
-        return found
+        return products
 
 
 def _refuse_powers(term: Term) -> None:

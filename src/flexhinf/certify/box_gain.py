@@ -1,11 +1,11 @@
-"""The smallest gain that sampling does not refuse, for a law on a level set, at all vertices of a box of parameters.
+"""Sampled estimate of the smallest gain of a law on a level set, over all vertices of a box of parameters.
 
 With s V as the storage function, s > 0, the dissipation inequality at x reads
 
     s A(x) + Z(x) + s² G(x)/γ² ≤ 0,    A = max over vertices of V_x (f + g2 k),  Z = ½ |z|²,  G = ½ |g1ᵀV_xᵀ|².
 
 A, Z and G do not depend on s and γ, so one sample of points gives the smallest γ for every s. Points are random, and
-the worst are followed by smaller and smaller random steps. It proves nothing: it says what is worth a proof.
+the worst are followed by smaller and smaller random steps. It proves nothing: it tells which γ is worth a proof.
 
 A quadratic V for a given linear law and every robot of a box, by linear matrix inequalities.
 
@@ -48,9 +48,9 @@ _SCALES = np.geomspace(
 
 
 def sampled_gain(statement: Certificate, level: float, about: float, seed: int = 0) -> tuple[float, float]:
-    """The smallest γ (inf where no s has one) that no point of {V ≤ level} refuses, and its s.
+    """The smallest γ with which s V satisfies the inequality at sampled points of {V ≤ level}, inf for none, and s.
 
-    The statement's V is taken as it is, its γ and level do not count; `about` is the s in the middle of those tried.
+    V is that of the statement, whose γ and level are ignored; the values of s that are tried lie around `about`.
     """
     rng, vertices = np.random.default_rng(seed), box_vertices(statement)
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
@@ -73,16 +73,16 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
             moves = rng.standard_normal((_TRIES, *starts.shape)) @ root.T
             moved = np.vstack(starts + step * size[:, None] * moves / np.sqrt(starts.shape[1]))
             near = np.vstack([starts, moved[value(moved) <= level]])
-            found = _parts(statement, vertices, near)
-            worst, step = _gamma(found, scale), step / 2
+            near_parts = _parts(statement, vertices, near)
+            worst, step = _gamma(near_parts, scale), step / 2
             points = np.vstack([points, near])
-            parts = np.hstack([parts, found])
+            parts = np.hstack([parts, near_parts])
     return float(_gamma(parts, scale).max()), scale
 
 
-def _gamma(found: np.ndarray, scale: float) -> np.ndarray:
+def _gamma(parts: np.ndarray, scale: float) -> np.ndarray:
     """The smallest γ at each point; inf where there is none."""
-    a, z, g = found
+    a, z, g = parts
     room = -scale * a - z
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(room > 0, np.sqrt(scale**2 * g / np.where(room > 0, room, 1.0)), np.inf)
@@ -156,7 +156,7 @@ _GROWTH, _ACCURACY = 30.0, 0.01  # of the weight of the cost, and to what share 
 
 @dataclass(frozen=True, eq=False)
 class CommonValue:
-    """The quadratic V of a law and a box."""
+    """Quadratic storage functions V of a linear law, common to all robots of a box."""
 
     smallest: float  # γ that any has
     optimum: np.ndarray  # upper triangle of its P in the coordinates of the search, then γ²
@@ -165,8 +165,8 @@ class CommonValue:
     inverse: np.ndarray  # of the search's coordinates, (n, n)
 
     def p(self, larger: float) -> np.ndarray:
-        """P (n, n) of the V = ½xᵀPx farthest from all constraints (in the sense of the barrier) among those with
-        `larger` times the smallest γ, above 1: the more, the fewer cells a proof takes."""
+        """P (n, n) of V = ½xᵀPx at the analytic centre of (17) for `larger` times the smallest γ, above 1: the larger,
+        the fewer cells a proof takes."""
         base = self.base + larger**2 * self.optimum[-1] * self.parts[-1]
         y = _centred(base, self.parts[:-1], self.optimum[:-1], np.zeros(len(self.optimum) - 1))
         p = self.inverse.T @ _matrix(y, len(self.inverse)) @ self.inverse
@@ -174,9 +174,9 @@ class CommonValue:
 
 
 def common_value(statement: Certificate) -> CommonValue | None:
-    """The quadratic V with the smallest γ, and those with more; None where no quadratic V has any gain.
+    """Quadratic V with the smallest γ, and with larger ones; None where (17) has no solution.
 
-    The statement has a linear law; its V scales the search, its γ and level do not count. Terms of the plant of a
+    The statement has a linear law; its V scales the search, its γ and level are ignored. Terms of the plant of a
     higher degree are left out.
     """
     n, r2 = len(statement.states), np.array(statement.r2)
@@ -217,19 +217,19 @@ def _slopes(function: Function) -> tuple[float, float]:
 
 
 def _matrix(y: np.ndarray, n: int) -> np.ndarray:
-    """The symmetric matrix of its upper triangle."""
+    """The symmetric matrix (n, n) with the upper triangle y."""
     p = np.zeros((n, n))
     p[np.triu_indices(n)] = y
     return p + np.triu(p, 1).T
 
 
 def _units(n: int) -> list[np.ndarray]:
-    """The symmetric matrices of which P is a sum."""
+    """Basis of the symmetric (n, n) matrices, one for each entry of the upper triangle."""
     return [_matrix(unit, n) for unit in np.eye(n * (n + 1) // 2)]
 
 
 def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
-    """Upper triangle of some P, and γ², that satisfy (17) at all vertices; None where no P decreases along all A_v.
+    """Upper triangle of a P, and γ², that satisfy (17) at all vertices; None without a common Lyapunov function.
 
     A_vᵀP + P A_v < λ, 0 < P < 1; y is the upper triangle of P, then λ.
     """
@@ -257,8 +257,8 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
 def _lowest(
     base: np.ndarray, parts: np.ndarray, y: np.ndarray, done: Callable[[np.ndarray, float], bool]
 ) -> np.ndarray:
-    """The y with the smallest last entry, followed from a feasible one with a positive last entry as the barrier's
-    weight falls, until `done` says so of y and of a bound of what is missing under the next weight."""
+    """Minimise the last entry of y by a path-following barrier method, from a feasible y whose last entry is positive,
+    until `done(y, gap)` is true; the gap bounds what is missing after the next step."""
     weight, most = 1.0 / y[-1], base.shape[0] * base.shape[1]
     while not done(y, most / weight):
         y = _centred(base, parts, y, weight * np.eye(len(y))[-1])

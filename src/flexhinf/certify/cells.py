@@ -15,7 +15,7 @@ Nothing overflows or underflows unnoticed: sizes are checked once, with the tabl
 is added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons
 are ordered, and max(a, 0) of NaN is NaN.
 
-The proof itself: branch and bound over cells that march outwards along rays.
+The proof itself: branch and bound over cells that follow each other outwards along rays.
 
 Every bundle of rays (a box of directions on a face) starts at radius 0. A cell of it is accepted where V grows along
 every ray and r < 0 wherever V ≤ level; then the next cell of the bundle follows it outwards, twice as long. A bundle is
@@ -85,8 +85,8 @@ class CellBounds:
     """
 
     def __init__(self, inequality: Inequality, reach: float, extent: Sequence[float]) -> None:
-        self.n, self.reach, given = inequality.n, reach, inequality.certificate
-        self.box = BoxExcess(given, reach) if any(p.low < p.high for p in given.parameters) else None
+        self.n, self.reach, claim = inequality.n, reach, inequality.certificate
+        self.box = BoxExcess(claim, reach) if any(p.low < p.high for p in claim.parameters) else None
         self.lines = inequality.forms(inequality.functions)
         signs = [parity(function) for function in inequality.functions]
         pairs = [(inequality.value, True), (inequality.polynomial, True)]
@@ -221,8 +221,8 @@ class CellBounds:
         def run(first: int, last: int) -> None:
             whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
             addresses = (whole[name].ctypes.data for name in POINTERS[2:])
-            words = np.array([first, last, *addresses], dtype=np.int64)
-            self._entry(words.ctypes.data)
+            context = np.array([first, last, *addresses], dtype=np.int64)
+            self._entry(context.ctypes.data)
 
         if pool is None:
             run(0, len(faces))
@@ -230,10 +230,10 @@ class CellBounds:
             edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
             for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
                 future.result()
-        found = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
-        found[:, names["score"] :] += score.T
+        results = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
+        results[:, names["score"] :] += score.T
         kind = [*((name, float) for name in OUTPUTS), ("score", float, (self.n,))]
-        return found.view(kind)[:, 0].view(np.recarray)
+        return results.view(kind)[:, 0].view(np.recarray)
 
     def rows(self, cells: Records) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
@@ -309,7 +309,7 @@ def time_limit(seconds: float) -> Progress:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a search ended.
+    """Result of a search: proved, refuted or given up.
 
     `reason` is "proved"; "r > 0" or "V stops increasing" at a point of the region, which disproves; "undecided" where
     cells became too small, "not closed" where the region leaves the reach, and "too many cells".
@@ -332,26 +332,26 @@ def search(
     progress: Progress | None = None,
 ) -> Outcome:
     """Prove the inequality on the component of {V ≤ level} around 0, or say where that fails."""
-    d, faces = bounds.n - 1, len(bounds.faces)
+    d, count = bounds.n - 1, len(bounds.faces)
     stack = [
-        cells_of(np.arange(faces), np.zeros((faces, d)), np.ones((faces, d)), np.zeros(faces), np.ones(faces))
+        cells_of(np.arange(count), np.zeros((count, d)), np.ones((count, d)), np.zeros(count), np.ones(count))
     ]
-    done, share, whole = 0, 0.0, faces * 2.0**d
+    done, share, whole = 0, 0.0, count * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
             cells = _next_batch(stack)
             if done + len(cells) > most_cells:
                 return Outcome(False, "too many cells", None, float("nan"), float("nan"), done)
-            found = bounds.bound(cells, level, pool)
+            results = bounds.bound(cells, level, pool)
             done += len(cells)
-            outside = found.least_value > level
-            accepted = ~outside & (found.growth > 0) & ((found.upper < 0) | (found.upper_inside < 0))
+            outside = results.least_value > level
+            accepted = ~outside & (results.growth > 0) & ((results.upper < 0) | (results.upper_inside < 0))
             accepted &= cells.inner < 1  # at the reach V may still be below the level
             failed, width = ~(outside | accepted), np.prod(2 * cells.h, axis=1) / whole
             share += float((width * np.where(outside, 1 - cells.inner, 0)).sum())
             share += float((width * np.where(accepted, cells.outer - cells.inner, 0)).sum())
             if failed.any():
-                part, rest = found[failed], cells[failed]
+                part, rest = results[failed], cells[failed]
                 end = _disproved(bounds, rest, part, level) or _halves(bounds, rest, part)
                 if isinstance(end, Outcome):
                     return replace(end, cells=done)
@@ -384,34 +384,34 @@ def _following(cells: Records) -> Records:
 
 
 def _outcome(
-    bounds: CellBounds, cells: Records, found: Records, place: int, reason: str
+    bounds: CellBounds, cells: Records, results: Records, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
-    """A search that ended at the middle of a cell, and that point z (n,)."""
+    """The outcome of a search that fails at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
     radius = bounds.reach * (cells.inner[place] + cells.outer[place]) / 2
     point = np.insert(cells.t[place] * radius, variable, sign * radius)
-    return Outcome(False, reason, point, float(found.value[place]), float(found.centre[place]), 0), point
+    return Outcome(False, reason, point, float(results.value[place]), float(results.centre[place]), 0), point
 
 
-def _disproved(bounds: CellBounds, cells: Records, found: Records, level: float) -> Outcome | None:
+def _disproved(bounds: CellBounds, cells: Records, results: Records, level: float) -> Outcome | None:
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
-    broken = (found.centre > found.allowance) & np.isfinite(found.allowance)
-    stops = found.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
-    inside = found.value < level * (1 - 1e-9)
+    broken = (results.centre > results.allowance) & np.isfinite(results.allowance)
+    stops = results.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
+    inside = results.value < level * (1 - 1e-9)
     for place in np.flatnonzero((broken | stops) & inside).tolist():
         reason = "r > 0" if broken[place] else "V stops increasing"
-        outcome, point = _outcome(bounds, cells, found, place, reason)
+        outcome, point = _outcome(bounds, cells, results, place, reason)
         ray = point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None]
         if (polynomial_at(bounds.value_terms, ray) < level).all():
             return outcome
     return None
 
 
-def _halves(bounds: CellBounds, cells: Records, found: Records) -> Outcome | Records:
+def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | Records:
     """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
-    score = np.where(found.score >= 0, found.score, 0.0)
-    vague = ~np.isfinite(found.allowance) | ~(score.sum(1) > 0)
+    score = np.where(results.score >= 0, results.score, 0.0)
+    vague = ~np.isfinite(results.allowance) | ~(score.sum(1) > 0)
     chosen = np.argmax(score, axis=1)
     if d:
         widest, weighted = 1 + np.argmax(cells.h, axis=1), cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
@@ -424,7 +424,7 @@ def _halves(bounds: CellBounds, cells: Records, found: Records) -> Outcome | Rec
     if small.any():
         place = int(np.flatnonzero(small)[0])
         reason = "not closed" if cells.inner[place] >= 1 else "undecided"
-        return _outcome(bounds, cells, found, place, reason)[0]
+        return _outcome(bounds, cells, results, place, reason)[0]
     along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
     row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1

@@ -1,6 +1,6 @@
-"""A certificate: a claim with its file, and the way to prove it again.
+"""A certificate: a claim that is saved to a file, read from it, and proved again.
 
-A file has numbers in hexadecimal, so that they are read as they were written. Reading trusts nobody: size, depth, keys,
+A file has numbers in hexadecimal, so that they are read as they were written. Files are not trusted: size, depth, keys,
 types, lengths and magnitudes are checked before a number is used.
 """
 
@@ -44,7 +44,7 @@ class Certificate(Summarised, Claim):
         by_cells: bool = False,
         tick: Callable[[int], None] = lambda cells: None,
     ) -> Verification:
-        """Prove it again from its data alone; see `flexhinf.certify.checker`.
+        """Prove the certificate again from its data alone; see `flexhinf.certify.checker`.
 
         Parameters
         ----------

@@ -71,8 +71,8 @@ Check = tuple[bool, str, str]
 
 
 class Part:
-    """What a certificate consists of. A key that no entry has is refused: what it says would stand in the file, and not
-    in the theorem."""
+    """Base of the parts of a certificate. An unknown key is refused: it would stand in the file, and not in the
+    theorem."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -359,21 +359,21 @@ class Claim(Part):
         self._check_terms(n)
 
     def _check_feedback(self) -> None:
-        given = self.observer
-        expected = "state" if given is None else "output injection observer"
+        observer = self.observer
+        expected = "state" if observer is None else "output injection observer"
         require((self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60)))
-        if given is None:
+        if observer is None:
             return
         names = [s.name for s in self.states]
-        unknown = [name for name in given.known if name not in names]
-        e, p = len(names) - len(given.known), len(given.measured)
+        unknown = [name for name in observer.known if name not in names]
+        e, p = len(names) - len(observer.known), len(observer.measured)
         shapes = ("measured", p, len(names)), ("gain", e, p), ("weight", e, e), ("storage", e, e)
-        below = given.energy < self.level
+        below = observer.energy < self.level
         require(
             (not unknown, "known states among the states", value_text(unknown, 80)),
             (e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}"),
-            *(rows_fit(f"the observer's {name}", getattr(given, name), *shape) for name, *shape in shapes),
-            (below, f"errors of an energy below the level {self.level!r}", repr(given.energy)),
+            *(rows_fit(f"the observer's {name}", getattr(observer, name), *shape) for name, *shape in shapes),
+            (below, f"errors of an energy below the level {self.level!r}", repr(observer.energy)),
         )
 
     def _check_terms(self, n: int) -> None:
@@ -392,13 +392,13 @@ class Claim(Part):
             pair for rows in (self.drift, *channels) for terms in rows for t in terms for pair in t.parameters
         }
         for p in self.parameters:
-            found = {exponent for name, exponent in pairs if name == p.name and exponent}
+            used = {exponent for name, exponent in pairs if name == p.name and exponent}
             require(
-                (len(found) <= 1, f"one exponent of {p.name}, so that r is affine in it", f"{sorted(found)}"),
+                (len(used) <= 1, f"one exponent of {p.name}, so that r is affine in it", f"{sorted(used)}"),
                 (
-                    found <= {1} or p.low > 0 or p.high < 0,
+                    used <= {1} or p.low > 0 or p.high < 0,
                     f"{p.name} ≠ 0 under its exponent",
-                    f"{sorted(found)}",
+                    f"{sorted(used)}",
                 ),
             )
 

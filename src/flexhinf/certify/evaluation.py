@@ -32,12 +32,12 @@ def polynomial_at(polynomial: Iterable[tuple[tuple[int, ...], float]], x: np.nda
 
 def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:
     """The linear part (rows, n) of polynomials."""
-    found = np.zeros((len(rows), n))
+    matrix = np.zeros((len(rows), n))
     for k, row in enumerate(rows):
         for powers, coefficient in row:
             if sum(powers) == 1:
-                found[k, powers.index(1)] += coefficient
-    return found
+                matrix[k, powers.index(1)] += coefficient
+    return matrix
 
 
 def quadratic_part(value: Polynomial, n: int) -> np.ndarray:

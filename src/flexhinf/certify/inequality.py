@@ -5,7 +5,7 @@
 All numbers of the certificate are rational, and so are these polynomials. A function enters by its quotient
 S_j = (φ(o + ℓ) − φ(o))/ℓ with Q_j = B_j ℓ_j where B_j is its factor in r: so r/|z|² needs nothing special at 0.
 
-Elementary functions inside cells: polynomials with a proved bound on what they leave out.
+Elementary functions inside cells: polynomials with a proved bound of the remainder.
 
 A function Φ of a linear form ℓ enters r through its quotient S(ℓ) = (Φ(ℓ) − Φ(0))/ℓ = ∫₀¹ Φ'(uℓ) du. Near a node a,
 
@@ -53,22 +53,22 @@ class Algebra:
         self.x, self.z = (fmpq_mpoly_ctx.get([f"{letter}{i}" for i in range(n)]) for letter in "xz")
         self.zero, z = self.z.constant(0), self.z.gens()
         self._state = [
-            sum((self.z.constant(rational(a)) * one for a, one in zip(row, z)), self.zero)
+            sum((self.z.constant(rational(a)) * variable for a, variable in zip(row, z)), self.zero)
             for row in certificate.coordinates
         ]
         self._units = [tuple(int(j == i) for j in range(n)) for i in range(n)]
         self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
     def in_x(self, polynomial: Polynomial) -> fmpq_mpoly:
-        """A polynomial of the certificate, exactly."""
+        """A polynomial of the certificate with exact coefficients, in x."""
         return self.x.from_dict({powers: rational(value) for powers, value in polynomial})
 
     def moved(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:
-        """A polynomial in x in coordinates z."""
+        """A polynomial in x, expressed in z with x = T z."""
         return polynomial.compose(*self._state, ctx=self.z)
 
     def line(self, slope: Sequence[float]) -> fmpq_mpoly:
-        """ℓᵀx."""
+        """The linear form ℓᵀx as a polynomial in x."""
         return self.x.from_dict({unit: rational(a) for unit, a in zip(self._units, slope) if a})
 
     def forms(self, functions: Iterable[Function]) -> np.ndarray:
@@ -109,9 +109,9 @@ class Inequality(Algebra):
             along = sum((a * b for a, b in zip(slope, column)), self.zero)
             total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
         self.value, self.polynomial = terms_of(value), terms_of(total)
-        found = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
-        self.functions = [function for function, factor in found if factor]
-        self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in found if part]
+        pairs = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
+        self.functions = [function for function, factor in pairs if factor]
+        self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in pairs if part]
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
         """Terms of a field in z, all with the same function or none, without it."""
@@ -175,7 +175,7 @@ class QuotientTable:
     largest: float  # bound of |S| in the whole table
 
     def enclose(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of what they leave out: inf beyond the table."""
+        """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of their remainders: inf beyond the table."""
         node = np.rint((low + high) / (2 * _SPACING))
         place = node.astype(np.int64) - self.first
         known = (place >= 0) & (place < len(self.rows))
@@ -255,7 +255,7 @@ class MeanForms:
         self._derivatives = np.zeros((n, len(rows), len(rows)))
         for place, row in enumerate(rows):
             less = [(tuple(e - (i == j) for i, e in enumerate(row)), j) for j in range(n)]
-            below = [(self._index[one], j) for one, j in less if one in self._index]
+            below = [(self._index[lower], j) for lower, j in less if lower in self._index]
             self._parents += below[-1:]
             for parent, j in below:
                 self._derivatives[j, place, parent] = row[j]
@@ -287,7 +287,7 @@ class MeanForms:
     def enclose(
         self, face: np.ndarray, middle: np.ndarray, half: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of what is left.
+        """The value in the middle (polynomials, N), slopes h_i ∂_i Q (polynomials, n, N), and a bound of the remainder.
 
         `face` is 2 f for z_f = ρ and 2 f + 1 for z_f = −ρ, (N,); `middle` and `half` are of the cell in (ρ, t), (n, N).
         """

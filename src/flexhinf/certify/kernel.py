@@ -127,9 +127,9 @@ class Shape:
             for part in (0, *(1 + q for q, degrees in enumerate(terms) if k in degrees))
         ]
         self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
-        one = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
-        one |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
-        self.inputs = _places({"t": d, "h": d} | one | {"error": len(quotients), "s": len(terms)})
+        scalars = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
+        scalars |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
+        self.inputs = _places({"t": d, "h": d} | scalars | {"error": len(quotients), "s": len(terms)})
         self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
         low = sum(group.count for group in self.whole.groups if group.size <= LOW) * (highest + 1)
@@ -209,7 +209,7 @@ class _Code(Writer):
         self.place(end)
 
     def sum(self, start: str = zero) -> str:
-        """A vector on the stack that is added to: its place."""
+        """Place of a new vector on the stack, to which `add` adds."""
         place = self.allocate(_VECTOR)
         self.store(start, place)
         return place
@@ -218,7 +218,7 @@ class _Code(Writer):
         self.store(self.real(operation, self.load(place), value), place)
 
     def finish(self, head: str, name: str) -> None:
-        """Put the function that is written into the module."""
+        """Close the function, and add it to the module."""
         text = [f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"]
         self.module.definitions[name] = "\n".join(text)
 
@@ -340,8 +340,8 @@ class _Kernel(_Code):
                 self.store(self.plus(self.absolute(value), width), weight)
         total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
         for group, b, even in self.each(layout.groups[: LOW + 1]):
-            found = dict(zip(group.degrees, self.coefficients(group, b, place)))
-            values = [found.get(p + lift, self.zero) for p in range(self.top + 1)]
+            by_degree = dict(zip(group.degrees, self.coefficients(group, b, place)))
+            values = [by_degree.get(p + lift, self.zero) for p in range(self.top + 1)]
             for p, value in enumerate(self.moved_by(middle, values, highest)):
                 scaled = value if p == 0 or p > highest else self.times(value, self.power(3, p))
                 self.store(scaled, self.low_place(low, group, b, p))
@@ -354,11 +354,11 @@ class _Kernel(_Code):
 
     # The entry -----------------------------------------------------------------------------------
     def write(self, entry: str) -> None:
-        words = {name: self.word("%context", str(i)) for i, name in enumerate(POINTERS)}
-        self.pointers = {name: self.let(f"inttoptr i64 {word} to ptr") for name, word in words.items()}
+        context = {name: self.word("%context", str(i)) for i, name in enumerate(POINTERS)}
+        self.pointers = {name: self.let(f"inttoptr i64 {word} to ptr") for name, word in context.items()}
         self.level = self.number(self.pointers["level"], "0")
         inputs, outputs = self.shape.inputs["count"], self.shape.outputs["count"]
-        with self.loop(words["last"], words["first"]) as group:
+        with self.loop(context["last"], context["first"]) as group:
             self.rows = self.at(self.pointers["inputs"], self.integer("mul", group, str(inputs)))
             self.out = self.at(self.pointers["outputs"], self.integer("mul", group, str(outputs)))
             self.face = self.word(self.pointers["faces"], group)
@@ -373,7 +373,7 @@ class _Kernel(_Code):
         self.finish(f"define i64 @{entry}(ptr %context)", entry)
 
     def _powers(self) -> None:
-        """Powers of the radii into the work buffer, and h^β for every monomial: each is another one times one h."""
+        """Write powers of the radii, and h^β of every monomial as another one times one h, into the work buffer."""
         size = self.top + 3
         for which, name in enumerate(("inner", "outer", "middle", "half")):
             base, value = self.input(name), self.lanes.constant(1.0)
@@ -454,15 +454,15 @@ class _Kernel(_Code):
         base = self.integer("mul", self.face, str(len(shape.columns)))
         for group in shape.whole.groups:
             size = len(group.degrees)
-            one = [(part, place - group.offset) for part, place in shape.columns]
-            one = [(part, i) for part, i in one if 0 <= i < size]  # of one monomial
+            columns = [(part, place - group.offset) for part, place in shape.columns]
+            columns = [(part, i) for part, i in columns if 0 <= i < size]  # of one monomial
             with self.loop(str(group.count)) as b:
-                start, target = self.affine(b, len(one), base), self.affine(b, size, group.offset)
-                for entry, (part, i) in enumerate(one, before):
+                start, target = self.affine(b, len(columns), base), self.affine(b, size, group.offset)
+                for entry, (part, i) in enumerate(columns, before):
                     number = self.number(table, self.integer("add", start, str(entry)))
                     value = self.fused(factors[part - 1], number, value) if part else number
                     self.store(value, self.work("whole", self.integer("add", target, str(i))))
-            before += len(one) * group.count
+            before += len(columns) * group.count
 
     def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""

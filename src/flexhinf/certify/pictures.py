@@ -1,4 +1,4 @@
-"""Numbers of a certificate's pictures: slices of the region with r on them, and a step with the worst disturbance.
+"""Data of a certificate's figures: slices of the region with r on them, and a step with the worst disturbance.
 
 None of this is part of the theorem; it shows what is in it.
 """
@@ -18,7 +18,7 @@ from flexhinf.hinf.sampled import sample_region
 from flexhinf.hinf.value_function import ValueFunction
 
 #: Points of a surface along each side, and its sides over where the proved region is expected to end.
-POINTS, SIDES = 121, 1.25
+POINTS, WIDTH_FACTOR = 121, 1.25
 
 #: A plane's second direction keeps this from the first (1 − cosine, V_2 as the metric); how far the plane is looked at.
 APART, FURTHEST = 0.1, 4.0
@@ -96,10 +96,10 @@ def start_surface(
     if not chosen or any(len(free) != 1 for _, free in chosen):
         return None
     start, (integral,) = max(chosen, key=lambda pair: pair[0].amplitude)
-    paths = tuple(np.column_stack([one.amplitudes, one.table[free[0]]]) for one, free in chosen)
-    width = SIDES * max(start.amplitude, float(max(path[:, 0].max() for path in paths)))
+    paths = tuple(np.column_stack([s.amplitudes, s.table[free[0]]]) for s, free in chosen)
+    width = WIDTH_FACTOR * max(start.amplitude, float(max(path[:, 0].max() for path in paths)))
     curvature = float(np.linalg.inv(solution.P)[integral, integral])
-    height = SIDES * max(
+    height = WIDTH_FACTOR * max(
         np.sqrt(2.0 * certificate.level * curvature), max(float(np.abs(p[:, 1]).max()) for p in paths)
     )
     a, e = np.linspace(-width, width, POINTS), np.linspace(-height, height, POINTS)
@@ -136,7 +136,7 @@ def limit_slice(
     value = np.asarray(solution.value((plane @ np.array([other, point])).reshape(-1, len(point))))
     inside = np.logical_and.accumulate(value.reshape(plane.shape[:2]) <= certificate.level, axis=0)
     lengths = (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
-    across, up = (np.linspace(-SIDES * length, SIDES * length, POINTS) for length in lengths)
+    across, up = (np.linspace(-WIDTH_FACTOR * length, WIDTH_FACTOR * length, POINTS) for length in lengths)
     points = across[:, None] * other + up[:, None, None] * point
     value, residual = _on(solution, certificate, penalty, points)
     return LimitSlice(across, up, value, residual, check.limit, point, moved)

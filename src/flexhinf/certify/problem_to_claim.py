@@ -250,13 +250,13 @@ class _Reader:
         """The terms of a rate: of the drift without its constant, which the operating input balances, and of the
         factor of each input."""
         n, end = self.edges[1], self.edges[2]
-        found: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
+        factors: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
         for exponents, value in terms_of(rate).items():
             states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
             single = sum(functions) <= 1 and not (any(functions) and any(inputs))
             require(sum(inputs) <= 1, "an input or a disturbance that does not enter affinely")
             require(single, "a product of functions, or a function in g1 or g2")
-            row = found[1 + inputs.index(1) if any(inputs) else 0]
+            row = factors[1 + inputs.index(1) if any(inputs) else 0]
             powers = self._powers(exponents)
             self.seen |= {i for i, _ in powers}
             pairs = tuple((self.names[i], power) for i, power in powers)
@@ -272,7 +272,7 @@ class _Reader:
                 row[states, pairs, index] = row.get((states, pairs, index), fmpq(0)) + value
         return [
             tuple(Term(_exact_double(value, "the model"), *key) for key, value in row.items() if value)
-            for row in found
+            for row in factors
         ]
 
     def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
@@ -282,7 +282,7 @@ class _Reader:
         return [(i, power) for i, power in enumerate(powers) if power]
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
-        """A penalised output. Its coefficients are rounded to doubles, and what is checked has these."""
+        """A penalised output, with coefficients rounded to doubles: these are claimed and checked."""
         terms, n = terms_of(part), self.edges[1]
         plain = not any(any(exponents[n:]) for exponents in terms)
         require(plain, "a penalty that is no polynomial of the state")
@@ -290,11 +290,11 @@ class _Reader:
 
 
 def _exact_double(value: fmpq, where: str) -> float:
-    """A rational number that is a double."""
-    found = nearest_double(value)
-    exact = rational(found) == value
+    """A rational number as a double; refused where it is none."""
+    number = nearest_double(value)
+    exact = rational(number) == value
     require(exact, f"a number of {where} that is no double: make it a parameter of the plant")
-    return found
+    return number
 
 
 def require(holds: bool, what: str) -> None:
@@ -369,7 +369,7 @@ def value_polynomial(solution: ValueFunction, scale: float = 1.0) -> Polynomial:
 
 
 def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """A matrix as a claim has it."""
+    """A matrix as tuples of rows, the form that a claim has."""
     return tuple(map(tuple, matrix.tolist()))
 
 

@@ -106,14 +106,14 @@ def certify(
         tried, shares, sampled = check.level, _BELOW, check.level
     for share in shares:
         tried *= share
-        found, outcome = prove(replace(statement, level=float(tried)), threads=threads, progress=progress)
+        claim, outcome = prove(replace(statement, level=float(tried)), threads=threads, progress=progress)
         if outcome.proved:
-            found = replace(found, starts=starts_of(solution, found), provenance=_provenance(outcome))
-            found = replace(found.with_proved_starts(), sampled_level=sampled)
-            return found if observer is None else with_observer(solution, found, observer)
+            claim = replace(claim, starts=starts_of(solution, claim), provenance=_provenance(outcome))
+            claim = replace(claim.with_proved_starts(), sampled_level=sampled)
+            return claim if observer is None else with_observer(solution, claim, observer)
         if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
-    raise NotProved(replace(found, level=float(tried)), outcome)
+    raise NotProved(replace(claim, level=float(tried)), outcome)
 
 
 def check_decay(decay: float) -> None:
@@ -187,7 +187,7 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     terms = [(key, nearest_double(value)) for key, value in inequality.value.items()]
     degrees = range(max(map(sum, inequality.value)) + 1)
-    parts = [polynomial_at([one for one in terms if sum(one[0]) == k], directions) for k in degrees]
+    parts = [polynomial_at([term for term in terms if sum(term[0]) == k], directions) for k in degrees]
     radius, value, alive = *np.zeros((2, len(directions))), np.ones(len(directions), dtype=bool)
     step = 0.02 * np.sqrt(level / parts[2])
     for _ in range(2000):
@@ -224,9 +224,9 @@ def certify_tolerances(
     solution : HJISolution
         Its law is proved, with `scale` times its V as the storage function, or ½ xᵀPx with `p` (n, n).
     problem : GeneralisedPlant
-        Whose disturbance, penalty and R2 the gain is of: need not be the one that the law was designed for.
+        Has the disturbance, penalty and R2 of the gain; need not be the one that the law was designed for.
     ranges : mapping of str to (float, float)
-        Of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
+        Ranges of the plant's parameters, see `parameter_ranges`; those that are not named are nominal.
     level, step : float
         The level of the storage function, or the largest step without a jump of the input that is to be inside; a
         negative one is from above the goal to it.
@@ -255,29 +255,29 @@ def certify_tolerances(
         values = largest_values(statement, start, np.linspace(0.0, step, _POINTS))
         level = _BOX_ROOM * float(values.max()) / _INSIDE
     statement = replace(statement, level=float(level))
-    found, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
+    claim, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
-        raise NotProved(found, outcome)
+        raise NotProved(claim, outcome)
     if step is not None and not outcome.cells:
-        found = _largest(found)
-    starts = () if start is None else start_inside(found, start, step)
-    return replace(found, starts=starts, provenance=_provenance(outcome, ", vertices of the box"))
+        claim = _largest(claim)
+    starts = () if start is None else start_inside(claim, start, step)
+    return replace(claim, starts=starts, provenance=_provenance(outcome, ", vertices of the box"))
 
 
-def _largest(found: Certificate) -> Certificate:
-    """The same at the largest level at which definite matrices still prove it, within 5 %.
+def _largest(claim: Certificate) -> Certificate:
+    """The certificate with the largest level at which definite matrices still prove it, within 5 %.
 
     The quotients' ranges grow with the level, so what fails at one level fails at each larger one.
     """
-    t = np.array(found.coordinates)
-    inverse = np.linalg.inv(t.T @ quadratic_part(found.value, len(t)) @ t)
-    slopes = np.array([f.slope for f in found.functions]).reshape(-1, len(t)) @ t
-    square = 2.0 * found.level * float(np.einsum("ki,ij,kj->k", slopes, inverse, slopes).max(initial=0.0))
+    t = np.array(claim.coordinates)
+    inverse = np.linalg.inv(t.T @ quadratic_part(claim.value, len(t)) @ t)
+    slopes = np.array([f.slope for f in claim.functions]).reshape(-1, len(t)) @ t
+    square = 2.0 * claim.level * float(np.einsum("ki,ij,kj->k", slopes, inverse, slopes).max(initial=0.0))
     most = _MOST_LEVELS if square == 0.0 else min(_MOST_LEVELS, _FARTHEST**2 / square)
-    low, proved, high = found, 1.0, max(most, 1.0)
+    low, proved, high = claim, 1.0, max(most, 1.0)
     factor = high
     while high > _FINE * proved:
-        tried = wide_statement(replace(found, level=factor * found.level))
+        tried = wide_statement(replace(claim, level=factor * claim.level))
         if tried is not None and tried.definite_corners():
             low, proved = tried, factor
         else:
@@ -325,7 +325,7 @@ def with_observer(
     observer = Observer(measured, known, gains, weights, storages, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
-        raise _not_found(reason)
+        raise _no_error_energy(reason)
     return replace(claimed, starts=starts_of(solution, claimed)).with_proved_starts()
 
 
@@ -345,7 +345,7 @@ def check_bandwidth(solution: ValueFunction, bandwidth: float) -> GeneralisedPla
 def _error_energy(
     certificate: Certificate, closed: np.ndarray, noise: np.ndarray, energy: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """M, X and γ_e for which the errors are paid. The hull depends on X and M on the hull, so they are iterated."""
+    """M, X and γ_e of the observer's inequalities. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
     algebra = Algebra(certificate)
     laws = map(algebra.in_x, certificate.law)
@@ -356,18 +356,18 @@ def _error_energy(
     for _ in range(_PASSES):
         weight = _weight(certificate, slopes, certificate.reach + 1.05 * widths)
         scaled = closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
-        found = _storage(*scaled)
-        if found is None:
+        solution = _storage(*scaled)
+        if solution is None:
             break
-        storage, gain_error = found[0] / squares, found[1]
+        storage, gain_error = solution[0] / squares, solution[1]
         within = np.einsum("ij,ji->i", backwards, np.linalg.solve(storage, backwards.T))
         before, widths = widths, np.sqrt(2 * energy * within)
         if np.all(widths <= 1.04 * before):
             return weight, storage, gain_error
-    raise _not_found(f"the law's slopes where the estimates are did not settle in {_PASSES} passes")
+    raise _no_error_energy(f"the law's slopes where the estimates are did not settle in {_PASSES} passes")
 
 
-def _not_found(reason: str) -> NumericalFailure:
+def _no_error_energy(reason: str) -> NumericalFailure:
     return NumericalFailure(
         "No energy of the errors was found for this observer.", reason, "another bandwidth, or degree 2"
     )
@@ -410,10 +410,10 @@ def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple
             return None
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        found = solve_riccati(closed, pushed / middle**2, weight)
-        low, high = (middle, high) if found is None else (low, middle)
+        solution = solve_riccati(closed, pushed / middle**2, weight)
+        low, high = (middle, high) if solution is None else (low, middle)
         if high < low * 1.01:
             break
     gain_error = _OVER * high
-    found = solve_riccati(closed, pushed / gain_error**2, weight)
-    return None if found is None else (found.p, float(gain_error))
+    solution = solve_riccati(closed, pushed / gain_error**2, weight)
+    return None if solution is None else (solution.p, float(gain_error))

@@ -45,7 +45,7 @@ _ROUNDING = 1e-14  # terms below this, relative to the largest, are what roundin
 
 
 class _NoForm(Exception):
-    """A state that is no sum of terms in a and the parameters."""
+    """Raised for a state that is no sum of terms in a and the parameters."""
 
 
 def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
@@ -54,7 +54,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
     if rest is None:
         return ()
     path, free = rest
-    level, probe, found = statement.start_level, 1e-3, []
+    level, probe, paths = statement.start_level, 1e-3, []
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
         first = place(solution, path_start(statement, path, probe), free)
         step = 0.0 if first is None else probe * float(np.sqrt(level / solution.value(first))) / _STEPS
@@ -75,8 +75,8 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
         if len(starts) > 1:
             columns, grid = np.transpose(starts).tolist(), tuple(amplitudes)
             table = tuple(tuple(column) if moves else () for column, moves in zip(columns, free))
-            found.append(replace(path, rule=rule, amplitude=grid[-1], amplitudes=grid, table=table))
-    return tuple(found)
+            paths.append(replace(path, rule=rule, amplitude=grid[-1], amplitudes=grid, table=table))
+    return tuple(paths)
 
 
 # The equilibrium ----------------------------------------------------------------------------------
@@ -142,9 +142,9 @@ def term_along(
     if factor == 0.0:
         return []
     if term.function is not None:
-        given = statement.functions[term.function]
-        slope = sum((s * _multiple(path[i]) for i, s in enumerate(given.slope) if s), 0.0)
-        along = replace(given, slope=(slope,))
+        function = statement.functions[term.function]
+        slope = sum((s * _multiple(path[i]) for i, s in enumerate(function.slope) if s), 0.0)
+        along = replace(function, slope=(slope,))
         if along not in functions:
             functions.append(along)
         index = functions.index(along)
@@ -152,7 +152,7 @@ def term_along(
 
 
 def _multiple(terms: Terms) -> float:
-    """m of a state that is m a."""
+    """The factor m of a state m a, proportional to the amplitude."""
     for term in terms:
         if len(terms) > 1 or (term.powers, term.parameters, term.function) != ((1,), (), None):
             raise _NoForm
@@ -176,7 +176,7 @@ def divided(term: Term, divisor: Term) -> Term:
 
 # The integrators ----------------------------------------------------------------------------------
 def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
-    """The integrators at which the law's input is the one that holds the start, by Newton's method."""
+    """States of the integrators with which the law's input keeps the start in equilibrium, by Newton's method."""
     index = np.flatnonzero(free)
     f, _, g2, _ = solution.exact_fields(x[None])
     held = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]

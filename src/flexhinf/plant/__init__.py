@@ -1,4 +1,4 @@
-"""The hinge between physics, synthesis, estimation and closed loops."""
+"""Plants, and the interfaces between physics, synthesis, estimation and closed loops."""
 
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
 from flexhinf.plant.model import Parameters, ParameterTable, StoredCode, python_control

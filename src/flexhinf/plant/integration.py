@@ -1,4 +1,4 @@
-"""Between two samples: Runge–Kutta steps, as many as the fastest mode needs."""
+"""Integration between two samples: Runge–Kutta steps, as many as the fastest mode needs."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class ParameterTable:
         return np.concatenate(parts) if parts else np.zeros(0)
 
     def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Those of the values that are in this table: a robot states more than each of its plants has."""
+        """The values whose names are in this table: a robot states more than each of its plants has."""
         return {name: value for name, value in values.items() if name in self.values}
 
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
@@ -147,21 +147,21 @@ class ParameterTable:
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
-        found, start = np.tile(self.vector(), (len(rows), 1)), 0
+        table, start = np.tile(self.vector(), (len(rows), 1)), 0
         fits = all(name in self.values for row in rows for name in row)
         try:
             for name, value in self.values.items():
-                given = [k for k, row in enumerate(rows) if name in row]
-                if given:
-                    columns = real_array([rows[k][name] for k in given])
-                    fits &= columns.shape == (len(given), *value.shape)
-                    found[given, start : start + value.size] = columns.reshape(len(given), -1)
+                changed = [k for k, row in enumerate(rows) if name in row]
+                if changed:
+                    columns = real_array([rows[k][name] for k in changed])
+                    fits &= columns.shape == (len(changed), *value.shape)
+                    table[changed, start : start + value.size] = columns.reshape(len(changed), -1)
                 start += value.size
         except (TypeError, ValueError, OverflowError):  # another size, or no number
             fits = False
-        if not (fits and np.all(np.isfinite(found))):  # `replaced` raises, and says which value it is
+        if not (fits and np.all(np.isfinite(table))):  # `replaced` raises, and says which value it is
             return np.array([self.replaced(row).vector() for row in rows])
-        return found
+        return table
 
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
@@ -202,7 +202,7 @@ class TracedCode:
         return TracedCode, (self.function,)
 
     def evaluate(self, *arrays: Any) -> np.ndarray | None:
-        """Its result on vectors of numbers or symbols of the sizes that it has; None for any other element."""
+        """The result for vectors of numbers or symbols of the traced sizes; None for any other element."""
         vectors = [np.asarray(array) for array in arrays]
         sizes = [vector.size for vector in vectors]
         if sizes != self._sizes:
@@ -239,7 +239,7 @@ def has_a_name(function: Callable[..., Any]) -> bool:
 
 
 def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
-    """What the model's code returns on symbols, as a vector; its own mistakes become errors of ours."""
+    """Result of the model's code on symbols, as a vector; exceptions of that code become `InvalidInput`."""
     try:
         signals = np.asarray(model(), dtype=object)
     except FlexhinfError:
@@ -292,8 +292,8 @@ class Model(Summarised):
         ``engaged(x, p)`` → a point near x at which everything in the flow acts, where it has a dead zone: inside
         backlash no spring is felt, and a run that leaves it is faster than its linearisation there.
     arrest : callable, optional
-        ``arrest(x, h, p)`` → the state at the end of a step of h seconds, of that which the flow reaches: what
-        set-valued friction, which no flow can express, takes away. Only `flexhinf.Loop` has it; linearisations and
+        ``arrest(x, h, p)`` → the state at the end of a step of h seconds after set-valued friction, which no flow
+        can express, has acted on the state x that the flow reaches. Only `flexhinf.Loop` has it; linearisations and
         estimators do not.
 
     Raises
@@ -374,7 +374,7 @@ class Model(Summarised):
     def code_key(self) -> tuple[object, ...]:
         """What distinguishes this plant's code from another's (not its parameter values).
 
-        The code is what it computes, not who computes it: two functions that do the same share their machine code, and
+        The key depends on what the code computes: two functions that do the same share their machine code, and
         one function that reads a changed constant has another key when its plant is built anew.
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
@@ -389,8 +389,8 @@ class Model(Summarised):
     def check_unchanged(self) -> None:
         """Refuse code that no longer computes what it did when the plant was built.
 
-        Numbers, derivatives and machine code are those of the flow as it was traced then; whoever runs its text again
-        asks here first, so that two models are never mixed.
+        Numbers, derivatives and machine code are those of the flow as it was traced then. This is called before its
+        text runs again, so that two models are never mixed.
         """
         if isinstance(self.flow, StoredCode):
             return
@@ -458,7 +458,7 @@ class Model(Summarised):
 
         if x is None and u is None:
             return python_control().nlsys(rates, measured, **names)
-        x, u, _ = (rows[0] for rows in self._points(x, u, one=True))
+        x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         a, b, g, c = self.linearise(x, u)
         d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
         return python_control().ss(a, np.hstack([b, g]), c, d, **names)
@@ -536,7 +536,7 @@ class Model(Summarised):
         return self.flow(x, u, d, self.parameters.named(p)) if rates is None else rates
 
     def evaluate_output(self, x: Any, u: Any, p: Any) -> Any:
-        """y (p,) on any element, likewise."""
+        """y (p,) on any element, as `evaluate_flow`."""
         y = self._codes[1].evaluate(x, u, p)
         return self._output_text(x, u, p) if y is None else y
 
@@ -553,18 +553,18 @@ class Model(Summarised):
 
     def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
-        given = self._points(x, u, d)
-        count = max(map(len, given)) if all(map(len, given)) else 0
-        if any(len(rows) not in (1, count) for rows in given):
+        points = self._points(x, u, d)
+        count = max(map(len, points)) if all(map(len, points)) else 0
+        if any(len(rows) not in (1, count) for rows in points):
             raise InvalidInput(
                 "The numbers of points differ.",
-                f"got {[len(rows) for rows in given]} rows of x, u and d",
+                f"got {[len(rows) for rows in points]} rows of x, u and d",
                 "a row for each point, or one for all",
             )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
-        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in given]
+        columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
         result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
@@ -572,27 +572,27 @@ class Model(Summarised):
         self, x: Any = None, u: Any = None, d: Any = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default."""
-        points = [rows[0] for rows in self._points(x, u, d, one=True)]
+        points = [rows[0] for rows in self._points(x, u, d, single=True)]
         jacobians = self.traced_jacobians(*points, self.parameters.vector())
         a, b, g, c = (np.asarray(matrix, dtype=float) for matrix in jacobians)
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
         """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s."""
-        x, u, _ = (rows[0] for rows in self._points(x, u, one=True))
+        x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         return float(fastest_modes(self, self.parameters.vector()[None], x, u)[0])
 
-    def _points(self, x: Any, u: Any, d: Any = None, one: bool = False) -> list[np.ndarray]:
+    def _points(self, x: Any, u: Any, d: Any = None, single: bool = False) -> list[np.ndarray]:
         """Rows of numbers for x, u and d, (N, n), (N, m) and (N, k); zeros for None."""
-        found = []
+        points = []
         for letter, value, names in zip("xud", (x, u, d), (self.states, self.inputs, self.disturbances)):
             rows = np.atleast_2d(np.zeros(len(names)) if value is None else real_array(value))
-            fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not one or len(rows) == 1)
+            fits = rows.ndim == 2 and rows.shape[1] == len(names) and (not single or len(rows) == 1)
             if not fits or not np.isfinite(rows).all():
                 raise InvalidInput(
                     f"The point {letter} does not fit the plant.",
                     f"expected {len(names)} finite numbers for {list(names)}, got {value_text(value)}",
-                    "one number per name" + ("" if one else ", or one row of them for each point"),
+                    "one number per name" + ("" if single else ", or one row of them for each point"),
                 )
-            found.append(rows)
-        return found
+            points.append(rows)
+        return points

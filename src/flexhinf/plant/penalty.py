@@ -1,4 +1,4 @@
-"""What the design wants small: z = (h(x), l(x) u) with lᵀl = R2, Eqs. (3) and (4)."""
+"""Penalty of a design: z = (h(x), l(x) u) with lᵀl = R2, Eqs. (3) and (4)."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ class Penalty:
 
 def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
     """The error for a weight of something that is not known, with the known name that is most like it."""
-    close = max(known, key=lambda one: difflib.SequenceMatcher(None, name, one).ratio())
+    close = max(known, key=lambda other: difflib.SequenceMatcher(None, name, other).ratio())
     return InvalidInput(
         f"The penalty names a state that the problem does not have: {name!r}.",
         f"expected names out of {list(known)}",

@@ -214,7 +214,7 @@ class GeneralisedPlant(Summarised):
     def penalty_output(self, x: Any, p: Any) -> Any:
         """h(x) on any element; x is the deviation from the operating point, integrals included.
 
-        A function h goes the way of the plant's code: numbers and symbols through what was traced.
+        A function h is evaluated like the plant's code: on numbers and symbols by its trace.
         """
         h = None
         if callable(self.penalty.states):
@@ -249,7 +249,7 @@ class GeneralisedPlant(Summarised):
         """Exact Taylor expansion about the operating point, at the nominal parameters.
 
         `degree` ≥ 1 is the highest of f and h; that of g1 and g2 is one less. The last expansion is kept: another γ for
-        the same problem asks whether its code has changed, and expands nothing.
+        the same problem checks that its code is unchanged, and uses it again.
         """
         self.check_unchanged()
         last: tuple[int, PolynomialPlant] | None = vars(self).get("_expansion")
@@ -282,7 +282,7 @@ class GeneralisedPlant(Summarised):
 
     @cached_property
     def _field_codes(self) -> tuple[Any, tuple[np.ndarray | None, ...]]:
-        """Those of the traced fields that depend on x as one function, and the values of the others (None elsewhere).
+        """The traced fields that depend on x as one function, and the values of the constant ones (None elsewhere).
 
         Constant matrices of many points are most of what would otherwise be copied out of CasADi.
         """

@@ -1,4 +1,4 @@
-"""A plant whose fields are polynomials: what every expansion ends in, and what can be given by hand.
+"""A plant whose fields are polynomials: the result of every Taylor expansion, or stated by hand.
 
 Taylor expansion of model code about a point: the code is run once on truncated polynomials.
 
@@ -37,11 +37,11 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
 
     The asymmetry allowed is `rounding` of an entry and `least` of the largest one.
     """
-    given, r2 = r2, np.atleast_2d(real_array(r2))
+    original, r2 = r2, np.atleast_2d(real_array(r2))
     if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
         raise InvalidInput(
             "R2 is not a finite square matrix.",
-            f"expected real numbers of shape (m, m), m >= 1, got {value_text(given)}",
+            f"expected real numbers of shape (m, m), m >= 1, got {value_text(original)}",
             "R2 = lᵀl > 0",
         )
     half = (r2 + r2.T) / 2
@@ -55,32 +55,32 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
     return half
 
 
-def parts_from_input(name: str, given: Any, n: int) -> dict[int, np.ndarray]:
+def parts_from_input(name: str, coefficients: Any, n: int) -> dict[int, np.ndarray]:
     """Parts of g1 or g2: a constant matrix (n, inputs), or a mapping {exponents: (n, inputs)}."""
-    if isinstance(given, Mapping):
-        return parts_from_mapping(name, given, n, 2)
-    matrix = real_array(given)
+    if isinstance(coefficients, Mapping):
+        return parts_from_mapping(name, coefficients, n, 2)
+    matrix = real_array(coefficients)
     if matrix.ndim != 2:
         raise InvalidInput(
             f"{name} is not a matrix.",
-            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(given)}",
+            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
             f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
         )
     return {0: matrix[:, :, None]}
 
 
-def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np.ndarray]:
+def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[int, np.ndarray]:
     """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient."""
-    if not isinstance(given, Mapping) or not given:
+    if not isinstance(coefficients, Mapping) or not coefficients:
         raise InvalidInput(
             f"{name} is not a mapping of monomials.",
-            f"expected {{exponents: coefficients}} with at least one entry, got {type(given).__name__}",
+            f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
             "keys are tuples of exponents, one per state",
         )
-    values = [real_array(value) for value in given.values()]
+    values = [real_array(value) for value in coefficients.values()]
     shape = values[0].shape
     parts: dict[int, np.ndarray] = {}
-    for key, value in zip(given, values, strict=True):
+    for key, value in zip(coefficients, values, strict=True):
         whole = isinstance(key, tuple) and not any(isinstance(entry, bool) for entry in key)
         if not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key):
             raise InvalidInput(
@@ -92,7 +92,7 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
             raise InvalidInput(
                 f"The coefficients of {name} have different or wrong shapes.",
                 f"expected numbers on {axes} axes, shape {shape} as in the first entry, got "
-                f"shape {value.shape}: {value_text(given[key], 60)} at {key}",
+                f"shape {value.shape}: {value_text(coefficients[key], 60)} at {key}",
                 f"one array per monomial, as many rows as {name} has",
             )
         degree = int(sum(key))
@@ -112,7 +112,7 @@ def parts_from_mapping(name: str, given: Any, n: int, axes: int) -> dict[int, np
 def checked_parts(
     name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
 ) -> dict[int, np.ndarray]:
-    """Shapes and finiteness; zero parts dropped; the lowest degree always present."""
+    """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest."""
     if not parts:
         raise InvalidInput(f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]
@@ -121,8 +121,8 @@ def checked_parts(
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
     zero = np.zeros((*lead, basis.count(n, lowest)))
-    for degree, given in sorted({lowest: zero, **parts}.items()):
-        part = np.ascontiguousarray(real_array(given))
+    for degree, coefficients in sorted({lowest: zero, **parts}.items()):
+        part = np.ascontiguousarray(real_array(coefficients))
         sizes = ("any" if size is None else size for size in (lead if fits else shape))
         expected = (*sizes, basis.count(n, degree))
         if not fits or part.shape != expected:
@@ -141,7 +141,7 @@ def checked_parts(
 
 
 def check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -> None:
-    """f(x*) = 0 and h(x*) = 0 up to rounding; the constant part is then dropped."""
+    """Check that f(x*) = 0 or h(x*) = 0 up to rounding, and drop the constant part."""
     constant = parts.pop(0, None)
     if constant is None:
         return
@@ -255,7 +255,7 @@ class PolynomialPlant(Summarised):
     ) -> None:
         first = next(iter(f), None) if isinstance(f, Mapping) else None
         n = max(1, len(first)) if isinstance(first, tuple) else 1
-        made = PolynomialPlant.from_parts(
+        plant = PolynomialPlant.from_parts(
             n,
             parts_from_mapping("f", f, n, 1),
             parts_from_input("g1", g1, n),
@@ -267,7 +267,7 @@ class PolynomialPlant(Summarised):
             input_names,
             operating_input,
         )
-        vars(self).update(vars(made))
+        vars(self).update(vars(plant))
 
     @classmethod
     def from_parts(
@@ -275,7 +275,7 @@ class PolynomialPlant(Summarised):
         h: Mapping[int, np.ndarray], r2: Any, state_names: Sequence[str] | None = None, operating_point: Any = None,
         input_names: Sequence[str] | None = None, operating_input: Any = None,
     ) -> PolynomialPlant:  # fmt: skip
-        """The same from homogeneous parts: degree → monomial coefficients along the last axis.
+        """A polynomial plant from homogeneous parts: degree → monomial coefficients along the last axis.
 
         f and h are (n, count(n, degree)) and (s, count(n, degree)), g1 and g2 (n, md, count) and (n, m, count). A part
         of degree 0 of f and h is the value at the operating point; it must vanish up to rounding.
@@ -319,7 +319,7 @@ class PolynomialPlant(Summarised):
     def from_kronecker(
         cls, f: Sequence[Any], g1: Sequence[Any], g2: Sequence[Any], h: Sequence[Any], r2: Any, **named: Any
     ) -> PolynomialPlant:
-        """The same from Kronecker coefficients, as PPR and NLbalancing have them.
+        """A polynomial plant from Kronecker coefficients, in the form of PPR and NLbalancing.
 
         Parameters
         ----------
@@ -363,7 +363,7 @@ class PolynomialPlant(Summarised):
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Take over attributes; copies share their arrays, so nobody may write them."""
+        """Restore attributes with read-only arrays, which copies share."""
         vars(self).update(read_only(state))
 
     @property
@@ -448,8 +448,8 @@ def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarra
         owner.append(np.where(last < n, STATES, np.where(once, last - n, REST)))
         place.append(np.zeros(len(tuples), np.intp))
         for field, lowest in [(STATES, size(n, k - 1)), *((j, size(n, k - 2)) for j in range(others))]:
-            found = np.flatnonzero(owner[-1] == field)  # in the order of the basis, which is lexicographic
-            place[-1][found] = lowest + np.arange(len(found))
+            members = np.flatnonzero(owner[-1] == field)  # in the order of the basis, which is lexicographic
+            place[-1][members] = lowest + np.arange(len(members))
     return np.concatenate(owner), np.concatenate(place)
 
 

@@ -1,4 +1,4 @@
-"""What a closed loop needs of a law, of an estimator and of a black box: base classes with few abstract methods.
+"""Interfaces of a law, an estimator and a black box in a closed loop: base classes with few abstract methods.
 
 Rooms that know only these classes can be exchanged freely.
 """
@@ -36,7 +36,7 @@ def use_default_form(cls: type, base: type, written: str, form: str) -> None:
 
 
 class Numbered(Summarised):
-    """What has a number of its own in this process, for the keys of its code: a copy or a pickle has another."""
+    """Base of objects with a number of their own in this process, for keys of their code; copies have another."""
 
     @cached_property
     def _number(self) -> int:
@@ -75,7 +75,7 @@ class Law(Numbered):
 
     @property
     def kind(self) -> str:
-        """What a reader knows the law as: its class, of a stored law the one that it was."""
+        """Name of the law's class for readers; of a stored law, the class that was stored."""
         return type(self).__name__
 
     # To be written --------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ class Estimator(Numbered):
 
     @abc.abstractmethod
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
-        """x(k|k−1) → x(k|k), likewise."""
+        """x(k|k−1) → x(k|k), pure, as `time_update`."""
 
     # Defaults -------------------------------------------------------------------------------------
     @property
@@ -208,7 +208,7 @@ class Estimator(Numbered):
     def settings(self) -> dict[str, Any]:
         """Arguments that make this estimator again: numbers, arrays, texts, a Plant or another Estimator by name.
 
-        By default it is refused: an estimator that does not say them cannot be saved.
+        By default it is refused: an estimator that does not state them cannot be saved.
         """
         raise InvalidInput(
             f"{type(self).__name__} cannot be saved.",
@@ -218,7 +218,7 @@ class Estimator(Numbered):
 
     @property
     def operations(self) -> int:
-        """Roughly, the operations of both updates as one trace; 0 leaves them one trace."""
+        """Estimated number of operations of both updates as one trace; 0 keeps them one trace."""
         return 0
 
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -231,17 +231,17 @@ class Estimator(Numbered):
     def measurement_update_on(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
-        """`measurement_update` on a run, likewise."""
+        """`measurement_update` on a run, as `time_update_on`."""
         return self._update_on(run, self.measurement_update, belief, p, measurement_noise, y, u)
 
-    def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *given: Any) -> Any:
-        kind, count, named = type(belief), len(given), self.plant.parameters.named
+    def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *values: Any) -> Any:
+        kind, count, named = type(belief), len(values), self.plant.parameters.named
 
         def update(*arguments: Any) -> Any:
             p, noise, *parts = arguments[count:]
             return tuple(written(kind(*parts), *arguments[:count], named(p), noise))
 
-        return kind(*run.call(update, *given, p, noise, *belief))
+        return kind(*run.call(update, *values, p, noise, *belief))
 
 
 class BlackBox(abc.ABC):

@@ -66,7 +66,7 @@ def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], large: bool) -> None:
-    """Call `task` on each tuple of arguments, side by side if `large`; the calls must be independent.
+    """Call `task` on each tuple of arguments, in parallel if `large`; the calls must be independent.
 
     NumPy releases the interpreter while it gathers and multiplies, so plain threads are enough.
     """
@@ -95,13 +95,13 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
     wanted = set(degrees)
     points, n = x.shape
     current = np.ones((points, 1), x.dtype)
-    found = {0: current} if 0 in wanted else {}
+    by_degree = {0: current} if 0 in wanted else {}
     for k in range(1, max(wanted, default=0) + 1):
         if points <= _FEW:  # one gather costs less than a product for each variable
             variable, rest = basis.factors(n, k)
             current = x[:, variable] * current[:, rest]
             if k in wanted:
-                found[k] = current
+                by_degree[k] = current
             continue
         start, first = basis.offsets(n, k - 1), basis.offsets(n, k)
         higher = np.empty((points, basis.count(n, k)), x.dtype)
@@ -109,8 +109,8 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
             np.multiply(x[:, j : j + 1], current[:, start[j] :], out=higher[:, first[j] : first[j + 1]])
         current = higher
         if k in wanted:
-            found[k] = current
-    return found
+            by_degree[k] = current
+    return by_degree
 
 
 def evaluate(polynomial: Mapping[int, np.ndarray], x: np.ndarray) -> np.ndarray:

@@ -49,10 +49,10 @@ def degree_slice(n: int, k: int) -> slice:
 @lru_cache(16)  # what the last ones have worked out is kept; older ones live as long as their polynomials do
 def space(n: int, degree: int) -> Space:
     """The polynomials in `n` variables through total degree `degree`; the same object each time."""
-    found = _SPACES.get((n, degree))
-    if found is None:
-        found = _SPACES[n, degree] = Space(n, degree)
-    return found
+    interned = _SPACES.get((n, degree))
+    if interned is None:
+        interned = _SPACES[n, degree] = Space(n, degree)
+    return interned
 
 
 class Space:
@@ -74,10 +74,10 @@ class Space:
     def support(self, monomials: np.ndarray) -> Support:
         """The interned support of ascending monomial numbers, shape (N,)."""
         key = monomials.astype(np.int32).tobytes()
-        found = self._supports.get(key)
-        if found is None:
-            found = self._supports.setdefault(key, Support(self, monomials))
-        return found
+        support = self._supports.get(key)
+        if support is None:
+            support = self._supports.setdefault(key, Support(self, monomials))
+        return support
 
     def remember(self, pairs: int) -> None:
         """Count stored pairs; when they are too many, forget what every support has worked out."""
@@ -112,23 +112,23 @@ class Support:
 
     def sum(self, other: Support) -> tuple[Support, Any, Any]:
         """The union with `other`, and the places of each of the two in it; None for one that is the union itself."""
-        found = self.sums.get(other)
-        if found is None:
+        result = self.sums.get(other)
+        if result is None:
             union = np.union1d(self.monomials, other.monomials)
             support = self.space.support(union)
             left = None if self is support else np.searchsorted(union, self.monomials)
             right = None if other is support else np.searchsorted(union, other.monomials)
-            found = self.sums[other] = support, left, right
+            result = self.sums[other] = support, left, right
             self.space.remember(len(union))
-        return found
+        return result
 
     def product(self, other: Support) -> _Product:
         """The products with `other` through the degree of the space."""
-        found = self.products.get(other)
-        if found is None:
-            found = self.products[other] = _Product(self, other, self.space.degree)
-            self.space.remember(found.pairs)
-        return found
+        table = self.products.get(other)
+        if table is None:
+            table = self.products[other] = _Product(self, other, self.space.degree)
+            self.space.remember(table.pairs)
+        return table
 
     def compositions(self) -> list[_Product]:
         """The products of Horner's rule for a series in a polynomial of this support (without constant)."""

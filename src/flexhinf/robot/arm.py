@@ -2,17 +2,17 @@
 
 A single link in closed form, as in Sec. 6: its inertia is stated about the joint's axis.
 
-What a robot carries: a body of unknown mass that is fixed to one of its links; and its mass, weighed by the motors.
+Payloads: bodies of unknown mass that are fixed to links, and their masses identified from motor torques at rest.
 
 A payload is part of its link's mass, centre of mass and inertia in every plant (`Arm.packed`), so that dynamics,
 estimator, MuJoCo and feedforward see it. Its numbers are parameters of the robot: a mass of 0 to 3 kg is one uncertain
 number, and the inertia of the payload is in proportion to its mass.
 
 A robot that stands still is held by its motors, and with an integral of the position error it stands where it was
-commanded to, whatever it carries. So what the motors give there is u = u0(q) + Σ m_i s_i(q), where u0 holds the robot
-itself and s_i is what a kilogram of the payload i adds: the masses follow by least squares. What the links' own masses
-are uncertain by falls on the payload; two weighings at one pose, before and after it is gripped, cancel that. Dry
-friction holds a part of the weight that the motors do not show, and bounds what can be known.
+commanded to, whatever its payload. So the input there is u = u0(q) + Σ m_i s_i(q), where u0 holds the robot itself and
+s_i is what a kilogram of the payload i adds: the masses follow by least squares. Errors of the links' own masses are
+attributed to the payload; two measurements at one pose, before and after the load step, cancel them. Dry friction
+holds a part of the weight that the input does not show, and limits the accuracy.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ class Arm(JointTree):
         return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
 
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
-        """The links as other tools want them: tree, mass (n,), centre of mass (n, 3) and inertia (n, 6)."""
+        """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of the links, for other tools."""
         return self.tree, p.mass, p.centre_of_mass, p.inertia
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
@@ -269,17 +269,17 @@ class Payload:
             )
 
     def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
-        """The robot's parameters for it, in the frame of the link that carries it."""
+        """The robot's parameters for this payload, in the frame of the link that carries it."""
         turn, centre = np.array(frame.placement.rotation), self.centre_of_mass
         if centre is None:
             centre = [
                 Parameter("", x, source="assumption: where the link is drawn to end") for x in frame.tip
             ]
-        place = np.array(frame.placement.translation) + turn @ [one.value for one in centre]
+        place = np.array(frame.placement.translation) + turn @ [entry.value for entry in centre]
         six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
         numbers = {"mass": self.mass}
         for axis, value in zip(VECTOR, place):
-            tolerance = max(one.tolerance for one in centre)
+            tolerance = max(entry.tolerance for entry in centre)
             numbers[f"centre_of_mass_{axis}"] = Parameter(
                 "", float(value), tolerance, source=centre[0].source
             )
@@ -322,10 +322,10 @@ def payload_from_text(text: str) -> Payload:
     nominal mass and upper end. Behind ``@`` stands what carries it, behind ``:`` its centre of mass there (m).
     """
     head, colon, place = text.partition(":")
-    words, at, link = (part.strip() for part in head.partition("@"))
+    amount, at, link = (part.strip() for part in head.partition("@"))
     try:
         # A number without the underscores that Python allows.
-        numbers = [float(word.replace("_", "x")) for word in words.removesuffix("kg").split("..")]
+        numbers = [float(word.replace("_", "x")) for word in amount.removesuffix("kg").split("..")]
         centre = [float(word.replace("_", "x")) for word in place.split(",")] if colon else None
         whole = len(numbers) <= 3 and (centre is None or len(centre) == 3) and (link or not at)
         if not whole or not all(np.isfinite([*numbers, *(centre or ())])):
@@ -346,11 +346,11 @@ def payload_from_text(text: str) -> Payload:
 def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
     """Masses (kg) by name of a robot's uncertain payloads at the lower, and at the upper ends of their ranges.
 
-    Where those are the nominal ones they are left out.
+    Ends that are the nominal masses are left out.
     """
     masses = [p for p in uncertain if p.name.startswith("payload_mass")]
     ends = ({p.name: p.interval[end] for p in masses} for end in (0, 1))
-    return [found for found in ends if found != {p.name: p.value for p in masses}]
+    return [values for values in ends if values != {p.name: p.value for p in masses}]
 
 
 #: A payload whose lever arm is shorter than this, m, loads no motor: its weight is lost in rounding.
@@ -359,9 +359,9 @@ SHORTEST_LEVER = 1e-6
 
 @dataclass(frozen=True)
 class Weighing:
-    """What the motors say of payloads: masses, kg, by the robot's parameters, as for ``robot.with_values``.
+    """Payload masses, kg, identified from motor torques at rest, by parameter name as for ``robot.with_values``.
 
-    `hidden` are kg that dry friction may hide, at most: with every joint held by all of it, in the worst directions.
+    `hidden` are their largest errors by dry friction, kg: all of it at every joint, in the worst directions.
     `unexplained` (n,) is the torque of each motor that these masses do not explain, N·m (N).
     """
 
@@ -378,9 +378,9 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
     pose : (n,)
         Link positions at rest, rad or m.
     effort : (n,)
-        What each motor gives there, V, A, or N·m (N): a mean over the noise.
+        Input of each motor there, V, A, or N·m (N): a mean over the noise.
     unloaded : (n,), optional
-        The same at this pose with the masses that the robot states (its nominal ones); by default what the model says.
+        Input at this pose with the masses that the robot states (its nominal ones); by default what the model says.
 
     Raises
     ------

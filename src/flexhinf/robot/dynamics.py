@@ -394,10 +394,10 @@ def frames_of(tree: Tree, q: Any) -> list[Frame]:
     return frames
 
 
-def joined(one: Body, other: Body) -> Body:
-    """Two bodies that move together, seen from one frame."""
+def joined(own: Body, other: Body) -> Body:
+    """Inertial parameters of two bodies that move together, in one frame."""
     return Body(
-        plus(one.mass, other.mass), add(one.moment, other.moment), tuple(map(add, one.inertia, other.inertia))
+        plus(own.mass, other.mass), add(own.moment, other.moment), tuple(map(add, own.inertia, other.inertia))
     )
 
 
@@ -415,7 +415,7 @@ def seen_by_parent(body: Body, frame: Frame) -> Body:
 
 
 def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
-    """Other bodies that move in the same way, with zeros among their parameters [gautier1990].
+    """Equivalent bodies, regrouped so that some of their inertial parameters are zero [gautier1990].
 
     About the axis z of a revolute joint, a mass on the axis and equal moments of inertia about x and y, without one
     about z, are the same whatever its angle: a link's mass, its first moment along z and its inertia about y are
@@ -429,9 +429,9 @@ def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
         mass, (hx, hy, hz), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = moved[i]
         moved[i] = Body(0.0, (hx, hy, 0.0), ((minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
         if tree.parents[i] >= 0:
-            given = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
+            part = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
             above = moved[tree.parents[i]]
-            moved[tree.parents[i]] = joined(above, seen_by_parent(given, Frame(*tree.aligned[i])))
+            moved[tree.parents[i]] = joined(above, seen_by_parent(part, Frame(*tree.aligned[i])))
     return moved
 
 

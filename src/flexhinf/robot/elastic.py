@@ -14,7 +14,7 @@ switch                    adds
 ========================  ===============================================================================
 
 Dry friction is smoothed over the velocity v₀ (`friction_smoothing`), so a stuck joint creeps by less than v₀
-as long as the torque is below F_c. `Sticking` is the sharp one, which holds: it is no part of a flow, and acts at the
+as long as the torque is below F_c. `Sticking` is set-valued and holds a joint: it is no part of a flow, and acts at the
 end of each step of a simulation. Backlash is not smooth: a synthesis refuses it by name.
 
 Inverse dynamics gives the state and the input of a motion of the links [deluca2016]: the link positions are a flat
@@ -62,17 +62,17 @@ DEFAULTS = {
 }  # fmt: skip
 
 
-def checked_extras(extras: Any, inductance: bool, given: Collection[str], robot: str) -> tuple[str, ...]:
+def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot: str) -> tuple[str, ...]:
     """The switches that are on, in a fixed order; an unknown one, or one without its number, is refused."""
     requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
         if name not in EXTRAS:
             raise unknown_name(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
-        if EXTRAS[name] not in given:
+        if EXTRAS[name] not in stated:
             raise InvalidInput(
                 f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
-                f"expected it beside {sorted(given)}",
+                f"expected it beside {sorted(stated)}",
                 f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
             )
     return tuple(name for name in EXTRAS if name in requested)
@@ -86,7 +86,7 @@ def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[s
 
 
 def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any:
-    """Torque of the spring on the link, of the twist δ = q2 − q1 and its rate."""
+    """Torque of the spring on the link, from the twist δ = q2 − q1 and its rate."""
     if "backlash" in extras:
         half = 0.5 * p.backlash
         twist = twist - clip(twist, -half, half)
@@ -100,7 +100,7 @@ def spring_torque(twist: Any, rate: Any, p: Any, extras: Collection[str]) -> Any
 
 @dataclass(frozen=True)
 class Sticking:
-    """Coulomb's friction as it is, |τ_F| ≤ F at rest and F sgn q̇2 in motion: what `Model.arrest` wants of a robot.
+    """Set-valued Coulomb friction, |τ_F| ≤ F at rest and F sgn q̇2 in motion: the `Model.arrest` of a robot.
 
     Moreau's time stepping: a step of h takes up to F h / J from each motor's velocity, and never turns it round. The
     velocity is taken as lost evenly within the step, so the motor is behind by half of that times h: what sticks does
@@ -115,14 +115,14 @@ class Sticking:
         n = self.joints
         velocity = x[3 * n : 4 * n]
         most = np.broadcast_to((step / p.motor_inertia) * dry_level(velocity, p, self.extras), velocity.shape)
-        lost = np.array([clip(one, -limit, limit) for one, limit in zip(velocity, most)])
+        lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
         return np.concatenate(
             [x[: 2 * n], x[2 * n : 3 * n] - (0.5 * step) * lost, velocity - lost, x[4 * n :]]
         )
 
 
 def stated_friction(parameters: Any) -> tuple[str, ...]:
-    """The switches of dry friction whose number a robot states above zero, of its plant's parameters by name."""
+    """Switches of the dry friction that a robot has, by its plant's parameters: those whose number is above zero."""
     return tuple(name for name in DRY if np.any(np.asarray(parameters.get(EXTRAS[name], 0.0)) > 0.0))
 
 
@@ -177,7 +177,7 @@ def required_of_drive(
 def reflected(
     values: Mapping[str, float], drive: str, joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> dict[str, list[float]]:
-    """What the plant's equations need, one number per joint (of springs: per elastic joint), all seen from the link.
+    """Parameters of the plant's equations, one per joint (of springs: per elastic joint), reflected to the link side.
 
     J = N² J_rotor + J_hub; with a gear τ = η_g η_m N k_t (V − N k_b q̇2) / R, so the constants of the reflected
     motor are η_g η_m N k_t and N k_b. Stiffness, friction and what the joint adds are stated on the link side.
@@ -223,7 +223,7 @@ def torque_per_input(drive: str, p: Any) -> Any:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the joints stand in x = (q1 (n), q̇1 (n), q2 (e), q̇2 (e) (, i (n))): e of the n joints are elastic.
+    """Places of the joints in x = (q1 (n), q̇1 (n), q2 (e), q̇2 (e) (, i (n))): e of the n joints are elastic.
 
     The rotor of a joint in `rigid` turns with the link: q2 = q1.
     """
@@ -233,7 +233,7 @@ class Layout:
 
     @staticmethod
     def of(states: Sequence[str]) -> Layout:
-        """From the names of the states: a joint without a motor's position is rigid."""
+        """The layout of the named states: a joint without a motor's position is rigid."""
         joints = [name.removeprefix("link_position") for name in states if name.startswith("link_position")]
         joints = [joint for joint in joints if not joint.endswith("_integral")]
         rigid = tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
@@ -259,7 +259,7 @@ class Layout:
         return links[self.elastic] if self.rigid else links
 
     def engaged(self, x: Any, p: Any) -> np.ndarray:
-        """A state with every spring beyond its backlash: what `Model.engaged` wants of a robot.
+        """A state with every spring beyond its backlash: the `Model.engaged` of a robot.
 
         The motors are turned on by the whole width: out of the dead zone from anywhere inside.
         """
@@ -429,7 +429,7 @@ class InverseFlow:
 
 @lru_cache(maxsize=64)
 def traced_inverse(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Any:
-    """`flow` as a CasADi function of (q, q̇, q̈, q⃛, q⁗, parameter vector): other parameters trace nothing again."""
+    """`flow` as a CasADi function of (q, q̇, q̈, q⃛, q⁗, parameter vector), for any values of the parameters."""
     table = ParameterTable({name: np.zeros(shape) for name, shape in shapes})
     n = len(flow.links.joint_names)
 

@@ -1,6 +1,6 @@
 """Kinematics of a robot: where points of its links are, poses that reach a place, references and poses it can follow.
 
-The way back from a place is a least-squares problem within the joints' ranges, solved by SciPy's trust-region method:
+Inverse kinematics is a least-squares problem within the joints' ranges, solved by SciPy's trust-region method:
 its steps are damped as in Levenberg's and Marquardt's method [marquardt1963], so that singular poses do no harm.
 """
 
@@ -106,8 +106,8 @@ def check_holding(
     """The operating point (x, u) at a pose; refuses one that the motors cannot hold.
 
     The pose is as for `Robot.operating_point`. `limit` is the largest absolute input of each motor, V, A, or N·m (N), a
-    number, (n,) or by joint; by default what the robot states. `explain` gives what an error adds on the limit of a
-    joint, by its place: who states it, and what a larger one is called.
+    number, (n,) or by joint; by default what the robot states. `explain(joint)` returns two texts for
+    an error, by the number of the joint: where its limit is stated, and what a larger limit is called.
     """
     x, u = robot.operating_point(pose)
     motors = signal_names(DRIVES[robot.drive], robot.joint_names)
@@ -211,11 +211,11 @@ def pose_at(
             rng.uniform(-np.pi, np.pi, n),
         )
         q = begin if start == 0 else np.clip(free, low, high)
-        found = least_squares(
+        fit = least_squares(
             at, q, bounds=(low - 1e-12, high + 1e-12), xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=60
         )
-        if best is None or found.cost < best.cost:
-            best = found
+        if best is None or fit.cost < best.cost:
+            best = fit
         if np.linalg.norm(best.fun) < CLOSE * size:
             break
     assert best is not None

@@ -105,7 +105,7 @@ def _refused_by_mujoco() -> Iterator[None]:
 
 
 def _kept(root: Element) -> Element:
-    """What is handed to MuJoCo: without other files, and without what does not act on a joint."""
+    """The elements that are handed to MuJoCo: no other files, and nothing that does not act on a joint."""
     kept = Element("mujoco")
     for group in root:
         if group.tag in READ:
@@ -149,7 +149,7 @@ def _pruned(element: Element) -> Element:
 
 
 def _check(spec: Any) -> None:
-    """Refuse names that cannot be shown, and what changes masses or acts on links."""
+    """Refuse names that cannot be shown, and elements that change masses or act on links."""
     compiler = spec.compiler
     changed = {
         "boundmass": compiler.boundmass > 0.0, "boundinertia": compiler.boundinertia > 0.0,

@@ -1,4 +1,4 @@
-"""The same robot in MuJoCo: physics that is not ours, as a true plant for `flexhinf.Loop`, and its viewer beside a run.
+"""A robot in MuJoCo: an independent physics engine as the true plant of `flexhinf.Loop`, and its viewer beside a run.
 
 MuJoCo has no elastic joint. Each rotor is a body of its own that turns about an axis of the world, with `armature`
 making up its inertia, and a fixed tendon θ − q with the joint's stiffness is the spring; backlash is the tendon's own
@@ -244,7 +244,7 @@ class MuJoCoPlant(BlackBox):
 
 
 def check_expressed(extras: Sequence[str]) -> None:
-    """Refuse what a run on MuJoCo's plant would need and does not have, before any work."""
+    """Refuse extras that MuJoCo's plant does not have, and a missing installation, before any work."""
     missing = [name for name in extras if name not in EXPRESSED]
     if missing:
         raise InvalidInput(
@@ -305,7 +305,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
 
 
 def _bodies(rigid: Any, parent: int, names: Sequence[str], motors: Sequence[str]) -> str:
-    """The links behind a parent, each with its own; `motors`: what a rigid joint has of its motor."""
+    """XML of the links behind a parent and, nested, of those behind them; `motors` are attributes of their joints."""
     (tree, masses, centres, inertias), text = rigid, ""
     for i, joint in enumerate(tree.joints):
         if tree.parents[i] == parent:

@@ -1,4 +1,4 @@
-"""The physical numbers a robot is made of: unit, tolerance and source, and what they must be.
+"""Physical parameters of a robot: unit, tolerance, source and sign.
 
 Numbers with units as text, ``"180deg"``, ``"10 kNm/rad"``: what a unit is in SI units, and what it measures.
 
@@ -108,7 +108,7 @@ def per_joint(quantity: str, joint: str, joints: int) -> str:
 
 
 def check_parameters(robot: str, parameters: Sequence[Parameter], slides: Mapping[str, bool]) -> None:
-    """Refuse parameters that mean nothing, or have the wrong sign; `slides`: joints by name, whether prismatic."""
+    """Refuse parameters that are unknown, or have the wrong sign; `slides`: joints by name, whether prismatic."""
     known: dict[str, tuple[str, str]] = {}
     for joint in slides:
         for quantity in QUANTITIES:
@@ -328,9 +328,9 @@ class Stated(float):
 
     def __new__(cls, value: float, number: str = "", unit: str = "", si: str = "") -> Stated:
         """The number, and how it was written."""
-        found = super().__new__(cls, value)
-        found.number, found.unit, found.si = number, unit, si
-        return found
+        stated = super().__new__(cls, value)
+        stated.number, stated.unit, stated.si = number, unit, si
+        return stated
 
 
 def split(text: str) -> tuple[str, str] | None:
@@ -361,18 +361,18 @@ def measured(text: str, *si: str) -> Stated:
 
 
 def lettered(unit: str) -> str:
-    """A unit with its words, rad, deg, rpm, ohm and Hz, in the letters that they have; prefixes and symbols as written.
+    """A unit with rad, deg, rpm, ohm and Hz in their usual case; prefixes and symbols stay as written.
 
     Examples
     --------
     >>> lettered("N·m/RAD"), lettered("1/S"), lettered("MM")
     ('N·m/rad', '1/S', 'MM')
     """
-    return _WORD.sub(lambda found: found[1] + found[2].lower().replace("hz", "Hz"), unit)
+    return _WORD.sub(lambda match: match[1] + match[2].lower().replace("hz", "Hz"), unit)
 
 
 def respelled(text: str, *si: str) -> list[str]:
-    """What a number with a unit in other letters may mean, in units that measure what one of `si` does.
+    """Possible readings of a number whose unit has the wrong case, in units of the dimension of one of `si`.
 
     Examples
     --------
@@ -382,34 +382,34 @@ def respelled(text: str, *si: str) -> list[str]:
     parts = split(text)
     if parts is None or len(parts[1]) > _LONGEST:
         return []
-    found, at = [""], 0
+    spellings, at = [""], 0
     for match in _FOLDED.finditer(parts[1]):
-        atoms = sorted((one for one in _ATOMS if one.lower() == match[1].lower()), reverse=True)
+        atoms = sorted((atom for atom in _ATOMS if atom.lower() == match[1].lower()), reverse=True)
         between = parts[1][at : match.start()]
-        found = [before + between + one for before in found for one in atoms][:_MOST_SPELLED]
+        spellings = [before + between + atom for before in spellings for atom in atoms][:_MOST_SPELLED]
         at = match.end()
-    fitting = [unit[1] for one in si if (unit := _unit(one))]
-    whole = [one + parts[1][at:] for one in found]
-    known = [one for one in whole if one != parts[1] and (unit := _unit(one)) and unit[1] in fitting]
-    return [f"{parts[0]} {one}" for one in known]
+    fitting = [unit[1] for name in si if (unit := _unit(name))]
+    whole = [spelling + parts[1][at:] for spelling in spellings]
+    known = [name for name in whole if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting]
+    return [f"{parts[0]} {spelling}" for spelling in known]
 
 
 @lru_cache(256)
 def _unit(text: str) -> tuple[float, Dimension] | None:
-    """What a unit is in SI units, and its dimension."""
+    """Size of a unit in SI units, and its dimension; None for text that is no unit."""
     above, *below = lettered(text).split("/")
     if not above:
         return None
     size, total = 1.0, [0] * 5
-    for part, sign in [(above.strip(), 1), *((one.strip(), -1) for one in below)]:
+    for part, sign in [(above.strip(), 1), *((divisor.strip(), -1) for divisor in below)]:
         factor, at = 1.0, 0
         while at < len(part):
             match = _FACTOR.match(part, at)
             if match is None:
                 return None
             power = int(match[2]) if match[2] else _POWERS[match[3] or ""]
-            one, dimension = _ATOMS[match[1]]
-            factor *= one**power
+            scale, dimension = _ATOMS[match[1]]
+            factor *= scale**power
             total = [a + sign * power * b for a, b in zip(total, dimension)]
             at = match.end()
         if not part:

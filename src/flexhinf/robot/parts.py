@@ -178,14 +178,14 @@ class ElasticJoint:
 
     @property
     def drive(self) -> str:
-        """What its input is."""
+        """Kind of the motor's input: "voltage", "current" or "torque"."""
         if self.resistance is not None:
             return "voltage"
         return "torque" if self.torque_constant is None else "current"
 
 
 def value_of(number: Number) -> float:
-    """Its value, finite."""
+    """The value of a number or `Parameter`; refused where it is not finite."""
     return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
 
 

@@ -1,8 +1,8 @@
-"""Numbers that can be computed with and are probably in another unit: questions, and refusals of what is surely wrong.
+"""Plausibility of a robot's numbers: warnings where another unit was probably meant, refusals of impossible ones.
 
 Each check compares a number with what it does to the robot: a twist under the robot's own weight, the size of a body of
-that inertia, a range in turns. Between what machines have and what none has lies a factor of ten or more, where a
-question is asked (a `flexhinf.robot.RobotFileWarning`) and the number is used as it stands.
+that inertia, a range in turns. Between usual and impossible values lies a factor of ten or more, where a
+`flexhinf.robot.RobotFileWarning` is given and the number is used as it stands.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²":
 
 
 def check_plausible(robot: Robot, file: str) -> Robot:
-    """The same robot; asks about numbers that are probably in another unit, and refuses those that no robot has."""
+    """Return the robot; warn of numbers that are probably in another unit, and refuse those that no robot has."""
     p = Parameters(robot.plant_parameters())
     _check_geometry(robot, p, file)
     _check_load(robot, p, file)
@@ -153,8 +153,8 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
         largest = float(np.linalg.eigvalsh(matrix_of(inertia))[-1])
         size = np.sqrt(max(largest, 0.0) / mass) if mass > 0.0 else 0.0
         if size > GYRATION[0] and not massless:
-            distances = {unit: abs(np.log(size * np.sqrt(one) / 0.1)) for unit, one in INERTIA_UNITS.items()}
-            unit = min(distances, key=lambda one: distances[one])
+            distances = {unit: abs(np.log(size * np.sqrt(si) / 0.1)) for unit, si in INERTIA_UNITS.items()}
+            unit = min(distances, key=lambda name: distances[name])
             ask(
                 f"{file}: the inertia of the link behind joint {joint.name!r} is that of a very large body.",
                 f"expected kg·m², got {largest:.4g} kg·m² for {mass:.4g} kg, a radius of gyration of {size:.3g} m",
@@ -183,7 +183,7 @@ def _check_load(robot: Robot, p: Parameters, file: str) -> None:
             "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
         )
     own = sum(value for name, value in nominal.items() if name.startswith("mass"))
-    payloads = [one for one in robot.parameters if one.name.startswith("payload_mass")]
+    payloads = [number for number in robot.parameters if number.name.startswith("payload_mass")]
     for upper in (payload.interval[1] for payload in payloads):
         if own > 0.0 and upper > CARRIED[0] * own:
             ask(
@@ -192,11 +192,11 @@ def _check_load(robot: Robot, p: Parameters, file: str) -> None:
                 f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
                 upper > CARRIED[1] * own,
             )
-    load = "own weight and its payload's" if any(one.value for one in payloads) else "own weight"
+    load = "own weight and its payload's" if any(mass.value for mass in payloads) else "own weight"
     inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
     stiffness = robot.layout.motors(np.full(n, np.inf), np.atleast_1d(p.stiffness))
     for joint, weight, inertia, motor, spring in zip(tree.joints, weights, inertias, motors, stiffness):
-        stated = {one: nominal.get(per_joint(one, joint.name, n)) for one in OF_JOINT}
+        stated = {key: nominal.get(per_joint(key, joint.name, n)) for key in OF_JOINT}
         twist, ratio = weight / spring, motor / inertia
         if not joint.slides and twist > TWIST[0]:
             ask(

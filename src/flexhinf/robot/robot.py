@@ -170,7 +170,7 @@ class Robot(Summarised):
     def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
 
-        They come of all parameters by name, nominal by default.
+        `values` are all parameters of the robot by name, nominal by default.
         """
         values = self.nominal if values is None else values
         columns = reflected(values, self.drive, self.joint_names, self.rigid)
@@ -183,7 +183,7 @@ class Robot(Summarised):
         self, measured: str | Sequence[str] = ("link_position",), inductance: bool = False,
         extras: str | Sequence[str] = (), sticking: bool = False,
     ) -> Plant:  # fmt: skip
-        """Physics: Spong's model, with what a real joint adds, on request.
+        """The physical plant: Spong's model, with the extras of a real joint that are requested.
 
         The states are all link positions, all link velocities, all motor positions, all motor velocities, and
         with `inductance` all coil currents. With one joint they have these plain names; with several each has
@@ -230,7 +230,7 @@ class Robot(Summarised):
             parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, self.links.slides, self.plant_parameters()),
-            groups={one: names_of(one, joints, self.rigid) for one in UNITS if len(joints) > 1},
+            groups={name: names_of(name, joints, self.rigid) for name in UNITS if len(joints) > 1},
             limits={name: ends for name, ends in ranges if ends is not None},
             engaged=self.layout.engaged if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
@@ -408,13 +408,13 @@ class Robot(Summarised):
     # Tolerances -----------------------------------------------------------------------------------
     @cached_property
     def uncertain(self) -> tuple[Parameter, ...]:
-        """The parameters whose tolerance leaves them room (a per cent of zero is none)."""
+        """Parameters whose interval has a positive width (a tolerance in per cent of zero has none)."""
         return tuple(p for p in self.parameters if p.interval[0] < p.interval[1])
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        drawn = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        return self.plant_parameters({**self.nominal, **drawn})
+        values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
+        return self.plant_parameters({**self.nominal, **values})
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.

@@ -1,4 +1,4 @@
-"""Robots from files: TOML of our own, or a URDF or an MJCF file with the elastic data beside it."""
+"""Robots from files: TOML robot files, or a URDF or an MJCF file with the elastic data beside it."""
 
 from __future__ import annotations
 
@@ -77,14 +77,14 @@ def load_robot(
             return parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
         return parts.whole_robot(joints, locked, payload)
     if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
-        made = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
-        if not isinstance(made, Robot):
+        robot = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
+        if not isinstance(robot, Robot):
             raise InvalidInput(
                 f"The reader of {path.suffix!r} files makes no robot.",
-                f"expected a flexhinf.Robot, got {type(made).__name__}",
+                f"expected a flexhinf.Robot, got {type(robot).__name__}",
                 "the package that states this reader, corrected",
             )
-        return made
+        return robot
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
@@ -165,7 +165,7 @@ class PartsReader:
     def whole_robot(
         self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
     ) -> Robot:
-        """The robot of a file on its own."""
+        """The robot of a TOML file that states its links too."""
         table, file = self.table, self.file
         if chosen is not None or locked or "joints" in table or table["locked"]:
             raise InvalidInput(
@@ -277,23 +277,23 @@ class PartsReader:
             "speed_limits": [row.get("speed_limit", other) for row, other in zip(rows, speeds or nothing)],
         }
 
-    def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], given: Any) -> Robot:
-        """The robot with its payloads (those `given`, or the file's), its tolerances and units checked.
+    def _finished(self, robot: Robot, frames: Mapping[str, Frame], tips: Sequence[str], loads: Any) -> Robot:
+        """The robot with its payloads (those of `loads`, or the file's), its tolerances and units checked.
 
         Payloads are in `frames`; where one does not say in which, that of the only one of the `tips` is meant.
         """
         names, count = robot.joint_names, len(robot.joint_names)
-        rows = given if isinstance(given, (list, tuple)) else [given]
-        if given is not None and not all(isinstance(row, (str, Payload)) for row in rows):
+        rows = loads if isinstance(loads, (list, tuple)) else [loads]
+        if loads is not None and not all(isinstance(row, (str, Payload)) for row in rows):
             raise InvalidInput(
                 "The payload is none.",
-                f"expected text, a Payload or several, got {value_text(given)}",
+                f"expected text, a Payload or several, got {value_text(loads)}",
                 "payload='0..3kg@hand'",
             )
         payloads = [
             row if isinstance(row, Payload) else payload_from_text(row) for row in rows if row is not None
         ]
-        if given is None:
+        if loads is None:
             payloads = [self._payload(row) for row in self.table["payload"]]
         places = []
         for payload in payloads:
@@ -316,7 +316,7 @@ class PartsReader:
                     f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
                     "mass, centre_of_mass and inertia of the link instead of axis_inertia",
                 )
-        added = [number for one, frame in zip(payloads, places) for number in one.parameters(frame, count)]
+        added = [number for load, frame in zip(payloads, places) for number in load.parameters(frame, count)]
         scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
         stated = {row["name"]: row.get("link", {}) for row in self.table["joint"]}
         for joint in names:
@@ -329,7 +329,7 @@ class PartsReader:
         robot = robot.with_parameters(*scales, *added)
         moving = {joint for joint, _ in self._used}
         for joint in [joint for joint in self._stated if joint in moving]:
-            known = sorted(key for one, key in self._used if one == joint)
+            known = sorted(key for owner, key in self._used if owner == joint)
             for key in [key for key in self._stated[joint] if key not in known]:
                 raise InvalidInput(
                     f"{self.file}: [tolerances] has {key!r}, which no joint states."
@@ -342,13 +342,13 @@ class PartsReader:
 
     # Numbers --------------------------------------------------------------------------------------
     def _tolerance(self, joint: str, quantity: str) -> float:
-        """What the tables [tolerances] say of a number that states none itself, per cent."""
+        """Tolerance, per cent, that the tables [tolerances] state for a number without one of its own."""
         key = KEYS.get(quantity, quantity)
         self._used |= {(None, key), (joint, key)}
         return self._stated.get(joint, {}).get(key, self._stated[None].get(key, 0.0))
 
     def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
-        """One number with tolerance, or range, and source; three that share them of a vector."""
+        """A `Parameter` from the table of a number; of a vector three, with the same tolerance and source."""
         tolerance, ends = table.get("tolerance"), table.get("range")
         if tolerance is None:
             tolerance = 0.0 if ends is not None or joint is None else self._tolerance(joint, quantity)

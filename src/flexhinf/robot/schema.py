@@ -1,4 +1,4 @@
-"""What a robot file may say, key by key: read, checked and put into SI units in one walk.
+"""Schema of robot files: their keys, read, checked and converted to SI units in one walk.
 
 `TABLES` states each key once: what may stand there, its units, and whether it must. Which unit a spring has depends on
 its joint, N·m/rad where it turns and N/m where it slides, and on what the motors are driven by; a file may say that
@@ -52,7 +52,7 @@ def ask(what: str, found: str, advice: str, wrong: bool = False) -> None:
 
 
 class Unusable(ValueError):
-    """A value that cannot stand there; its texts are what was expected, and what to write behind "="."""
+    """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
 
 
 def _plain(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
@@ -60,11 +60,11 @@ def _plain(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> Any
 
 
 class Key(NamedTuple):
-    """What may stand behind a key.
+    """Values that a key of a robot file takes.
 
-    ``read(file, value, key, place)`` returns what it is, or raises `Unusable`, as for what is not `usable`. Units are
+    ``read(file, value, key, place)`` returns the value, or raises `Unusable` as for one that is not `usable`. Units are
     SI, for a joint that turns and one that slides; a size is that of a list, 0 for any; `inside` names the table that
-    stands there.
+    is expected.
     """
 
     read: Callable[..., Any] = _plain
@@ -80,7 +80,7 @@ class Key(NamedTuple):
 class RobotFile:
     """The tables of one file: `root` has the keys of `TABLES` that are stated or have a default.
 
-    The first mistake is refused, with the number of the others.
+    The first mistake is raised, with the number of the others.
     """
 
     def __init__(self, data: dict[str, Any], name: str) -> None:
@@ -118,10 +118,10 @@ class RobotFile:
 
     def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
         try:
-            found = key.read(self, value, key, place)
-            if not key.usable(found):
+            parsed = key.read(self, value, key, place)
+            if not key.usable(parsed):
                 raise Unusable(key.expected, "")
-            return found
+            return parsed
         except Unusable as wrong:
             *before, name = place if place[-1] != "value" else place[:-1]
             expected, advice = wrong.args
@@ -133,7 +133,7 @@ class RobotFile:
             return None
 
     def check_units(self, robot: Any) -> Any:
-        """The robot; refuses units of a joint that turns where it slides, and of another drive."""
+        """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
         slides = dict(zip(robot.joint_names, robot.links.slides))
         for place, units, number in self.stated:
             kinds = set(slides.values()) if place[0] == "home" else set()
@@ -162,7 +162,7 @@ def _is_table(value: Any) -> bool:
 
 # Values -------------------------------------------------------------------------------------------
 def number_in(value: Any, units: Any) -> tuple[str, str]:
-    """What is expected of a number with one of these units, and how it is written."""
+    """Texts for an error: what is expected of a number with one of these units, and an example of it."""
     if not units:
         return "a valid number", ""
     meant = [repr(text) for text in respelled(value, *units)] if isinstance(value, str) else []
@@ -217,11 +217,11 @@ def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> 
 
     A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
     """
-    one = Key(_list if key.size else _number, key.units, key.size, required=True)
+    entry = Key(_list if key.size else _number, key.units, key.size, required=True)
     if not isinstance(value, dict):
-        return {"value": one.read(file, value, key, place), "source": "assumption"}
+        return {"value": entry.read(file, value, key, place), "source": "assumption"}
     ends = {} if key.size else {"range": Key(_list, key.units, 2)}
-    return file.table(value, {"value": one, **TOLERANCE, **ends}, place)
+    return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
 def _numbers(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
@@ -266,7 +266,7 @@ _INERTIA_TABLE = Key(_table, inside="inertia")
 _TOLERANCES = Key(_table, inside="tolerances", default={})
 
 #: Numbers of a motor, its gear and its friction; its constants say what its input is.
-MOTOR = tuple(one.name for one in fields(ElasticJoint) if one.name not in SPRING)
+MOTOR = tuple(joint_field.name for joint_field in fields(ElasticJoint) if joint_field.name not in SPRING)
 
 _OF_JOINT = {
     name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name == "stiffness")
@@ -316,7 +316,7 @@ TABLES: dict[str, dict[str, Key]] = {
 
 def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
     """A place in the file as text: joint 2 ('elbow'), spring."""
-    words, value = [], data
+    parts, value = [], data
     for part in location:
         try:
             value = value[part]  # type: ignore[assignment]
@@ -324,7 +324,7 @@ def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
             value = {}
         if isinstance(part, int):
             name = value.get("name") if isinstance(value, dict) else None
-            words[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
+            parts[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
         else:
-            words.append(str(part))
-    return ", ".join(words) if words else "the file"
+            parts.append(str(part))
+    return ", ".join(parts) if parts else "the file"

@@ -75,7 +75,7 @@ def units_of(
 def expanded(
     names: str | Sequence[str], quantities: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Single names from single and plain ones, each once; the torque of a rigid joint is measured by none."""
+    """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor."""
     requested = checked_names("The sensors", names)
     every = {
         quantity: names_of(quantity, joints, rigid if quantity == "joint_torque" else ())
@@ -89,14 +89,14 @@ def expanded(
             f"expected one or more of {list(known)}, got {list(requested)}",
             "measured=('link_position',)",
         )
-    found = tuple(name for part in requested for name in known[part])
-    distinct("Of the measured signals", found)
-    return found
+    singles = tuple(name for part in requested for name in known[part])
+    distinct("Of the measured signals", singles)
+    return singles
 
 
 @dataclass(frozen=True)
 class Sensors:
-    """y: the measured signals by their single names; with `extras` a torque sensor feels the spring as it is."""
+    """y: the measured signals by their single names; with `extras` a torque sensor sees the real spring."""
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
@@ -150,7 +150,7 @@ def robot_penalty(
     groups: Mapping[str, Sequence[str]] | None = None,
     layout: Layout | None = None,
 ) -> Penalty:
-    """The penalty (single names only) as the plant understands it: one without torques stays as it is.
+    """The penalty (single names only) with torques and their rates as functions of the state; others are unchanged.
 
     `states` include the integrals; the names of `groups`, which stand for all joints, an error lists first.
     """

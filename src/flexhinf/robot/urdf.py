@@ -94,7 +94,7 @@ class RigidArm:
     def add_joint(
         self, carrier: int | None, name: str, kind: str, axis: Any, place: Placement, limits: Any
     ) -> tuple[int | None, Placement]:
-        """The joint that carries what is behind this one, which stands at `place`, and the place there.
+        """Add a joint at `place`; return the moving joint that carries what is behind it, and its place on that link.
 
         A joint that is locked outside its limits, rad or m, is refused.
         """
@@ -113,7 +113,7 @@ class RigidArm:
         return len(self.joints) - 1, Placement()
 
     def add_body(self, carrier: int, link: str, mass: float, inertia: np.ndarray, place: Placement) -> None:
-        """A body at `place`, its centre of mass, with its inertia (3, 3) there; it may be a point, or have no mass."""
+        """Add a body with its centre of mass at `place` and inertia (3, 3) there; it may be a point, or massless."""
         a, b, c = np.linalg.eigvalsh(inertia)
         slack = 1e-9 * max(abs(a), c)
         faults = {
@@ -132,7 +132,7 @@ class RigidArm:
         self._bodies[carrier].append((link, mass, np.array(place.translation), turn @ inertia @ turn.T))
 
     def merge(self) -> RigidArm:
-        """The same with the bodies that move together as one link."""
+        """The arm with the bodies that move together merged into one link each."""
         for joint, bodies in zip(self.joints, self._bodies):
             mass = sum(body[1] for body in bodies)
             if not mass > 0.0:
@@ -218,7 +218,7 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
         raise InvalidInput(
             f"There are too many {tag}s.", f"expected at most {MOST_LINKS}, got {len(elements)}", "one robot"
         )
-    names = [checked_name(f"a {tag}", one.get("name"), spaces=True) for one in elements]
+    names = [checked_name(f"a {tag}", entry.get("name"), spaces=True) for entry in elements]
     distinct(f"The {tag}", names)
     for name, element in zip(names, elements):
         _check_element(name, element)
@@ -226,8 +226,8 @@ def _named(root: Element, tag: str) -> dict[str, Element]:
 
 
 def _link_at(joint: Element, end: str) -> str:
-    found = joint.find(end)
-    return "" if found is None else found.get("link", "")
+    link = joint.find(end)
+    return "" if link is None else link.get("link", "")
 
 
 def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[Any, str]:
@@ -261,7 +261,7 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
 
 
 def _check_element(name: str, element: Element) -> None:
-    """Refuse what could be read in two ways in the link or the joint `name`, and what is probably misspelt."""
+    """Refuse elements of the link or the joint `name` that are ambiguous or probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
@@ -299,8 +299,8 @@ def _check_element(name: str, element: Element) -> None:
 def _vector(name: str, element: Element | None, key: str, default: tuple[float, ...]) -> Any:
     if element is None or element.get(key) is None:
         return default
-    words = str(element.get(key)).split()
-    numbers = tuple(float(word) for word in words) if all(map(NUMBER.fullmatch, words)) else ()
+    tokens = str(element.get(key)).split()
+    numbers = tuple(float(word) for word in tokens) if all(map(NUMBER.fullmatch, tokens)) else ()
     if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
         raise InvalidInput(
             f"{key} of <{element.tag}> in {name!r} cannot be read.",
@@ -365,7 +365,7 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
 
 # Joints of URDF and MJCF --------------------------------------------------------------------------
 def check_selection(joints: Any, locked: Any) -> None:
-    """Refuse what does not say which joints move, and where the others stand."""
+    """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
     if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
         raise InvalidInput(

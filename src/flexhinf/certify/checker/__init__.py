@@ -58,7 +58,7 @@ _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
 
 @dataclass(frozen=True)
 class Verification:
-    """What the checker found.
+    """Result of the checker: whether the claim is proved, why not, and statistics of the proof.
 
     Attributes
     ----------
@@ -115,8 +115,8 @@ def verify(
     """
     began, corner = time.process_time(), ""
 
-    def ended(proved: bool, reason: str = "", **found: Any) -> Verification:
-        return Verification(proved, reason, **found, cpu_s=time.process_time() - began)
+    def ended(proved: bool, reason: str = "", **fields: Any) -> Verification:
+        return Verification(proved, reason, **fields, cpu_s=time.process_time() - began)
 
     try:
         _check_sizes(claim)

@@ -41,7 +41,7 @@ class CentredForm(NamedTuple):
     tail: np.ndarray
 
     def chosen(self, cells: np.ndarray) -> CentredForm:
-        """Some of the cells."""
+        """The form on some of the cells."""
         return CentredForm(*(part[:, cells] for part in self))
 
     def less(self, factor: np.ndarray, other: CentredForm) -> CentredForm:
@@ -222,7 +222,7 @@ class Quotient:
         return values, bound if isfinite(bound) else inf
 
     def at(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients (ORDER + 1, cells) of powers of s, and the bound (cells,) of what they leave."""
+        """Coefficients (ORDER + 1, cells) of powers of s, and the bound (cells,) of the remainder."""
         index = np.clip(np.rint((low + high) / 2 * GRID), -self._count, self._count).astype(int)
         width = np.maximum(high - index / GRID, index / GRID - low) * _UP
         edge = np.ceil(np.maximum(np.abs(low), np.abs(high)) * GRID)
@@ -242,7 +242,7 @@ _UP = 1 + 1e-12  # more than a few roundings
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What is known on each cell of a batch, arrays of shape (cells,) where not said."""
+    """Bounds of V, its growth and r on each cell of a batch; arrays (cells,) unless stated."""
 
     least_value: np.ndarray  # lower bound of V at the inner end of the interval of ρ
     least_growth: np.ndarray  # lower bound of ∂V/∂ρ / ρ
@@ -353,7 +353,7 @@ class Face:
             pairs = [proof.parts(p) for p in row]
             self._factors.append(columns(proof.small, pairs, weight))
             lifted = [[(a * s**m, b * s**m) for a, b in pairs] for m in range(ORDER + 1)]
-            self._lifted.append([columns(proof.table, one, weight) for one in lifted])
+            self._lifted.append([columns(proof.table, power, weight) for power in lifted])
 
     def bounds(self, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Bounds:
         """On cells |t_i − τ_i| ≤ h_i, `begin` ≤ ρ ≤ `end`; t and h are (n − 1, cells)."""
@@ -393,9 +393,9 @@ class Face:
             ray, half = sign * slope[f] + slope[others] @ t, np.abs(slope[others]) @ h
             width = np.abs(ray) * radius + half * end + 1e-12 * np.abs(slope).sum() * end
             coefficients, rest = quotient.at(ray * middle - width, ray * middle + width)
-            for one, a in zip(lifted, coefficients, strict=True):
-                rows += one.rows[..., None] * a
-                rounding += one.error(end) * np.abs(a)
+            for columns, a in zip(lifted, coefficients, strict=True):
+                rows += columns.rows[..., None] * a
+                rounding += columns.error(end) * np.abs(a)
             form, _ = proof.small.on_interval(
                 self._shifted(proof.small, factor, t, h), interval, (proof.mid, proof.rad)
             )

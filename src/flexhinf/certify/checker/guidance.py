@@ -1,4 +1,4 @@
-"""What is looked at next, and what is refused: nothing here can make a claim proved.
+"""Choice of the next cut of a cell, and refusals: nothing here can make a claim proved.
 
 Every way to cut a cell is sound, and so is every refusal. Where r is a quadratic form, a corner that fails is no
 refutation by itself, since the functions' quotients take their extreme values far from 0 only: so a point at which the
@@ -46,13 +46,13 @@ def refuse(
     inside = bounds.value < bounds.level
     allowance = bounds.remainder + bounds.rounding
     positive = np.isfinite(allowance) & (bounds.constant > 1e3 * allowance) & (bounds.least_growth > 0)
-    for found, why in (
+    for refused, why in (
         (edge & undecided & (inside | narrow), "the level set reaches beyond the stated reach"),
         (undecided & inside & positive, "r > 0"),
         (undecided & ~edge & (short if n == 1 else narrow | short), "a cell cannot be decided"),
     ):
-        if found.any():
-            i = int(np.flatnonzero(found)[0])
+        if refused.any():
+            i = int(np.flatnonzero(refused)[0])
             z = np.insert(cells[: n - 1, i], face[0], face[1]) * (begin[i] + end[i]) / 2 * reach
             raise Refusal(why, z, float(bounds.value[i]))
 
@@ -80,7 +80,7 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
     """Raise a `Refusal` where r > 0 at a point with V ≤ c, shown in balls, for parameters at a corner of their box."""
     value = np.array(_doubles(form_of(exact.value)))
     parts: list[tuple[Any, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
-    rows = [row_of(one) for one in exact.arguments]
+    rows = [row_of(argument) for argument in exact.arguments]
     for corner in failed:
         _, vectors = np.linalg.eigh(_doubles(corner.form))
         v = vectors[:, 0]

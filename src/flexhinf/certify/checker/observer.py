@@ -28,7 +28,7 @@ _MOST_CORNERS = 12  # binary logarithm of the corners of a box of slopes
 
 
 def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None:
-    """The two matrix inequalities, and the form of the plant that they are about; a `Refusal` where one fails."""
+    """Check the two matrix inequalities, and the form of the plant that they need; a `Refusal` where one fails."""
     require(gradient_law, "the budget for estimates needs the law -R2^-1 g2'V_x' and a known input matrix")
     used = {
         name for row in (claim.drift, *claim.g1) for terms in row for t in terms for name, _ in t.parameters
@@ -110,10 +110,10 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
     """
     slopes = _law_slopes(claim, estimated)
     widest = _hull(claim, observer, estimated, storage)
-    polynomials = [{tuple(map(int, e)): v for e, v in one.to_dict().items()} for row in slopes for one in row]
-    middle = [one.pop((0,) * len(widest), fmpq(0)) for one in polynomials]
+    polynomials = [{tuple(map(int, e)): v for e, v in jac.to_dict().items()} for row in slopes for jac in row]
+    middle = [jac.pop((0,) * len(widest), fmpq(0)) for jac in polynomials]
     radius = [
-        sum((abs(v) * prod(map(pow, widest, e)) for e, v in one.items()), fmpq(0)) for one in polynomials
+        sum((abs(v) * prod(map(pow, widest, e)) for e, v in jac.items()), fmpq(0)) for jac in polynomials
     ]
     uncertain = [i for i, r in enumerate(radius) if r != 0]
     require(len(uncertain) <= _MOST_CORNERS, "the law has too many slopes for an observer's proof")

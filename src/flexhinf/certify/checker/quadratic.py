@@ -59,7 +59,7 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     parts: list[tuple[Any, ...]] = list(
         zip(exact.plain, *exact.factors, strict=True)
     )  # by product of parameters
-    if any(sum(map(int, e)) != 2 for one in (exact.value, *itertools.chain(*parts)) for e in one.to_dict()):
+    if any(sum(map(int, e)) != 2 for form in (exact.value, *itertools.chain(*parts)) for e in form.to_dict()):
         return 0, []
     value = form_of(exact.value)
     if not positive_definite(value):
@@ -67,7 +67,7 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
     rows = zip(claim.functions, map(row_of, exact.arguments), strict=True)
     known = [quotient_range(function, (row * widest * row.transpose())[0, 0]) for function, row in rows]
-    ranges, weights = [found for found in known if found], parameter_corners(claim, exact.products)
+    ranges, weights = [ends for ends in known if ends], parameter_corners(claim, exact.products)
     if len(ranges) < len(known) or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0, []
     count, failed = 0, list[tuple[fmpq, Corner]]()
@@ -84,8 +84,8 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
             failed.append((least, Corner(parameters, products, ends, total)))
             if len(failed) == _MOST_FAILED:
                 break
-    found = [corner for _, corner in sorted(failed, key=lambda one: one[0])]
-    return 0 if _farther(claim, widest) else count, found
+    corners = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
+    return 0 if _farther(claim, widest) else count, corners
 
 
 def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:

@@ -42,7 +42,7 @@ def rounded(value: fmpq) -> float:
 
 
 def series_of(name: str, argument: arb_series) -> arb_series:
-    """φ of a power series; nan where the enclosure of what is divided by holds 0."""
+    """φ of a power series; nan where the enclosure of the divisor contains 0."""
     if name == "tanh":
         below = (2 * argument).exp() + 1
         return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * argument.prec, prec=argument.prec)
@@ -51,7 +51,7 @@ def series_of(name: str, argument: arb_series) -> arb_series:
 
 
 def offset_of(function: Function) -> arb:
-    """Enclosure of o."""
+    """Enclosure of a function's offset o, in balls."""
     return arb(function.offset) + arb.pi() * function.pi_halves / 2
 
 
@@ -127,10 +127,10 @@ def residual(claim: Claim) -> Residual:
         return sum(parts, ring.constant(0))
 
     def linear(row: Iterable[float]) -> Any:
-        return total(as_rational(a) * one for a, one in zip(row, gens[:n], strict=True))
+        return total(as_rational(a) * gen for a, gen in zip(row, gens[:n], strict=True))
 
-    def polynomial(given: Polynomial) -> Any:
-        return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in given})
+    def polynomial(pairs: Polynomial) -> Any:
+        return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in pairs})
 
     def field(
         terms: Terms,
@@ -151,14 +151,14 @@ def residual(claim: Claim) -> Residual:
     v_x = [v.derivative(i) for i in range(n)]
     f, g1, g2 = [*map(field, claim.drift)], *([[*map(field, row)] for row in g] for g in (claim.g1, claim.g2))
     v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
-    priced = [total(a * one for a, one in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
+    priced = [total(a * u for a, u in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
     half, gamma = fmpq(1, 2), as_rational(claim.gamma)
     r = total(a * b for a, b in zip(v_x, f, strict=True)) + total(a * b for a, b in zip(v_g2, k, strict=True))
     r += half * total(a * a for a in h) + half * total(a * b for a, b in zip(k, priced, strict=True))
     r += half / gamma**2 * total(a * a for a in v_g1) + as_rational(claim.decay) * v
 
     places = [*map(linear, claim.coordinates), *gens[n:]]
-    r, v, *s = (one.compose(*places, ctx=ring) for one in (r, v, *s))
+    r, v, *s = (q.compose(*places, ctx=ring) for q in (r, v, *s))
     parts: dict[tuple[int, ...], list[dict[Any, fmpq]]] = {(0,) * len(free): [{} for _ in range(1 + len(s))]}
     for powers, coefficient in r.to_dict().items():
         e = tuple(map(int, powers))
@@ -166,9 +166,9 @@ def residual(claim: Claim) -> Residual:
         part[e[after:].index(1) + 1 if any(e[after:]) else 0][e[:n]] = coefficient
     in_z = fmpq_mpoly_ctx.get(names[:n], Ordering.degrevlex)
     plain, *factors = map(list, zip(*(map(in_z.from_dict, part) for part in parts.values()), strict=True))
-    certain = not any(any(powers[n:]) for one in v_g2 for powers in one.to_dict())
+    certain = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict())
     gradient = certain and all(_opposite(a, b) for a, b in zip(priced, v_g2, strict=True))
-    v, *s = (in_z.from_dict({e[:n]: a for e, a in one.to_dict().items()}) for one in (v, *s))
+    v, *s = (in_z.from_dict({e[:n]: a for e, a in q.to_dict().items()}) for q in (v, *s))
     return Residual(v, _named(claim, free, parts), plain, factors, s, gradient)
 
 
@@ -181,13 +181,13 @@ def _named(claim: Claim, free: list[str], products: Iterable[tuple[int, ...]]) -
     ]
 
 
-def _opposite(one: Any, other: Any) -> bool:
+def _opposite(first: Any, other: Any) -> bool:
     """Whether the sum of two polynomials is rounding: below 1e-12 of the largest coefficient of their degree."""
     largest: dict[int, fmpq] = {}
     for powers, value in other.to_dict().items():
         degree = sum(map(int, powers))
         largest[degree] = max(largest.get(degree, fmpq(0)), abs(value))
-    rest = (one + other).to_dict().items()
+    rest = (first + other).to_dict().items()
     return all(abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12) for p, v in rest)
 
 

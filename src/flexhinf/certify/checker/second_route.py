@@ -100,7 +100,7 @@ def _on_face(polynomial: Any, cell: Cell, places: list[Any], lift: int, growth: 
 
 
 def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], arb]:
-    """Rational coefficients about a centre, and a bound of what they leave within the radius: nan where φ is not
+    """Rational coefficients about a centre, and a bound of the remainder within the radius: nan where φ is not
     analytic between o and there, for a pole has no bound."""
     offset, about = offset_of(function), arb(center)
     series = series_of(function.name, arb_series([offset + about, 1], prec=_ORDER + 2))
@@ -137,7 +137,7 @@ def _upper(polynomial: Any, n: int) -> arb:
     total = low.get((0,) * n, fmpq(0)) + _magnitude(polynomial)
     total -= sum((abs(arb(value)) for value in low.values()), arb(0))
     for i, e in enumerate(unit):
-        twice = tuple(2 * one for one in e)
+        twice = tuple(2 * power for power in e)
         slope, square = abs(arb(low.get(e, fmpq(0)))), arb(low.get(twice, fmpq(0)))
         square += sum((abs(arb(v)) / 2 for f, v in low.items() if f[i] == 1 and sum(f) == 2), arb(0))
         if -2 * square > slope:
@@ -186,6 +186,6 @@ class EveryCell:
             for i in np.flatnonzero(chosen):
                 cell = cell_of(self.face, cells, int(i), bounds, reach)
                 self.tick(0)
-                for one in (cell, cell.opposite()) if self.proof.even else (cell,):
-                    confirm(self.proof, one, range(len(self.proof.exact_corners)), ended=chosen is finished)
+                for image in (cell, cell.opposite()) if self.proof.even else (cell,):
+                    confirm(self.proof, image, range(len(self.proof.exact_corners)), ended=chosen is finished)
                     self.count += 1

@@ -53,8 +53,8 @@ def check_start(claim: Claim, start: Start) -> int:
 
 
 def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int], bool]) -> int:
-    """The number of intervals, halved until `done` says so of V in their middle and on them, their middle and how often
-    they were halved, for all parameters in the box."""
+    """Number of intervals of a, each halved until `done(V in its middle, V on it, its middle, halvings)` is true, with
+    all parameters in the box."""
     count = 0
     for values in parameter_values(claim, start):
         todo = _first_pieces(start)
@@ -162,12 +162,12 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
         return ()
     with ctx.workprec(BITS):
         level = functools.reduce(arb.max, (_largest_value(claim, start) for start in claim.starts), arb(0))
-        found = []
+        peaks = []
         for law in claim.law:
             k = row_of(polynomial_of(law, ring))
             square = (k * w.inv() * k.transpose())[0, 0]
-            found.append(float((arb(square) * level).sqrt().upper()) * (1 + 1e-12))
-    return tuple(found) if all(bound < float("inf") for bound in found) else ()
+            peaks.append(float((arb(square) * level).sqrt().upper()) * (1 + 1e-12))
+    return tuple(peaks) if all(bound < float("inf") for bound in peaks) else ()
 
 
 def _largest_value(claim: Claim, start: Start) -> arb:
@@ -177,9 +177,9 @@ def _largest_value(claim: Claim, start: Start) -> arb:
     def close(center: arb, whole: arb, middle: fmpq, depth: int) -> bool:
         nonlocal seen, bound
         seen = seen.max(center.lower())
-        found = depth >= _PEAK_HALVINGS or bool(whole <= seen * _CLOSE)
-        bound = bound.max(whole.upper()) if found else bound
-        return found
+        done = depth >= _PEAK_HALVINGS or bool(whole <= seen * _CLOSE)
+        bound = bound.max(whole.upper()) if done else bound
+        return done
 
     _pieces_done(claim, start, close)
     return bound

@@ -23,8 +23,8 @@ _NARROW, _SHORT = 2.0**-40, 2.0**-24  # half widths and intervals that are not c
 
 @dataclass(frozen=True)
 class FaceResult:
-    """Of one face: cells looked at, accepted, accepted by λ > 0; the largest allowance for rounding; a sample of cells
-    to be proved again, and how many were proved again on the way."""
+    """Result on one face: cells looked at, accepted, accepted by λ > 0; the largest allowance for rounding; a sample of
+    cells to be proved again, and how many were proved again on the way."""
 
     cells: int
     accepted: int
