@@ -25,7 +25,7 @@ from flexhinf.loop.controller.options import (
     dead_zone,
 )
 from flexhinf.loop.controller.step import (
-    FADE,
+    BLEND_TIME,
     STEPS,
     LawCode,
     Mode,
@@ -127,7 +127,7 @@ class Controller(Summarised):
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         check_names(solution, estimator, self.period)
-        self._given_windup = windup
+        self._windup_option = windup
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
@@ -143,7 +143,7 @@ class Controller(Summarised):
                 f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
                 "start='bumpless', or a Schedule of several laws",
             )
-        self.given_fade, self.fade = fade, FADE
+        self.fade_option, self.fade = fade, BLEND_TIME
         if fade is not None:
             self.fade = checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
@@ -167,12 +167,12 @@ class Controller(Summarised):
     def _options(self) -> dict[str, Any]:
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
-            "moving": mode.moving, "start": mode.start, "fade": self.given_fade,
+            "moving": mode.moving, "start": mode.start, "fade": self.fade_option,
             "before_first": self.first_input.option, "saturation": limits.pair,
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
             **({"command_range": command.pair, "command_rate": command.rate} if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
-            **({"windup": self.windup} if mode.bounds_windup or self._given_windup is not None else {}),
+            **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
         }  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -314,11 +314,11 @@ class Controller(Summarised):
     @cached_property
     def windup(self) -> Windup:
         """How far integrals push inputs without limits, or with limits that are larger than that."""
-        return self._given_windup or Windup.of(self.laws, self.estimator, self.limits.pair)
+        return self._windup_option or Windup.of(self.laws, self.estimator, self.limits.pair)
 
-    def input_before(self, given: Any = None, state: Any = None) -> np.ndarray:
-        """The input (m,) before the first sample: `given` if it fits, or that of `before_first` for a start (n,)."""
-        return self.first_input.at(given, state)
+    def input_before(self, input: Any = None, state: Any = None) -> np.ndarray:
+        """The input (m,) before the first sample: `input` if it fits, else refused; by default that of `before_first`."""
+        return self.first_input.at(input, state)
 
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""

@@ -265,9 +265,9 @@ class StoredLaw(NamedLaw):
 
     def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
         function = function_from_arrays(_below(prefix, arrays), name)
-        found = [function.size1_in(k) for k in range(function.n_in())]
-        if found != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
-            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {found}")
+        lengths = [function.size1_in(k) for k in range(function.n_in())]
+        if lengths != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
+            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {lengths}")
         return function
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
@@ -311,7 +311,7 @@ def write_controller(
     header = {
         "format": FORMAT, "version": VERSION, "period": period, "options": plain,
         "hysteresis": law.hysteresis if isinstance(law, Schedule) else None,
-        "laws": [_store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(laws)],
+        "laws": [_store_law(member, f"laws.{k}.", arrays) for k, member in enumerate(laws)],
         "estimator": None if estimator is None else _store(estimator, "estimator.", arrays),
     }  # fmt: skip
     write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
@@ -328,9 +328,9 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
     except MemoryError:
         raise  # the file may be as it should
     except Exception as error:  # a file with a digest may still hold anything
-        found = f"damaged or not such a file ({type(error).__name__})"
+        reason = f"damaged or not such a file ({type(error).__name__})"
         if isinstance(error, FlexhinfError):
-            found = " ".join(filter(None, (error.what, error.found)))
+            reason = " ".join(filter(None, (error.what, error.found)))
             if not os.path.exists(place):
                 raise InvalidInput(
                     f"There is no controller's file {value_text(str(path), 120)}.",
@@ -339,7 +339,7 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
                 ) from None
         raise InvalidInput(
             "The controller cannot be read.",
-            f"expected a {FORMAT} file, version {VERSION}, got {place}: {found}",
+            f"expected a {FORMAT} file, version {VERSION}, got {place}: {reason}",
             "save it again; files are written by Controller.save",
         ) from error
 
@@ -396,10 +396,10 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
     they are read: by an InvalidInput, ValueError, IndexError or KeyError."""
     every: list[tuple[str, ...]] = []
     for kind in ("states", "inputs"):
-        given = header[kind]  # a text would be taken for a list of letters
-        if not isinstance(given, list) or not 0 < len(given) <= MOST_SIGNALS:
-            raise InvalidInput("A law's signals are not named.", f"got {value_text(given, 60)}")
-        every.append(tuple(checked_name("a signal of a law", name, spaces=True) for name in given))
+        names = header[kind]  # a text would be taken for a list of letters
+        if not isinstance(names, list) or not 0 < len(names) <= MOST_SIGNALS:
+            raise InvalidInput("A law's signals are not named.", f"got {value_text(names, 60)}")
+        every.append(tuple(checked_name("a signal of a law", name, spaces=True) for name in names))
         distinct("The signal", every[-1])
     states, inputs = every
     for name, shape in {"point": (len(states),), "input": (len(inputs),), "data": None}.items():
@@ -461,7 +461,7 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
         kind = getattr(room, name) if name in room.__all__ else None
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
             raise InvalidInput("No estimator.", value_text(name, 60))
-        return kind(**{k: _restore(one, f"{prefix}{k}.", arrays) for k, one in part["settings"].items()})
+        return kind(**{k: _restore(value, f"{prefix}{k}.", arrays) for k, value in part["settings"].items()})
     if "plant" in part:  # whose flow and output are the stored functions
         header, arrays = part["plant"], _below(prefix, arrays)
         table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})

@@ -42,7 +42,7 @@ class Layout:
     def of(values: Mapping[str, Any]) -> Layout:
         """Of arrays by name."""
         return Layout({
-            name: [np.shape(one) for one in value] if isinstance(value, list) else np.shape(value)
+            name: [np.shape(array) for array in value] if isinstance(value, list) else np.shape(value)
             for name, value in values.items()
         })  # fmt: skip
 
@@ -239,14 +239,14 @@ def step_program(
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
     """The error of a compiled step that ended with a code; y and the command are those it was given, and `back` says
     whether an earlier memory has taken the place of the one it ran on."""
-    given = f"y={value_text(y)}, reference={value_text(reference)}"
+    arguments = f"y={value_text(y)}, reference={value_text(reference)}"
     if code != BAD_RESULT:
         what, advice = "command", "another command"
         if code == BAD_MEASUREMENT:
             what = "measurement"
             advice = "step(None) to predict over a sample without a measurement, or hold the last input"
         return NumericalFailure(
-            f"The {what} is not a finite number; nothing was updated.", f"got {given}", advice
+            f"The {what} is not a finite number; nothing was updated.", f"got {arguments}", advice
         )
     what = "The controller's estimate or input is no longer finite; nothing was updated."
     advice = "step(None) to predict over this sample; if it goes on, reset()"
@@ -255,4 +255,4 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
         what += f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start."
         advice = "go on with the next measurement, or reset(state)"
     look = "then look at the measurement's unit, saturation= and the noise covariances"
-    return NumericalFailure(what, f"after {given}", f"{advice}; {look}")
+    return NumericalFailure(what, f"after {arguments}", f"{advice}; {look}")

@@ -288,11 +288,11 @@ class FirstInput:
             )
         self.option: Any = before_first if named else self._checked(before_first)
 
-    def at(self, given: Any = None, state: Any = None) -> np.ndarray:
-        """`given` if it fits, else an InvalidInput; or that of the option, for a start that is told (n,), or where the
-        estimate begins."""
-        if given is not None:
-            return self._checked(given)
+    def at(self, input: Any = None, state: Any = None) -> np.ndarray:
+        """The input (m,): `input` if it fits, else an InvalidInput; by default that of `before_first`, for the estimate
+        `state` (n,) or where the estimate begins."""
+        if input is not None:
+            return self._checked(input)
         if state is None or self.is_zero:
             return self.own.copy()
         assert self.estimator is not None  # without one there is no state to tell
@@ -337,23 +337,23 @@ class FirstInput:
         mean = np.asarray(self.estimator.initial[0], dtype=float)
         if not np.array_equal(mean, np.asarray(self.law.operating_point, dtype=float)[: len(mean)]):
             plant = self.estimator.plant
-            given = [array for array in (mean, plant.parameters.vector()) if array.size]
-            held = np.ravel(np.asarray(holding_function(plant)(*given), dtype=float))
+            arguments = [array for array in (mean, plant.parameters.vector()) if array.size]
+            held = np.ravel(np.asarray(holding_function(plant)(*arguments), dtype=float))
             rest = held if np.isfinite(held).all() else rest
         return self._within(rest)
 
     def _within(self, u: np.ndarray) -> np.ndarray:
         return np.clip(u, self.limits.lower, self.limits.upper) + 0.0  # no negative zero
 
-    def _checked(self, given: Any) -> np.ndarray:
+    def _checked(self, value: Any) -> np.ndarray:
         names, limits = tuple(self.law.input_names), self.limits
-        u = real_array(given)
+        u = real_array(value)
         u = u.reshape(1) if u.shape == () else u
         if u.shape != (len(names),) or not np.all((u >= limits.lower) & (u <= limits.upper) & np.isfinite(u)):
             raise InvalidInput(
                 "The input before the first sample does not fit.",
                 f"expected a finite value for each of {list(names)} within {limits.lower.tolist()} and "
-                f"{limits.upper.tolist()}, got {value_text(given)}",
+                f"{limits.upper.tolist()}, got {value_text(value)}",
                 "the input that acts when the controller takes over",
             )
         return np.array(u)

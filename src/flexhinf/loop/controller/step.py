@@ -324,7 +324,7 @@ def _input(
 
 
 #: Time constant of the bias that decays, s.
-FADE = 0.5
+BLEND_TIME = 0.5
 
 #: Broyden's steps. One integral needs about five to a relative 1e-12, far from the operating point too.
 STEPS = 10

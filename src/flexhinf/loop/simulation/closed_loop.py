@@ -81,15 +81,15 @@ class Loop(Summarised):
         quantisation: Any = None,
         delay: float = 0.0,
     ) -> None:
-        self.true_plant, self.controller, self._given_sub_steps = true_plant, controller, sub_steps
+        self.true_plant, self.controller, self._sub_steps_option = true_plant, controller, sub_steps
         if not isinstance(controller, Controller):
             raise InvalidInput(
                 "The loop needs a controller.",
                 f"expected a Controller, got {type(controller).__name__}",
                 "Controller(solution, estimator, period)",
             )
-        given = sub_steps if sub_steps is not None else 1
-        if isinstance(given, bool) or not isinstance(given, int) or given < 1:
+        count = sub_steps if sub_steps is not None else 1
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InvalidInput(
                 "The number of sub-steps is not usable.",
                 f"expected an integer >= 1, got {value_text(sub_steps)}",
@@ -196,8 +196,8 @@ class Loop(Summarised):
 
     def __getstate__(self) -> dict[str, Any]:
         """For copies and pickles: what the loop is made of, without compiled code."""
-        made = ("true_plant", "controller", "_given_sub_steps", "channel")
-        return {name: vars(self)[name] for name in made}
+        names = ("true_plant", "controller", "_sub_steps_option", "channel")
+        return {name: vars(self)[name] for name in names}
 
     # What is run ----------------------------------------------------------------------------------
     @cached_property
@@ -206,8 +206,8 @@ class Loop(Summarised):
         plant, controller = self.true_plant, self.controller
         if not isinstance(plant, Plant):
             return 1
-        if self._given_sub_steps is not None:
-            return self._given_sub_steps
+        if self._sub_steps_option is not None:
+            return self._sub_steps_option
         point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
@@ -299,7 +299,7 @@ class Loop(Summarised):
             )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         settings |= {"seed": seed, "sub_steps": 1}
-        drawn = sample_noise(noise, seed, len(times), controller.measured)
+        noise_samples = sample_noise(noise, seed, len(times), controller.measured)
         if stepped is None:
             stepped = controller.fresh()
             stepped.reset(input=initial_input)
@@ -309,9 +309,9 @@ class Loop(Summarised):
         width |= {"estimate": len(controller.states), **({"state": len(box.states)} if box.states else {})}
         recorded = {name: np.full((samples, size), np.nan) for name, size in width.items()}
         recorded |= {"reference": commands, "disturbance": d}
-        told = initial_state is not None or set(controller.states) <= set(box.states)
+        placed = initial_state is not None or set(controller.states) <= set(box.states)
         states = tuple(box.states) or controller.states
-        box.reset(starting_state(initial_state, states, controller) if told else None)
+        box.reset(starting_state(initial_state, states, controller) if placed else None)
         code, last = 0, samples - 1
         for k in range(samples):
             if not pacing.begin(k):
@@ -326,7 +326,7 @@ class Loop(Summarised):
                     f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
                     "output() in the order of the estimator's outputs",
                 )
-            recorded["output"][k] = y = channel.quantised(y + drawn[k])
+            recorded["output"][k] = y = channel.quantised(y + noise_samples[k])
             if not np.all(np.isfinite(y)):
                 code, last = PLANT_FAILED, k
                 break
@@ -427,7 +427,7 @@ class Loop(Summarised):
             plant, controller, self.channel, command, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,
             (*common_reductions(pairs), *reductions), tuple(signal_place(plant, controller, name) for name in kept),
-            samples, self._given_sub_steps, settings, initial_state is not None,
+            samples, self._sub_steps_option, settings, initial_state is not None,
         )  # fmt: skip
 
     def _commanded(
@@ -437,17 +437,17 @@ class Loop(Summarised):
         A command that does not fit, or leaves the range of its state, is refused."""
         controller, plant = self.controller, self.true_plant
         times = np.arange(sample_count(duration, controller.period)) * controller.period
-        names, given = controller.commanded, reference
+        names, value = controller.commanded, reference
         if reference is None:
-            given = controller.operating_reference
+            value = controller.operating_reference
         elif isinstance(reference, Mapping):
-            given = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
-        commands = sample_signal(given, times, names, "reference")
+            value = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
+        commands = sample_signal(value, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
         limits = next((model.limits for model in models if model.limits), {})
         units = {**plant.units, **models[-1].units}
         if not multi_turn and reference is not None:
-            check_turns(given, commands, names, units)
+            check_turns(value, commands, names, units)
         check_ranges(commands, times, names, limits, units)
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),

@@ -318,12 +318,12 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
     band = SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
     outside = where(after, where(abs(beyond) > band, step, outside), outside)
     way = 1.0 + beyond / height
-    found = []
+    rises = []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
         new = where(after, where(sample < -0.5, where(way >= level, 1.0, 0.0), 0.0), 0.0)
-        found += [where(new, step, sample), where(new, way, at), where(new, before, last)]
-    return np.array([initial, high, low, outside, way, *found])
+        rises += [where(new, step, sample), where(new, way, at), where(new, before, last)]
+    return np.array([initial, high, low, outside, way, *rises])
 
 
 def _stepped_metrics(
@@ -462,7 +462,7 @@ class RingDown:
         oscillations and do not come to rest."""
         if not self.error <= FITS and not self.rests:
             return 0.0
-        return min((found.damping for found in self.oscillations[run]), default=1.0)
+        return min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
 
     @property
     def damping(self) -> float:
@@ -506,7 +506,7 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
             Oscillation(float(frequencies[k]), float(damping_ratio(exponents[k])), float(share[k]))
             for k in np.flatnonzero(lasting & (share >= VISIBLE))
         ]
-        oscillations.append(tuple(sorted(seen, key=lambda one: one.damping)))
+        oscillations.append(tuple(sorted(seen, key=lambda oscillation: oscillation.damping)))
         with np.errstate(over="ignore", invalid="ignore"):
             fitted = np.real((values[None, :] ** np.arange(len(run))[:, None]) @ parts.T)
             distance = float((np.abs(fitted - columns) / peaks).max())

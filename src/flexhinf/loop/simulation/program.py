@@ -233,10 +233,10 @@ def loop_program(
     if options is None:
         body.append(Copy(x[0], b.row("states", sizes.x, "out")[0]))
     elif options.noisy:
-        key, drawn = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
-        body.append(Normal(step[0], key[0], drawn[0]))
+        key, normal = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
+        body.append(Normal(step[0], key[0], normal[0]))
         deviation = b.whole("deviation", sizes.y, "in", many)
-        body.append(Call(_product_function(sizes.y, 1), (*drawn, *deviation), noise))
+        body.append(Call(_product_function(sizes.y, 1), (*normal, *deviation), noise))
     measure = drop_empty(measure_function(plant, controller, code.channel))
     body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
     if options is not None and options.kept:
@@ -311,8 +311,8 @@ def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Fu
         now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
         if not reductions:
             return step + 1.0
-        remembered = zip(reductions, np.split(kept, np.cumsum([len(one.start) for one in reductions])[:-1]))
-        return np.concatenate([np.asarray(one.update(part, now)) for one, part in remembered]), step + 1.0
+        remembered = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
+        return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in remembered]), step + 1.0
 
     widths = (1, _remembered(reductions), sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

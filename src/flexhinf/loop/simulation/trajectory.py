@@ -212,8 +212,8 @@ class Trajectory(Summarised):
         }  # fmt: skip
         facts["tracked state"] = name
         for key, of in units.items():
-            value, words = metrics[key], key.removesuffix("_percent").removesuffix("_s").replace("_", " ")
-            facts[words] = "none" if value is None else number_text(value, of)
+            value, label = metrics[key], key.removesuffix("_percent").removesuffix("_s").replace("_", " ")
+            facts[label] = "none" if value is None else number_text(value, of)
         return facts
 
     def _repr_html_(self) -> str:
