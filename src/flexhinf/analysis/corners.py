@@ -157,14 +157,14 @@ def corner_population(
     Corners and draws have a generator each, of one seed; `draw` makes parameters of one, as `Robot.draw`, and without
     it nothing is drawn. `singles` says whether plants with one number at one end are among them.
     """
-    rng, found = np.random.default_rng(seed), corners(uncertain, count, seed)
-    drawn = [] if draw is None else [draw(rng) for _ in range(draws)]
+    rng, ends = np.random.default_rng(seed), corners(uncertain, count, seed)
+    samples = [] if draw is None else [draw(rng) for _ in range(draws)]
     unit = np.eye(uncertain) if singles else np.zeros((0, uncertain))
     alone = np.array([sign * row for row in unit for sign in (-1.0, 1.0)]).reshape(-1, uncertain)
-    signs = np.vstack([found, alone, np.zeros((1, uncertain))])
-    values = (*drawn, *(at(row.tolist()) for row in signs))
-    kinds = ["draw"] * len(drawn) + ["corner"] * len(found) + ["single"] * len(alone) + ["nominal"]
-    whole = np.vstack([np.full((len(drawn), uncertain), np.nan), signs])
+    signs = np.vstack([ends, alone, np.zeros((1, uncertain))])
+    values = (*samples, *(at(row.tolist()) for row in signs))
+    kinds = ["draw"] * len(samples) + ["corner"] * len(ends) + ["single"] * len(alone) + ["nominal"]
+    whole = np.vstack([np.full((len(samples), uncertain), np.nan), signs])
     return Population(values, np.array(kinds), whole, values[-1])
 
 

@@ -193,12 +193,12 @@ def budget_terms(
         controller = Controller(law, observer, period, so_far.get("saturation"), start=start)
         loop = Loop(plant, controller, delay=so_far.get("delay", 0.0))
         settings = {**run, "noise": run.get("noise") if observer is not None else None}
-        made = loop.run(**settings)
-        if made.diverged_at is None:
-            budget = dissipation_budget(made, loop, level, settings.get("initial_input"))
+        trajectory = loop.run(**settings)
+        if trajectory.diverged_at is None:
+            budget = dissipation_budget(trajectory, loop, level, settings.get("initial_input"))
         else:  # it has spent everything
-            nan = np.full(len(made.time), np.nan)
-            budget = DissipationBudget(made.time, float(level), float("nan"), nan, nan, nan, False)
+            nan = np.full(len(trajectory.time), np.nan)
+            budget = DissipationBudget(trajectory.time, float(level), float("nan"), nan, nan, nan, False)
         above = rows[-1].budget.total if rows else 0.0
         more = budget.total - above if np.isfinite(above) else float("inf")
         rows.append(BudgetTerm(name, budget, more))
@@ -317,5 +317,5 @@ def dissipation_corners(
             f"expected {list(problem.state_names)}, got {list(solution.state_names)}",
             "the problem whose d and z are meant, with the same integrals",
         )
-    found = LinearCorners.of(problem, at, uncertain, equilibrium, seed)
-    return found.dissipation(solution.P, solution.gain, solution.gamma if gamma is None else gamma)
+    linear = LinearCorners.of(problem, at, uncertain, equilibrium, seed)
+    return linear.dissipation(solution.P, solution.gain, solution.gamma if gamma is None else gamma)

@@ -258,11 +258,11 @@ class EquilibriumLoop:
         if self.moving:
             plant = self._model
             a, b, _, _ = plant.linearise(x if self.filter is not None else self._true_start(x, u), u)
-            given = [plant.index(name) for name in self.positions]
-            free = [i for i in range(plant.n) if i not in given]
-            moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, given], rcond=None)[0]
-            state = np.zeros((plant.n, len(given)))
-            state[given], state[free] = np.eye(len(given)), moved[: len(free)]
+            commanded = [plant.index(name) for name in self.positions]
+            free = [i for i in range(plant.n) if i not in commanded]
+            moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, commanded], rcond=None)[0]
+            state = np.zeros((plant.n, len(commanded)))
+            state[commanded], state[free] = np.eye(len(commanded)), moved[: len(free)]
             states = [plant.index(name) for name in self._states]
             by[step.k : step.k + step.n], by[step.k + step.n + step.k :] = state[states], moved[len(free) :]
         return by
@@ -287,13 +287,13 @@ class EquilibriumLoop:
         for k in range(0, max(1, len(vectors)), each):
             at = slice(k, k + each)
             gains = fixed[at] if own and fixed is not None else fixed
-            z, slope, found = self._equilibrium(vectors[at], gains, None if near is None else near[at])
+            z, slope, exists = self._equilibrium(vectors[at], gains, None if near is None else near[at])
             if self.delay:
                 slope = self._period(z, vectors[at], gains, waits=True)[1]
-            some = np.linalg.eigvals(slope[found])
+            some = np.linalg.eigvals(slope[exists])
             multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
-            multipliers[found] = some
-            parts.append((np.where(found[:, None], z, np.nan), multipliers))
+            multipliers[exists] = some
+            parts.append((np.where(exists[:, None], z, np.nan), multipliers))
         equilibria, multipliers = (np.concatenate(each) for each in zip(*parts))
         return Modes(self.period, equilibria, multipliers)
 
@@ -306,8 +306,8 @@ class EquilibriumLoop:
         if nominal and self._nominal is not None:
             return self._nominal
         vectors, fixed = self.plant.parameters.vectors([values or {}]), self._fixed(process_noise)
-        z, _, found = self._equilibrium(vectors, fixed)
-        if not found[0]:
+        z, _, exists = self._equilibrium(vectors, fixed)
+        if not exists[0]:
             raise NumericalFailure(
                 "The loop has no equilibrium with this plant.",
                 f"none was found near the goal {np.array2string(self.command, precision=6)}",
@@ -433,10 +433,10 @@ def frequency_response(
     else:
         grid = np.sort(np.atleast_1d(np.asarray(frequencies, dtype=float)))
         if grid.ndim != 1 or not len(grid) or not np.all((grid > 0.0) & (grid <= top * (1.0 + 1e-12))):
-            found = np.array2string(grid, threshold=6)
+            text = np.array2string(grid, threshold=6)
             raise InvalidInput(
                 "The frequencies do not fit the sampled loop.",
-                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {found}",
+                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {text}",
                 "numpy.geomspace(0.1, 1000, 200), in rad/s",
             )
     n, q, k = m + len(linear.c), len(linear.positions), linear.g.shape[1]

@@ -313,10 +313,10 @@ class LinearLoop:
         """
         m = self.b.shape[1]
         broken = np.ones(m, dtype=bool) if i is None else np.arange(m) == i
-        parts, given = self._parts(delay), np.eye(m)[:, broken]
-        (a, _, u, _), count = parts, given.shape[1]
+        parts, columns = self._parts(delay), np.eye(m)[:, broken]
+        (a, _, u, _), count = parts, columns.shape[1]
         b, d = np.zeros((len(a), count)), np.zeros((count, count))
-        return self._closed(parts, (b, u[broken], d), np.where(broken[:, None], 0.0, u), given)
+        return self._closed(parts, (b, u[broken], d), np.where(broken[:, None], 0.0, u), columns)
 
     def _parts(self, delay: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """(a, e, u, j) of the loop opened at its inputs: x⁺ = a x + e v, u = u x for x = (plant, input that acted last,

@@ -66,11 +66,11 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     own = loop.delay
     if not loop.running.stable:
         return 0.0, np.nan
-    found = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
-    found = [(delay, frequency) for delay, frequency in found if delay >= own]
-    if not found:
+    crossings = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
+    crossings = [(delay, frequency) for delay, frequency in crossings if delay >= own]
+    if not crossings:
         return np.inf, np.nan
-    delay, frequency = min(found)
+    delay, frequency = min(crossings)
     before = min(own + BEFORE * (delay - own), LONGEST_LINEAR * loop.period)
     if loop.system(before).stable:
         return delay - own, frequency
@@ -167,8 +167,8 @@ class Margins:
     grid: np.ndarray | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        figures = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
-        return f"Margins(stable={self.stable}, {figures}, damping={self.damping:.3g})"
+        peaks = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
+        return f"Margins(stable={self.stable}, {peaks}, damping={self.damping:.3g})"
 
     @cached_property
     def stable(self) -> bool:
@@ -354,11 +354,11 @@ class Margins:
         swept = followed(grid) - level
         rows, joints = sign_changes(swept)
         joints, first = np.unique(joints, return_index=True)  # rows are ascending
-        found = np.where(level > 0.0, np.inf, np.nan)
+        bandwidth = np.where(level > 0.0, np.inf, np.nan)
         at = np.array(refined_crossings(lambda w: followed(w) - level, grid, swept, rows[first], joints))
         acts = level[joints] > 0.0
-        found[joints[acts]] = at[acts]
-        return found
+        bandwidth[joints[acts]] = at[acts]
+        return bandwidth
 
     @property
     def slowest_bandwidth(self) -> float:
@@ -428,14 +428,14 @@ def _gain_margins(
     rows, inputs = rows[chosen], inputs[chosen]
     at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
     values = factors(np.array([*at, 0.0, top]))
-    found = np.full((swept.shape[1], 2), [0.0, np.inf])
-    for i, own in enumerate(found):
+    margins = np.full((swept.shape[1], 2), [0.0, np.inf])
+    for i, own in enumerate(margins):
         k = np.concatenate([values[:-2][inputs == i, i], values[-2:, i]])
         with np.errstate(invalid="ignore"):
             real = np.real(k)[np.abs(np.imag(k)) <= max(1e-6, REAL * accuracy) * np.abs(k)]
         real = real[(real >= 1.0 / LARGEST_FACTOR) & (real <= LARGEST_FACTOR)]
         own[:] = real[real < 1.0].max(initial=0.0), real[real > 1.0].min(initial=np.inf)
-    return found
+    return margins
 
 
 def _scaled_norms(matrices: np.ndarray) -> np.ndarray:

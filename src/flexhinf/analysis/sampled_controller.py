@@ -73,9 +73,9 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
     unit = Slice("unit", size=a * a, strides=(0, 0)[:depth])
     held = (piece("held"),) if h else ()
     result, slope = piece("result"), piece("slope")
-    given = [ca.SX.sym("direction", a), ca.SX.sym("moving", a), ca.SX.sym("held", h)]
-    along = ca.densify(ca.jtimes(function(*given[1:]), given[1], given[0]))
-    value, tangent = drop_empty(function), drop_empty(ca.Function("tangent", given, [along], {"cse": True}))
+    symbols = [ca.SX.sym("direction", a), ca.SX.sym("moving", a), ca.SX.sym("held", h)]
+    along = ca.densify(ca.jtimes(function(*symbols[1:]), symbols[1], symbols[0]))
+    value, tangent = drop_empty(function), drop_empty(ca.Function("tangent", symbols, [along], {"cse": True}))
     moving, row = piece("moving", 1), ()
     if repeated:
         row = (
@@ -363,8 +363,8 @@ class SampledController:
             u = np.asarray(law.operating_input, dtype=float)
             mean, held = np.asarray(estimator.initial.mean, dtype=float), self._held(None)
             y = estimator.plant.evaluate_output(mean, u, estimator.plant.parameters.vector())
-            for given in ((y, u), (u,)):
-                belief = self._updated(np.concatenate([mean, *given]), held, len(given) == 2)
+            for signals in ((y, u), (u,)):
+                belief = self._updated(np.concatenate([mean, *signals]), held, len(signals) == 2)
                 for new, old in zip(belief[1:], estimator.initial[1:]):
                     if not np.array_equal(np.asarray(new, dtype=float), np.asarray(old, dtype=float)):
                         raise InvalidInput(
@@ -421,11 +421,11 @@ class SampledController:
         """
         count, place = len(memory), self.places
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))
-        given = (memory, y, command, point)
-        unit = np.eye(sum(value.shape[1] for value in given))[:, : None if outside else self.size + self.p]
-        rows = np.split(unit, np.cumsum([value.shape[1] for value in given])[:-1])
+        parts = (memory, y, command, point)
+        unit = np.eye(sum(value.shape[1] for value in parts))[:, : None if outside else self.size + self.p]
+        rows = np.split(unit, np.cumsum([value.shape[1] for value in parts])[:-1])
         past, seen, wanted, about = (
-            Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(given, rows)
+            Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(parts, rows)
         )
         estimate = belief = seen
         if self.estimator is not None:
@@ -501,8 +501,8 @@ class SampledController:
         e, held = self.estimator, self._held(None)
         y = e.plant.evaluate_output(x, u, e.plant.parameters.vector())
         moving = self._moved(e.initial_at(x))
-        for given in ((u,), (y, u), (u,)):
-            moving = self._moved(self._updated(np.concatenate([moving, *given]), held, len(given) == 2))
+        for signals in ((u,), (y, u), (u,)):
+            moving = self._moved(self._updated(np.concatenate([moving, *signals]), held, len(signals) == 2))
         return np.concatenate([x, moving[self.n :]])
 
     def beliefs(self, y: np.ndarray, u: np.ndarray, estimate: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -521,8 +521,8 @@ class SampledController:
         return np.vstack(beliefs)
 
     def _update_rows(self, name: str, measured: bool) -> Rows:
-        e, given = self.estimator, self.p + self.m if measured else self.m
-        sizes = (self.places["belief"].stop + given, self._held(None).size)
+        e, width = self.estimator, self.p + self.m if measured else self.m
+        sizes = (self.places["belief"].stop + width, self._held(None).size)
 
         def update(moving: Any, held: Any) -> Any:
             return self._moved(self._updated(moving, held, measured))

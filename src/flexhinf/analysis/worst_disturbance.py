@@ -90,12 +90,12 @@ class DisturbanceRuns:
 
     def within(self, d: np.ndarray) -> np.ndarray:
         """Samples (N, k) with commands that the joints' limits allow: what lies beyond is cut off."""
-        controller, limits, found = self.loop.controller, self.problem.plant.limits, np.array(d, dtype=float)
+        controller, limits, array = self.loop.controller, self.problem.plant.limits, np.array(d, dtype=float)
         for i, name in enumerate(controller.tracked[: self.commands]):
             if name in limits:
                 low, high = np.asarray(limits[name]) - controller.operating_reference[i]
-                found[:, i] = np.clip(found[:, i], low, high)
-        return found
+                array[:, i] = np.clip(array[:, i], low, high)
+        return array
 
     def run(self, d: np.ndarray) -> Trajectory:
         """The run with d (N, k) held between samples."""
@@ -400,8 +400,8 @@ def worst_disturbance(
     fading noise with the seeds `seed`, `seed` + 1, … Other arguments are those of `DisturbanceSearch`. Neither or both
     of energy and level, and a level for a law without V, are refused.
     """
-    given = [number for number in (energy, level) if number is not None]
-    if len(given) != 1 or not (np.isfinite(given[0]) and given[0] > 0.0):
+    sizes = [number for number in (energy, level) if number is not None]
+    if len(sizes) != 1 or not (np.isfinite(sizes[0]) and sizes[0] > 0.0):
         raise InvalidInput(
             "The disturbance has no size.",
             f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
@@ -416,8 +416,8 @@ def worst_disturbance(
     if level is not None and isinstance(law, HJISolution):
         attained = [ascend_inside(search, start, level, turns, law) for start in first]
     else:
-        attained = [search.climbed(start, given[0], turns) for start in first]
-    return max(attained, key=lambda one: one.gain)
+        attained = [search.climbed(start, sizes[0], turns) for start in first]
+    return max(attained, key=lambda candidate: candidate.gain)
 
 
 def ascend_inside(
@@ -427,16 +427,16 @@ def ascend_inside(
     level; the smallest energy if there is none. The start (N, k) is at the search's period, of any size."""
     energy, best, grows = 2.0 * level / solution.gamma**2, None, None
     for _ in range(ROUNDS):
-        found = search.climbed(start, energy, turns, solution)
-        inside = found.largest_value <= level
-        if inside and (best is None or found.gain > best.gain):
-            best = found
+        candidate = search.climbed(start, energy, turns, solution)
+        inside = candidate.largest_value <= level
+        if inside and (best is None or candidate.gain > best.gain):
+            best = candidate
         if grows is None:
             grows = inside
         if inside != grows:
             break
         energy *= FACTOR if inside else 1.0 / FACTOR
-    return found if best is None else best
+    return candidate if best is None else best
 
 
 # The worst plant --------------------------------------------------------------------------------
@@ -528,23 +528,23 @@ def worst_gain(
 
     def gains(points: np.ndarray) -> np.ndarray:
         """Of plants (N, d) under the best disturbance, at the period of the search; −inf where there is none."""
-        found = []
-        for one in points:
+        values = []
+        for plant in points:
             try:
-                search, d = searched(one)
-                found.append(search.search_runs.attained(d).gain)
+                search, d = searched(plant)
+                values.append(search.search_runs.attained(d).gain)
             except FlexhinfError:
-                found.append(-np.inf)
-        return np.array(found)
+                values.append(-np.inf)
+        return np.array(values)
 
     for _ in range(PLANT_ROUNDS):
-        found = climb(gains, np.vstack([best.point, others]))
-        others, runs = others[:0], runs + found.evaluations
-        search, d = searched(found.point)
+        climbed = climb(gains, np.vstack([best.point, others]))
+        others, runs = others[:0], runs + climbed.evaluations
+        search, d = searched(climbed.point)
         attained = ascend_inside(search, d, level, TURNS, law)
         grown = attained.gain > best.attained.gain * (1.0 + GROWTH) and attained.largest_value <= level
         if attained.gain > best.attained.gain and attained.largest_value <= level:
-            best = WorstGain(found.point, attained, runs)
+            best = WorstGain(climbed.point, attained, runs)
         if not grown:
             break
     return WorstGain(best.point, best.attained, runs)

@@ -108,9 +108,9 @@ class TorqueFeedback(PlacedLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         n, rotor = len(self.joints.stiffness), self.rotor_inertia
-        given = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
-        given["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
-        for name, value in given.items():  # one finite number ≥ 0 per joint
+        gains = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
+        gains["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
+        for name, value in gains.items():  # one finite number ≥ 0 per joint
             numbers = real_array(value)
             if numbers.shape not in ((), (1,), (n,)) or not np.all(np.isfinite(numbers) & (numbers >= 0.0)):
                 raise InvalidInput(

@@ -118,12 +118,12 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     for file, text in sources.items():
         (folder / file).write_text(text, encoding="utf-8")
     files = [file for file in sources if file.endswith(".c")]
-    words = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    command = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         raise InvalidInput(
             "The C compiler does not compile the controller.",
-            f"{' '.join(words)}: {done.stderr.strip()[:400]}",
+            f"{' '.join(command)}: {done.stderr.strip()[:400]}",
             "another compiler in CC",
         )
     return folder / "built"
@@ -371,8 +371,8 @@ def instructions() -> frozenset[str]:
             return frozenset()
         return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
-    words = line.partition(":")[2].split()
-    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in words)
+    flags = line.partition(":")[2].split()
+    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in flags)
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:

@@ -385,9 +385,7 @@ def _stopping() -> Iterator[list[int]]:
         request.append(number)
 
     ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {
-        one: handler for one in ending if (handler := signal.getsignal(one)) not in (signal.SIG_IGN, None)
-    }
+    before = {n: handler for n in ending if (handler := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in before:
         signal.signal(number, stop)
     try:

@@ -123,7 +123,7 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
             moment = run.began + round(1e9 * at)
             for kind, group in columns.items():
                 # numbers that are not finite have no JSON
-                finite = {one.name: float(one.values[k]) for one in group if np.isfinite(one.values[k])}
+                finite = {c.name: float(c.values[k]) for c in group if np.isfinite(c.values[k])}
                 writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
         writer.add_metadata("flexhinf run", _settings(run))
         writer.finish()

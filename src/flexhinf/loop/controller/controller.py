@@ -317,7 +317,7 @@ class Controller(Summarised):
         return self._windup_option or Windup.of(self.laws, self.estimator, self.limits.pair)
 
     def input_before(self, input: Any = None, state: Any = None) -> np.ndarray:
-        """The input (m,) before the first sample: `input` if it fits, else refused; by default that of `before_first`."""
+        """The input (m,) before the first sample: `input` if it fits, or by `before_first` for a start `state` (n,)."""
         return self.first_input.at(input, state)
 
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
