@@ -417,7 +417,7 @@ def _peak_metric(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
 
 
 def _estimation(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    errors = [now.estimate[one] - now.state[other] for one, other in pairs]
+    errors = [now.estimate[i] - now.state[j] for i, j in pairs]
     return np.array([total + error * error for total, error in zip(kept, errors)])
 
 
