@@ -2,7 +2,7 @@
 
 The file is a compressed NumPy archive with a version and without pickles.
 
-What is saved is all that a step is made of: the laws (names, operating point, coefficients, and the formula as the
+The file holds everything that a step needs: the laws (names, operating point, coefficients, and the formula as the
 instructions of its traced function where it is no polynomial), the estimator with its settings and the model that it
 believes in (the instructions of flow and output, and parameters), period, saturation and options. A loaded law is a
 `StoredLaw`: it computes the same numbers, and knows nothing of how it was designed. docs/controller_file.md has the
@@ -86,7 +86,7 @@ class Schedule(Law):
 
     @property
     def law_key(self) -> str:
-        """Of the formula that the laws share."""
+        """Key of the formula that the laws share."""
         return self.laws[0].law_key
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
@@ -134,7 +134,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
 
 
 class NamedLaw(Law):
-    """Base of laws with the names, the operating point and the numbers of another one; `kind` is the class that it was,
+    """Base of laws that copy names, operating point and numbers of another law; `kind` is the class of that law,
     `law_degree` the degree of its value function."""
 
     kind: Any = ""
@@ -202,7 +202,7 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
 
 
 def check_kinds(law: Any, estimator: Any) -> None:
-    """They are a law with finite numbers of the right sizes, and an estimator or None."""
+    """Refuse what is no law with finite numbers of the right sizes, or neither an estimator nor None."""
     if not isinstance(law, Law):
         raise InvalidInput(
             "The controller needs a law.", f"expected a flexhinf.plant.Law, got {type(law).__name__}",
@@ -295,7 +295,7 @@ def write_controller(
     period: float,
     options: dict[str, Any],
 ) -> None:
-    """Write what a controller is made of; `options` are its other arguments by name. See `Controller.save`."""
+    """Write a controller to a file; `options` are its other arguments by name. See `Controller.save`."""
     laws = law.laws if isinstance(law, Schedule) else (law,)
     arrays: dict[str, np.ndarray] = {}
     plain: dict[str, Any] = {}
@@ -318,7 +318,7 @@ def write_controller(
 
 
 def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> Any:
-    """What `make`, the class `Controller`, makes of the arguments in a file; see `load_controller`."""
+    """Call `make` (the class `Controller`) with the arguments in a file; see `load_controller`."""
     place = checked_path("The controller's file", path)
     try:
         arrays, whole = read_arrays(place)
@@ -392,8 +392,8 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
 
 
 def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
-    """Its functions are built now, so that arrays that are no functions of these states and inputs are refused when
-    they are read: by an InvalidInput, ValueError, IndexError or KeyError."""
+    """A law from a file. Its functions are built now, so that arrays that are no functions of these states and inputs
+    are refused at once: by an InvalidInput, ValueError, IndexError or KeyError."""
     every: list[tuple[str, ...]] = []
     for kind in ("states", "inputs"):
         names = header[kind]  # a text would be taken for a list of letters
@@ -427,7 +427,7 @@ def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
 
 # Estimators and their models ----------------------------------------------------------------------
 def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
-    """What stands for a setting in the header; arrays go to `arrays`."""
+    """Header entry of a setting (estimator, plant, array or number); its arrays are added to `arrays`."""
     if isinstance(value, Estimator):
         kind = type(value)
         if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind:

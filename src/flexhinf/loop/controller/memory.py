@@ -1,4 +1,4 @@
-"""What a controller remembers between steps, so that no sample can leave it stuck; and its step as a program.
+"""Memory of a controller between steps, which recovers from every bad sample; and its step as a program.
 
 A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
 alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
@@ -7,7 +7,7 @@ good samples, measured or predicted alike. A step that fails leaves the memory a
 the memory itself is taken to be bad and an earlier one takes its place, `SPACING` to 2·`SPACING` good samples old, with
 its command; where that fails as well, the one of the start. The start had no command yet, so the last one holds there;
 where the start is gone back to again before a memory was kept, the command was what made it fail, and is that of the
-start too. Where the start was told (`Controller.reset`), it may be bad itself: then that of the design takes its place.
+start too. A start set by the user (`Controller.reset`) may be bad itself: then that of the design takes its place.
 
 Before the first good measurement nothing is known of the robot: a sample without one changes nothing, and the output is
 the input before the first sample (`Controller.input_before`).
@@ -40,7 +40,7 @@ class Layout:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Layout:
-        """Of arrays by name."""
+        """Layout of arrays by name."""
         return Layout({
             name: [np.shape(array) for array in value] if isinstance(value, list) else np.shape(value)
             for name, value in values.items()
@@ -99,7 +99,7 @@ class Layout:
 
 
 def filler(buffer: np.ndarray) -> Callable[[Any], None]:
-    """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
+    """Copier of a value of exactly this size; a plain number goes straight in, as this runs in real time."""
     memory: Any = memoryview(buffer)  # type: ignore[arg-type]
     shape, array_type = buffer.shape, np.ndarray
 
@@ -201,8 +201,8 @@ class StateHistory:
         return True
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what another one of this size did, its attributes; the arrays that the compiled step writes
-        stay."""
+        """Take over the attributes of another history of this size, in place: the compiled step writes to these
+        arrays."""
         for name, part in state.items():
             if isinstance(part, np.ndarray):
                 getattr(self, name)[:] = part

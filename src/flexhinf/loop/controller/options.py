@@ -1,9 +1,9 @@
-"""What a controller is given beside its law, checked before any work is lost: limits, period, the bound of what
-integrals push, and the input before the first sample.
+"""Options of a controller beside its law, checked before any work is lost: limits, period, bound of integral action,
+and the input before the first sample.
 
 A controller begins at rest at the state where its estimate begins. The input that holds the model there is the one
 under which what it drives does not accelerate: u with f(x, u, 0) = 0, or the least-squares solution where the state is
-no equilibrium. A state that is told later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
+no equilibrium. A state that is set later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
 the same function, with the same bits.
 
 Also here: how far integrals may push an input that has no limit of its own, or one so large that it is none. A sensor
@@ -83,8 +83,8 @@ class Limits:
     def of(
         saturation: Any, inputs: int, rate: Any = None, names: tuple[str, str] = ("saturation", "input_rate")
     ) -> Limits:
-        """Of m signals: the range from None, a number (±), an array with one number (±) each, or a tuple (lower, upper)
-        of them; the largest rate per second from None, a number or (m,). The names are those of both arguments.
+        """Limits of m signals: the range from None, a number (±), an array with one number (±) each, or a tuple (lower,
+        upper) of them; the largest rate per second from None, a number or (m,). The names are those of both arguments.
 
         What has another shape, does not keep lower < upper, or is no positive rate is an InvalidInput.
         """
@@ -160,7 +160,7 @@ def dead_zone(value: Any, tracked: Sequence[str]) -> np.ndarray | None:
 
 
 def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
-    """The law's states are the plant's, then integrals; the estimator means the same, at the same period."""
+    """Refuse a law whose states are not the plant's, then integrals; an estimator of other states or period."""
     states, tracked = law.plant_states, law.tracked
     order = (*states, *(name + INTEGRAL for name in tracked))
     if order != tuple(law.state_names) or not set(tracked) <= set(states):
@@ -195,7 +195,7 @@ SPARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Windup:
-    """The bound of what integrals push, for L laws of m inputs and k integrals.
+    """Bound of the integral action (anti-windup), for L laws of m inputs and k integrals.
 
     `limit` (m,) is w, infinite for inputs that their own limits keep within w of the operating input; `line` and
     `spread` are G and S, (L, m, k), or (m, k) of one law.
@@ -219,7 +219,7 @@ class Windup:
 
     @staticmethod
     def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
-        """The default for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
+        """The default bound for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
         limits, lines, spreads = (
             np.stack(parts) for parts in zip(*(_bounds(law, estimator) for law in laws))
         )
@@ -257,7 +257,7 @@ def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarr
 
 
 def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
-    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through one, r the states at `places`; None and None where the
+    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through (x, u), r the states at `places`; None and None where the
     model has no slope there."""
     a, b, _, _ = model.linearise(x, u)
     rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
@@ -316,17 +316,17 @@ class FirstInput:
 
     @property
     def is_zero(self) -> bool:
-        """Whether it is zero wherever the controller starts."""
+        """Whether the input is zero wherever the controller starts."""
         return isinstance(self.option, str) and self.option == ZERO
 
     @property
     def text(self) -> str:
-        """What it is, for a summary."""
+        """The option in words, for a summary."""
         return "zero" if self.is_zero else "what holds the robot where the estimate begins"
 
     @cached_property
     def own(self) -> np.ndarray:
-        """Where the estimate begins, within the limits, (m,)."""
+        """Input (m,) where the estimate begins, within the limits."""
         rest = np.array(self.law.operating_input, dtype=float)
         if isinstance(self.option, np.ndarray):
             return self.option

@@ -21,9 +21,8 @@ class RestToRest:
     """A motion from `start` to `goal` at rest, of phases of constant jerk (`lengths` in s, `jerks` in unit/s³, (K,)
     each), or its moving average.
 
-    What rounding leaves of the way to the goal is made up for by a scale. `average` is T of the moving average over
-    the last T seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which is constant between the corners
-    of both.
+    A scale corrects rounding, so that the motion ends at the goal. `average` is T of the moving average over the last T
+    seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which is constant between the corners of both.
     """
 
     start: float
@@ -171,8 +170,8 @@ class JerkLimited:
 def _phases(distances: list[float], limits: list[list[float]]) -> list[Any]:
     """Lengths and jerks of each channel's seven phases.
 
-    ruckig's tolerances are absolute, so it is asked in units of the longest way and of the longest time that one limit
-    alone makes a way take; both are powers of two, so that nothing is rounded.
+    ruckig's tolerances are absolute, so it works in units of the longest distance and of the longest time that one
+    limit alone requires; both are powers of two, so that nothing is rounded.
     """
     from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 

@@ -213,12 +213,12 @@ class Loop(Summarised):
 
     @cached_property
     def code(self) -> LoopCode:
-        """What of a run on a `Plant` is compiled: the same for all parameters of plant and law."""
+        """The compiled part of a run on a `Plant`: the same for all parameters of plant and law."""
         assert isinstance(self.true_plant, Plant)
         return LoopCode(self.true_plant, self.controller, self.channel, self.sub_steps)
 
     def with_plant(self, plant: Plant | BlackBox) -> Loop:
-        """The same controller, channel and sub-steps round another true plant."""
+        """The same controller, channel and sub-steps with another true plant."""
         if plant is self.true_plant:
             return self
         steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
@@ -288,8 +288,8 @@ class Loop(Summarised):
         noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
         *, multi_turn: bool = False,
     ) -> Trajectory:  # fmt: skip
-        """As `run` on a black box (another plant is refused), its samples made when `pacing` says so. What is `stepped`
-        is stepped as it is, instead of the controller. A run that `pacing` ends stops before that sample."""
+        """As `run` on a black box (another plant is refused), with samples timed by `pacing`. `stepped` is a controller
+        to step, as it is, instead of the loop's. A run that `pacing` ends stops before that sample."""
         box, controller, channel = self.true_plant, self.controller, self.channel
         if not isinstance(box, BlackBox):
             raise InvalidInput(
@@ -355,7 +355,7 @@ class Loop(Summarised):
         *,
         multi_turn: bool = False,
     ) -> PreparedRun:
-        """What `run` would run on a `Plant`, before it is made; arguments as there."""
+        """A run on a `Plant`, prepared but not yet made; arguments as of `run`."""
         run = (reference, disturbance, noise, duration, initial_state, initial_input)
         return self.ensemble(*run, multi_turn=multi_turn).single(seed, self.sub_steps)
 
@@ -373,8 +373,8 @@ class Loop(Summarised):
         kept: Sequence[str] = (),
         instants: Any = (),
     ) -> Ensemble:
-        """What `run` would run, ready to be made of many plants at once (``.run(parameters, seeds)``), of which only
-        numbers are kept.
+        """The same run for many plants at once (``.run(parameters, seeds)``), of which metrics are kept and, unless
+        named, no signals.
 
         Parameters
         ----------
@@ -433,8 +433,8 @@ class Loop(Summarised):
     def _commanded(
         self, reference: Any, disturbance: Any, noise: Any, duration: float, multi_turn: bool
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-        """Times (N,), the command (N, k), and what a trajectory names; what is not named stays at the operating point.
-        A command that does not fit, or leaves the range of its state, is refused."""
+        """Times (N,), the command (N, k), and the trajectory's settings; elements without a command stay at the
+        operating point. A command that does not fit, or leaves the range of its state, is refused."""
         controller, plant = self.controller, self.true_plant
         times = np.arange(sample_count(duration, controller.period)) * controller.period
         names, value = controller.commanded, reference

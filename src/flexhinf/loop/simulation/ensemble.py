@@ -1,4 +1,4 @@
-"""The same run of many plants, each with its own parameters, noise and initial state, of which only numbers are kept.
+"""The same run of many plants, each with its own parameters, noise and initial state, of which only metrics are kept.
 
 The runs go side by side in the lanes of vector registers, on several threads; noise is made and metrics are reduced
 inside the compiled code. Memory grows neither with the plants that have gone nor, unless signals are kept, with the
@@ -70,7 +70,7 @@ class EnsemblePlants:
         return len(self.truth)
 
     def some(self, rows: slice) -> EnsemblePlants:
-        """Some of them."""
+        """The plants in some rows."""
         own = {name: values[rows] for name, values in self.own.items()}
         return EnsemblePlants(self.truth[rows], self.parts[rows], self.seeds[rows], own)
 
@@ -84,9 +84,9 @@ RECORDED = {
 
 @dataclass(frozen=True, eq=False)
 class PreparedRun:
-    """A run before it is made.
+    """A run with all its arrays, ready for the kernel.
 
-    `times` (N,) are in s; `arrays` are what the kernel is given, by buffer (those that the loop does not have are left
+    `times` (N,) are in s; `arrays` are the inputs of the kernel, by buffer (those that the loop does not have are left
     out), `recorded` signals that are known before the run, `parts` Runge–Kutta steps per period, `settings` for the
     trajectory.
     """
@@ -143,7 +143,7 @@ Recorded = namedtuple("Recorded", ("codes", "steps", "remembered", "kept"))
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """A run that can be made of many plants; see `Loop.ensemble`."""
+    """A run to be made of many plants; see `Loop.ensemble`."""
 
     plant: Plant  # the nominal true plant
     controller: Controller
@@ -224,7 +224,7 @@ class Ensemble:
         *,
         initial_inputs: Any = None,
     ) -> Iterator[Trajectory]:
-        """The same runs with all their signals, a few at a time, for what no reduction says; arguments as for `run`."""
+        """The same runs with all signals, a few at a time, for metrics without a reduction; arguments as for `run`."""
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         disturbances = self._disturbances(plants)
         if self._few(plants):
@@ -302,7 +302,7 @@ class Ensemble:
         rest: Iterator[np.ndarray],
         recorded: Recorded,
     ) -> None:
-        """Batches of rows that no other thread has taken, on arrays of this thread."""
+        """Run batches of plants that no other thread has taken, on arrays of this thread."""
         samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
         start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
         start = {name: column for name, column in start.items() if name not in own}
@@ -339,7 +339,7 @@ class Ensemble:
                     recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
-        """Each on the kernel of a single run, its signals reduced afterwards."""
+        """Run each plant on the kernel of a single run, and reduce its signals afterwards."""
         recorded, disturbances = self._room(len(plants)), self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
             runs = pool.map(
@@ -366,7 +366,7 @@ class Ensemble:
     def _prepared(
         self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
     ) -> PreparedRun:
-        """The k-th run, alone, with what its trajectory names where somebody reads it."""
+        """The k-th run alone, with `settings` for its trajectory."""
         parts, samples = int(plants.parts[k]), self.command.samples
         code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
@@ -466,16 +466,16 @@ class Ensemble:
     # What is compiled -----------------------------------------------------------------------------
     @cached_property
     def reductions(self) -> tuple[Reduction, ...]:
-        """All of them, in the order of what they remember."""
+        """All reductions, in the order of their memories."""
         return (*(reduction for several in self.tracking.values() for reduction in several), *self.common)
 
     @property
     def remembered(self) -> np.ndarray:
-        """What they remember before the first sample."""
+        """Memory of all reductions before the first sample."""
         return np.array([number for reduction in self.reductions for number in reduction.start])
 
     def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
-        """All steps of so many runs; without a disturbance it serves any number of sub-steps."""
+        """Compiled program of as many runs as lanes; without a disturbance it serves any number of sub-steps."""
         room = 1 if self.disturbance is None else sub_steps
         code = LoopCode(self.plant, self.controller, self.channel, room)
         options = EnsembleOptions(
@@ -504,7 +504,7 @@ def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, 
 
 
 def tracked_place(plant: Plant, controller: Controller, name: str) -> Place:
-    """As `Trajectory.tracked` finds a tracked state."""
+    """Signal and columns of a tracked state, chosen as in `Trajectory.tracked`."""
     names = _signal_names(plant, controller)
     kind = next((kind for kind in ("state", "output", "estimate") if name in names[kind]), "state")
     return Place(kind, names[kind].index(name), controller.commanded.index(name))

@@ -29,7 +29,7 @@ class NotebookFigure(Figure):
 
 
 def plot_run(run: Any) -> NotebookFigure:
-    """Of a `Trajectory`: tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
+    """Plot a `Trajectory`: tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
     with mpl.rc_context({"text.parse_math": False}):  # a dollar sign in a name is no formula
         figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))

@@ -1,4 +1,4 @@
-"""What a run is given, checked before it starts: length, initial state, size of commands; and references, disturbances
+"""Arguments of a run, checked before it starts: length, initial state, size of commands; and references, disturbances
 and noise as arrays, which a kernel takes in.
 
 Noise is made by a counter-based generator, so that any sample, step and channel can ask for its own alone.

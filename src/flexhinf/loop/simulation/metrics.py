@@ -159,8 +159,8 @@ LimitCycle = namedtuple("LimitCycle", ("amplitude", "frequency"))
 
 
 def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
-    """What still moves in the last half of a run at rest, of arrays (N,). The frequency is that of whole periods
-    between rises through the middle, with hysteresis."""
+    """Limit cycle in the last half of a run at rest, from arrays (N,). Its frequency is that of whole periods between
+    rises through the middle, with hysteresis."""
     time, position = tail_of(time, REST_TAIL), tail_of(position, REST_TAIL)
     low, high = float(position.min()), float(position.max())
     amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
@@ -188,7 +188,7 @@ def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start:
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What is known of the command before the run, for each of its r channels: the period, s, and the samples of the
+    """Facts about the command, known before the run, for each of its r channels: the period, s, and the samples of the
     run; the command at the first and at the last one; the first sample at which it differs from the first one, 0 where
     none does; and whether it stands still in the last tenth of the run, see `flexhinf.loop.step_shape`."""
 
@@ -201,13 +201,13 @@ class Command:
 
     @classmethod
     def of(cls, commands: np.ndarray, period: float) -> Command:
-        """Of an array (N, r)."""
+        """Facts about a command (N, r)."""
         change = np.argmax(commands != commands[0], axis=0)
         steps = np.all(tail_of(commands) == commands[-1], axis=0)
         return cls(period, len(commands), commands[0], commands[-1], change, steps)
 
     def vector(self) -> np.ndarray:
-        """What a kernel is given of it, (1 + 3r,): the tail, first, last and change."""
+        """Numbers of the command for a kernel, (1 + 3r,): the tail, first, last and change."""
         tail = self.samples - len(
             tail_of(np.empty(self.samples))
         )  # first sample of the last tenth of the run
@@ -237,16 +237,16 @@ class Instant:
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """Numbers about a run that each of its samples changes.
+    """A metric that is computed while a run goes on: a few numbers that every sample updates.
 
     Parameters
     ----------
     start : sequence of float
-        What is remembered before the first sample, (k,).
+        Memory before the first sample, (k,).
     update : callable
-        What is remembered (k,), and an `Instant`, to what is remembered then.
+        Memory (k,) and `Instant` → memory after this sample (k,).
     result : callable
-        What is remembered of N runs at their end, (k, N), and the `Command`, to arrays by name, (N,) or (N, j).
+        Memories (k, N) of N runs at their end, and the `Command` → arrays by name, (N,) or (N, j).
     key : hashable
         Reductions with the same key have the same update. By default the function itself.
     """
@@ -258,13 +258,13 @@ class Reduction:
 
     @property
     def code_key(self) -> Hashable:
-        """What distinguishes the compiled code."""
+        """Key of the compiled code."""
         return (self.update if self.key is None else self.key), len(self.start)
 
 
 @dataclass(frozen=True, eq=False)
 class EnsembleResult:
-    """Numbers of N runs."""
+    """Metrics of N runs."""
 
     #: (N,), 0, or `CONTROL_FAILED` or `PLANT_FAILED` of `program`: whose numbers are no longer finite
     codes: np.ndarray
@@ -295,7 +295,7 @@ class EnsembleResult:
         return {**(self.by_state[name] if name is not None else {}), **self.common}
 
     def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
-        """Those of the k-th run, with None as in `Trajectory.metrics`."""
+        """Metrics of the k-th run, with None as in `Trajectory.metrics`."""
         row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
         known = {key: value for key, value in row.items() if isinstance(value, list) or np.isfinite(value)}
         return {key: known.get(key) if self.completed[k] else None for key in row}
@@ -311,7 +311,7 @@ _STEP_START = (0.0, -np.inf, np.inf, -1.0, 0.0, *(-1.0, 0.0, 0.0) * len(RISE))
 
 
 def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -> Any:
-    """One more sample of a step of this shape: where it begins, where it ends, and its first sample."""
+    """Memory of a step response after one more sample; the shape is where it begins, ends, and its first sample."""
     (_, high, low, outside, before, *crossings), (initial, final, change) = kept, shape
     height, beyond, after = final - initial, position - final, step >= change
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
@@ -378,7 +378,7 @@ def _step(place: Place, kept: Any, now: Instant) -> Any:
 
 
 def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    """NaN where the command is no step, or of no height; infinite where the run does not settle or rise."""
+    """Metrics of a step: NaN where the command has no step, infinite where the run does not settle or rise."""
     height = command.last[place.command] - kept[0]
     values_by_name = _stepped_metrics(kept, height, command.change[place.command], command)
     step = (height != 0.0) & command.steps[place.command]
@@ -466,12 +466,12 @@ class RingDown:
 
     @property
     def damping(self) -> float:
-        """The smallest of all runs."""
+        """Smallest damping ratio of all runs."""
         return min((self.damping_of(k) for k in range(len(self.oscillations))), default=1.0)
 
     @property
     def worst(self) -> int:
-        """The run in which it is seen."""
+        """The run with the smallest damping ratio."""
         return min(range(len(self.oscillations)), key=self.damping_of)
 
 

@@ -68,8 +68,8 @@ class Channel:
 
     @staticmethod
     def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
-        """From user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number of
-        periods, at most `LONGEST`; what does not fit is refused."""
+        """Channel from user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number
+        of periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
         late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
@@ -124,7 +124,7 @@ def rk4_function(plant: Plant) -> ca.Function:
 
 
 def measure_function(plant: Plant, controller: Controller, channel: Channel = DIRECT) -> ca.Function:
-    """(x, u, noise, (step, p)) → what the controller is given: outputs, or the states of its plant."""
+    """(x, u, noise, (step, p)) → the controller's measurement: outputs, or the states of its plant."""
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:
@@ -142,7 +142,7 @@ EnsembleOptions = namedtuple("EnsembleOptions", ("noisy", "disturbed", "delayed"
 
 
 class _Buffers(dict[str, Buffer]):
-    """Buffers of a program by name, as they are asked for; those without elements are left out."""
+    """Buffers of a program by name, collected while it is written; those without elements are left out."""
 
     def whole(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
         """All of a buffer of so many elements."""
@@ -164,8 +164,8 @@ def capacity(sub_steps: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class LoopCode:
-    """What of a loop is compiled: no parameter of plant or law, no time and no signal is in it. Loops with the same key
-    share their kernels; plant, controller and channel are those of one of them."""
+    """The compiled part of a loop: no parameter of plant or law, no time and no signal is in it. Loops with the same
+    key share their kernels; plant, controller and channel are those of one of them."""
 
     plant: Plant
     controller: Controller
@@ -184,16 +184,16 @@ class LoopCode:
 
     @cached_property
     def key(self) -> tuple[object, ...]:
-        """What distinguishes the code of two loops."""
+        """Key of the compiled code."""
         return ("loop", self.plant.code_key, self.controller.code_key, self.sizes, self.channel.quanta)
 
     @property
     def program(self) -> Program:
-        """The whole run as it is compiled."""
+        """The program of a whole run."""
         return share((*self.key, "program"), lambda: loop_program(self))
 
     def kernel(self) -> Kernel:
-        """The whole run."""
+        """The compiled program of a whole run."""
         return share((*self.key, "run"), lambda: compile_program(self.program))
 
 
@@ -202,9 +202,9 @@ def loop_program(
 ) -> Program:
     """The program of a run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
 
-    One run, without options, is given its noise and records all signals. Of many runs noise is made and numbers are
-    reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the same
-    for all lanes; each lane has its own plant, state, noise, and factors of the disturbance.
+    One run, without options, takes its noise as data and records all signals. Of many runs noise is made and numbers
+    are reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the
+    same for all lanes; each lane has its own plant, state, noise, and factors of the disturbance.
 
     The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
     acts at a sample is the row that was written a delay ago, so that any delay is data.

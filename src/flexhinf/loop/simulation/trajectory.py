@@ -1,4 +1,4 @@
-"""What a run leaves behind: labelled signals with units, metrics, and a plot."""
+"""Result of a run: labelled signals with units, metrics, and a plot."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Trajectory(Summarised):
     signals, names, units : dicts
         state, estimate, output, input, reference, disturbance, (N, k) each; and names and units of their columns.
     settings : dict
-        What was run.
+        Arguments of the run.
     judged : tuple of str
         States that metrics and plots are about: the tracked ones, see `Controller.judged`.
     diverged_at, message : float or None, and str
