@@ -7,8 +7,8 @@ The gain of a Kalman filter depends on the ratio of R^v to R^n alone, and on whi
 state, all velocities (what a model misses are torques), those of the links or those of the motors. A loop that is
 stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
 
-This room knows no robot: it is given a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a
-plant, `flexhinf.robot.Robot.corner`, and one from a generator, `Robot.draw`.
+No robot is needed here, only a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a plant,
+`flexhinf.robot.Robot.corner`, and one from a random generator, `Robot.draw`.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ ROWS = 1024
 
 @dataclass(frozen=True, eq=False)
 class GrowthRates:
-    """How fast a loop grows with each of some plants, at one R^v."""
+    """Growth rates of a loop with each of several plants, at one R^v."""
 
     noise: ProcessNoise | None  # None: the loop as it is designed, or the true state fed back
     #: (N,), log of the largest multiplier per period, 1/s: negative where stable, infinite without equilibrium
@@ -430,8 +430,7 @@ class ToleranceBox:
         which: np.ndarray | None = None,
         process_noise: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Those of some corners (all by default) that are unstable with all tolerances times a factor, the fastest
-        first."""
+        """The corners, out of some or all, that are unstable with all tolerances times a factor, the fastest first."""
         which = np.arange(len(self)) if which is None else which
         moved = self.middle + scale * self.away[which]
         which = which[np.all((moved * self.middle > 0.0) | (self.away[which] == 0.0), axis=1)]

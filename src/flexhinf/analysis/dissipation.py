@@ -1,4 +1,4 @@
-"""What a run spends of its level set: the budget of everything that is not the exact law.
+"""Dissipation budget of a run: how much of a level set is used up by everything that is not the exact law.
 
 A plant driven by u = u* + k(x − x*, e) + v instead of the law alone obeys, wherever the dissipation inequality holds,
 
@@ -13,8 +13,8 @@ input that acts in it, and as a straight line in between, whose square is integr
 is a share of the order of the period over its shortest time constant (0.1 % for the paper's arm at 1 ms).
 
 e is the problem's integral, ė = x_i − r of the true state. The controller's own may differ: it stands still while the
-input is limited, and integrates noise. Its start is ours to choose, so e agrees with the controller's integral at the
-end of the run: what limits changed on the way is spent before, and V(x0) is that of this e.
+input is limited, and integrates noise. Its initial value is free, so e is chosen to agree with the controller's
+integral at the end of the run: what limits changed on the way is spent before, and V(x0) is that of this e.
 
 At the corners of the tolerances the inequality is checked for the linear part. A law of `solve_hji` with the storage V
 = ½ xᵀ P x to second order and the gain u = K x keeps
@@ -69,7 +69,7 @@ class DissipationBudget:
 
     @property
     def kept(self) -> bool:
-        """Whether the budget lasted."""
+        """Whether the run stayed within its budget."""
         return self.left >= 0.0
 
 
@@ -152,8 +152,8 @@ def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.n
 
 @dataclass(frozen=True, eq=False)
 class BudgetTerm:
-    """One row: the loop with all that stands in the rows above, and this, "sampling", "delay", "estimator" or
-    "saturation".
+    """One row of a budget: the loop with the effects of all rows above and one more, "sampling", "delay", "estimator"
+    or "saturation".
 
     `added` is ½ ∫ vᵀ R2 v more than in the row above; infinite if the loop diverged.
     """

@@ -1,8 +1,8 @@
 """The sampled closed loop linearised at its equilibrium: whether it is stable, and how fast it grows or decays.
 
-What is differentiated is the very step that the compiled loop runs (measure, correct, integrate, law, time
-update, then the true plant over one period with u held), with two changes: the estimator corrects with its
-stationary gain, and the input has no limits.
+The derivatives are those of the step that the compiled loop runs (measure, correct, integrate, law, time update, then
+the true plant over one period with u held), with two changes: the estimator corrects with its stationary gain, and the
+input has no limits.
 
 Also the frequency response of the running loop: sampled, with its estimator and its own delay.
 """
@@ -155,7 +155,7 @@ class EquilibriumLoop:
     # One period ----------------------------------------------------------------------------------------
     @cached_property
     def measure(self) -> Rows:
-        """(x, u, parameters) → what the controller is given."""
+        """(x, u, parameters) → the controller's measurement."""
         plant, n = self.plant, self.plant.n
         places = [plant.index(name) for name in self._states] if self.filter is None else None
 
@@ -181,7 +181,7 @@ class EquilibriumLoop:
         return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
 
     def by_loop(self, by: np.ndarray, by_y: np.ndarray) -> np.ndarray:
-        """Derivatives (N, j, n + s) by plant and memory, of those by memory and measurement (N, j, s + p …), with
+        """Derivatives (N, j, n + s) by plant and memory, from those by memory and measurement (N, j, s + p …), with
         ∂y/∂(x, last input) (N, p, n + m)."""
         n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
         through = by[:, :, s : s + p] @ by_y
@@ -246,7 +246,7 @@ class EquilibriumLoop:
         return state
 
     def by_command(self) -> np.ndarray:
-        """What commanded positions move in the controller's step: ∂(command, centre)/∂positions.
+        """Derivatives of the controller's command and centre by the commanded positions.
 
         A law about its operating point has the command in its integrals only. About a moving reference the
         command is the whole equilibrium at the commanded positions: f(x_d, u_d) = 0 along x_d = x_d(q), u_d = u_d(q).

@@ -7,8 +7,8 @@ The loop is broken at the plant's input::
                  └────── u ◄─ law ◄─ estimator ◄┴─ commanded positions
 
 S = (1 + L)⁻¹ from w to u + w is the sensitivity, its largest singular value over all frequencies the inverse of the
-distance of the loop from instability; T = 1 − S is the complementary sensitivity [skogestad2005]. v to u is what
-sensors cost the motors. All figures are those of the running loop: sampled, with its estimator and its own delay.
+distance of the loop from instability; T = 1 − S is the complementary sensitivity [skogestad2005]. v to u is the effect
+of sensor noise on the inputs. All margins are those of the running loop: sampled, with its estimator and its own delay.
 
 With the other inputs closed, S_ii = 1/(1 + L_i) and T_ii = L_i/(1 + L_i), so the loop at input i is on the edge of
 stability with its gain times k = −1/L_i = −S_ii/T_ii wherever that is real and positive. One sweep of the running loop
@@ -155,12 +155,12 @@ def _pair(name: str, value: str, place: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
+    """Margins of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
 
-    Each is computed when it is first read: a search over many loops that asks for few of them pays for those. On a
-    given `grid` (F,), rad/s, the loop is swept, and the peaks of S and of the compliance and the gain margins that are
-    seen there are refined between its points, to `ROUGH`. By default the sweep is dense, with points at every pole of
-    the running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
+    Each is computed when it is first read: a search over many loops that reads few of them pays for those. On a given
+    `grid` (F,), rad/s, the loop is swept, and the peaks of S and of the compliance and the gain margins that are seen
+    there are refined between its points, to `ROUGH`. By default the sweep is dense, with points at every pole of the
+    running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
     """
 
     linear: LinearLoop = field(repr=False)
@@ -172,7 +172,7 @@ class Margins:
 
     @cached_property
     def stable(self) -> bool:
-        """Whether the running loop is."""
+        """Whether the closed loop is stable."""
         return self.linear.running.stable
 
     @property
@@ -221,7 +221,7 @@ class Margins:
     peak_sensitivity, sensitivity_frequency = _pair(
         "_sensitivity",
         "max over ω of σ_max(S(e^{jωT})).",
-        "Where it is reached, rad/s.",
+        "Frequency where it is reached, rad/s.",
     )
 
     @cached_property
@@ -260,7 +260,7 @@ class Margins:
     peak_complementary, complementary_frequency = _pair(
         "_complementary",
         "max over ω of σ_max(T), T = 1 − S.",
-        "Where it is reached, rad/s.",
+        "Frequency where it is reached, rad/s.",
     )
 
     # Disk and delay margin --------------------------------------------------------------------------------
@@ -286,7 +286,7 @@ class Margins:
         "α, symmetric: the loop is stable with every input multiplied by its own complex factor "
         "(1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one "
         "input; with several, a lower bound of it.",
-        "Where it is reached, rad/s.",
+        "Frequency where it is reached, rad/s.",
     )
 
     @property
@@ -310,7 +310,7 @@ class Margins:
         "_delay",
         "Largest extra delay of all inputs together, beyond the loop's own, s, between samples "
         "too; infinite if no delay makes the loop unstable.",
-        "Where the loop then oscillates, rad/s.",
+        "Frequency at which the loop then oscillates, rad/s.",
     )
 
     # Noise ------------------------------------------------------------------------------------------------
@@ -335,7 +335,7 @@ class Margins:
     # What the loop does -----------------------------------------------------------------------------------
     @property
     def positions(self) -> tuple[str, ...]:
-        """Of the bandwidths (q)."""
+        """Names of the commanded positions, in the order of `bandwidth` (q)."""
         return self.linear.names
 
     @cached_property
@@ -362,7 +362,7 @@ class Margins:
 
     @property
     def slowest_bandwidth(self) -> float:
-        """Of the slowest commanded position, rad/s; NaN if a command does not act, or the loop is unstable."""
+        """Bandwidth of the slowest position, rad/s; NaN if a command does not act, or the loop is unstable."""
         return float(self.bandwidth.min()) if len(self.bandwidth) else np.nan
 
     def compliance(self, top: float) -> float:
@@ -387,9 +387,9 @@ def margins(
 ) -> Margins:
     """Margins of a loop at its equilibrium.
 
-    Its own delay is part of the loop: the delay margin is what it stands beyond, and all other figures count it.
-    `values` and `process_noise` are as for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and
-    R^v instead of the filter's; a NumericalFailure says that the loop has no equilibrium with this plant.
+    The loop's own delay counts in all margins; the delay margin is the delay that it tolerates in addition. `values`
+    and `process_noise` are as for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and R^v instead
+    of the filter's; a NumericalFailure says that the loop has no equilibrium with this plant.
     """
     return Margins(loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise))
 
@@ -457,7 +457,7 @@ POINTS, BELOW = 80, 0.05
 
 
 class FilteredLoop:
-    """A loop whose Kalman filter has any gain; its sweep begins at a fraction of the law's bandwidth, rad/s."""
+    """A loop as a function of its filter's gain; its sweep begins at a fraction of the law's bandwidth, rad/s."""
 
     def __init__(self, loop: EquilibriumLoop, bandwidth: float) -> None:
         self.loop = loop

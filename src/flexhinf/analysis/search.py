@@ -78,7 +78,7 @@ class _Search:
         return np.clip(trials, 0.0, 1.0)
 
     def take(self, points: np.ndarray, values: np.ndarray) -> None:
-        """Move to the best point, or look closer."""
+        """Move to the best point, or shorten the step."""
         best = int(np.argmax(values))
         if values[best] > self.value:
             self.before = (self.point, *self.before[:1])

@@ -218,8 +218,8 @@ class EquilibriumLaw(Law):
 class PlacedLaw(EquilibriumLaw):
     """A law that depends on where it acts, not only on the deviation.
 
-    `evaluate_about` says what it does about any reference; `evaluate_law` is that at the equilibrium,
-    which therefore is part of the law's numbers.
+    `evaluate_about` is the law about any reference; `evaluate_law` is that about the equilibrium, which therefore is
+    part of the law's numbers.
     """
 
     @cached_property
@@ -370,7 +370,7 @@ class GravityCompensatedLQR(PlacedLaw):
 
     @property
     def law_key(self) -> str:
-        """The code of G."""
+        """Key of the law's code: that of G."""
         return f"LQR with gravity compensation {self._weight.key}"
 
     def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:

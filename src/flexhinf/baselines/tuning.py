@@ -41,7 +41,7 @@ SIMPLEX = 1.35
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a set of parameters comes to.
+    """Evaluation of one set of parameters.
 
     `cost` is to be small, infinite where it is not known. `excess` is the sum over the limits of ln(value / limit)
     where it is exceeded; 0 where all are kept, infinite where a limit cannot be checked (an unstable loop). `reason`
@@ -56,7 +56,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters that were tried, and what they came to."""
+    """A set of parameters and its evaluation."""
 
     parameters: Mapping[str, float]
     judgement: Judgement
@@ -68,7 +68,7 @@ class Candidate:
 
     @property
     def order(self) -> tuple[float, float]:
-        """Feasible ones first, by cost; then the others, by how far they exceed the limits."""
+        """Sort key: feasible candidates first, by cost; then the others, by how far they exceed the limits."""
         j = self.judgement
         return (0.0, j.cost) if self.feasible else (1.0 + j.excess, j.cost)
 

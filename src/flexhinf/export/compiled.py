@@ -1,6 +1,6 @@
 """A controller as a shared library: compiled once, loaded in milliseconds without LLVM and without CasADi.
 
-Which instructions a library needs, and which this processor has, is asked before any of its code is run.
+The instructions that a library needs are compared with those of this processor before any of its code is run.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def compile_controller(
 
 
 def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:
-    """What this machine's C compiler makes of some files; raises as `build`."""
+    """Shared library of C files, built by this machine's C compiler; raises as `build`."""
     with TemporaryDirectory() as work:
         return build(sources, Path(work), (*flags, "-shared", "-fPIC", "-fvisibility=hidden")).read_bytes()
 
@@ -103,9 +103,9 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
 
 
 def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:
-    """Compile and link files of C in a folder that is there; the path of what comes of it.
+    """Compile and link files of C in an existing folder; returns the path of the result.
 
-    Raises InvalidInput: if there is none (``CC``, cc, gcc, clang), or it fails.
+    Raises InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
     names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
     compiler = next(filter(None, map(shutil.which, names)), None)
@@ -376,7 +376,7 @@ def instructions() -> frozenset[str]:
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:
-    """What tells gcc and clang for which processors to compile.
+    """Flags of gcc and clang for the processors to compile for.
 
     `processor`: {"portable", "any", "native"}, PCs since about 2015 (AVX2 and fused multiply-adds; on a machine
     without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than

@@ -233,7 +233,7 @@ class ControllerCode:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of both texts: what gives the same inputs has the same, whatever else is equal."""
+        """SHA-256 of header and source, which determine every input that the code computes."""
         return hashlib.sha256((self.header + self.source).encode()).hexdigest()
 
     def _call(self, which: str) -> str:
@@ -244,7 +244,7 @@ class ControllerCode:
 
     @property
     def _start(self) -> str:
-        """What ``NAME_start`` does with the estimate: another one than the design's has an input of its own."""
+        """Body of ``NAME_start``: sets the estimate, and the input that holds the robot there."""
         if not self.starts_anywhere or self.controller.first_input.is_zero:
             return START.replace("@HOLD@", "") if self.starts_anywhere else "    (void)estimate;"
         assert self.controller.estimator is not None
@@ -316,7 +316,7 @@ def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
 
 
 def _operations(step: Step) -> int:
-    """Of one step of a program: instructions of what it calls, multiplications of its sums."""
+    """Operations of one step of a program: instructions of its function, or multiplications of its sums."""
     match step:
         case Repeat() | Sweep():
             return int(step.count) * sum(map(_operations, step.body))
@@ -339,7 +339,7 @@ def template(name: str) -> str:
 
 
 def arithmetic(name: str, real: Real) -> str:
-    """C against flags that change results: guards, and ``int NAME_exact(void)`` for those without a macro."""
+    """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro."""
     about = np.finfo(np.float64 if real.name == "double" else np.float32)
     sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
     return fill(

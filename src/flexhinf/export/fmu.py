@@ -59,7 +59,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Model:
-    """What an FMU is made of.
+    """Contents of an FMU.
 
     `period`: Smallest communication step, s; others are whole multiples. `variables`: Those of a kind in the order of
     their references. `sources`: Files of C without the shell; GUID is still to be put in.

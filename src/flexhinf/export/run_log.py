@@ -4,7 +4,7 @@ Columns are named ``state/link_position[rad]``: PlotJuggler makes a tree of the 
 and spaces, so names have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic with
 messages of JSON and their JSON schema, the names without units, which the schema states.
 
-A recorded run of a controller: what every sample is given, and what it answers. The C must answer the same.
+A recorded run of a controller: measurements, commands and outputs of every sample. The C code must give the same.
 """
 
 from __future__ import annotations
@@ -204,11 +204,11 @@ LOUDEST = 0.1 * SWING
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Samples one after the other.
+    """Recorded samples of a controller, in order.
 
-    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, what
-    the controller answered; what it held where the sample was refused. `codes`: "OK", "PREDICTED" or
-    "BAD_MEASUREMENT", one for each sample.
+    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
+    of the controller, held where the sample was refused. `codes`: "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each
+    sample.
     """
 
     y: np.ndarray
