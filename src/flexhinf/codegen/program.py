@@ -151,16 +151,16 @@ class Repeat:
             raise misfit("A loop has no usable count.", expected, repr(self.count))
 
     def turns(self, counts: Mapping[str, Any]) -> Any:
-        """How often, by the counts of the program or what stands for them."""
+        """Number of turns, by the counts of the program."""
         return counts[self.count] if isinstance(self.count, str) else self.count
 
 
 @dataclass(frozen=True, eq=False)
 class When:
-    """`body`, which may be left out where a flag is zero, and is, where it is zero in every lane.
+    """Run `body` where a flag is not zero; it may be left out elsewhere, and is if the flag is zero in every lane.
 
-    In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not
-    matter then. Who reads it chooses by the flag.
+    In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not matter
+    then. Its reader selects by the flag.
 
     `flag`: One number. Raises InvalidInput: if the flag is not one number, or there is a guard in the body, which
     would stop lanes in vain.

@@ -64,7 +64,7 @@ class SigmaPoints:
         return offset, -offset
 
     def pair(self, column: Any, mean: Any) -> tuple[Any, Any]:
-        """These two points."""
+        """The two sigma points, mean ± offset."""
         offset, other = self.offsets(column)
         return mean + offset, mean + other
 
@@ -78,7 +78,7 @@ class SampledGaussian(NamedTuple):
 
 
 class UnscentedKalmanFilter(RecursiveFilter):
-    """Algorithm 1.
+    """The unscented Kalman filter, the paper's Algorithm 1.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ DOUBLINGS = 64
 
 
 class InjectedGaussian(NamedTuple):
-    """A belief with what the injection needs; numbers of the observer are data, so that kernels are shared.
+    """A belief with the quantities of the injection; numbers of the observer are data, so that kernels are shared.
 
     `mean`, `covariance`: (n,) and (n, n). `measured`: (n,), the smallest state with the last output, of those that
     have it. `injection`: (n,), φ at the beginning of the period. `moved`: (1,), 1 after a time update, 0 before the
@@ -77,7 +77,7 @@ class OutputInjectionObserver(RecursiveFilter):
     Parameters
     ----------
     plant : Plant
-        Its nonlinearity must be a function of measured signals and inputs; that is found out from its code.
+        Its nonlinearity must be a function of measured signals and inputs; this is checked on its code.
     period : float
         Sampling period T, s.
     process_noise, measurement_noise : float, vector or matrix
@@ -219,7 +219,7 @@ class OutputInjectionObserver(RecursiveFilter):
 
     @property
     def _lift(self) -> np.ndarray:
-        """(n, p): the smallest state with an output; of sensors that say the same, the better one says more."""
+        """(n, p), output → smallest state with it; of redundant sensors, the more accurate one has more weight."""
         weight = np.linalg.inv(np.linalg.cholesky(self.measurement_noise))
         return np.linalg.pinv(weight @ self._sensors) @ weight
 
@@ -260,7 +260,7 @@ class OutputInjectionObserver(RecursiveFilter):
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
 
     def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
-        """The smallest state with the output of the estimate, and that there was a time update."""
+        """The smallest state with the output of the estimate, and the flag of a time update."""
         return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)
 
     def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
@@ -279,13 +279,13 @@ def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
 
 
 def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
-    """The corrected mean, the innovation, and that there was no time update since."""
+    """The corrected mean, the innovation, and the cleared flag of a time update."""
     innovation = y - expected
     return mean + gain @ innovation, innovation, np.zeros(1)
 
 
 def _left(root: Any, measured: Any, gain: Any) -> Any:
-    """(1 − L H) of a column of a root of P⁻."""
+    """Product of (1 − L H) and a column of a root of P⁻."""
     return root - gain @ measured
 
 
@@ -370,7 +370,7 @@ class _Slopes:
 
     @cached_property
     def deciding(self) -> ca.SX:
-        """Derivatives of what decides where the flow is not smooth, (s, n)."""
+        """Derivatives of the switching expressions of a flow that is not smooth, (s, n)."""
         return ca.jacobian(switches(self.flow, self.z), self.x)
 
     def check_output(self) -> None:
@@ -427,7 +427,7 @@ class _Slopes:
         return ", ".join(names)
 
     def _holds(self, measured: np.ndarray) -> bool:
-        """Is the flow A x + φ(y, u) for these measurements?"""
+        """Whether the flow is A x + φ(y, u) for these measurements."""
         hidden = ca.DM(null_space(measured))
         if not hidden.numel():
             return True

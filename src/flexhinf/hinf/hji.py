@@ -47,7 +47,7 @@ The algorithm
 5. *States in which V is bounded* (`BoundedStates`). Close to γ*, or where P is large for other reasons, the
    recursion runs in states in which P is of ordinary size; in others it would lose all digits there.
 6. *Accuracy* (`accuracy.py`). The V that is returned is inserted into (8) at random points; at every degree the
-   residual relative to the largest of the terms of (8) is told. The error of each degree is estimated from the
+   residual relative to the largest of the terms of (8) is reported. The error of each degree is estimated from the
    sensitivities of P, and measured by a second solve where these say that digits may be lost. A degree whose
    coefficients hold to fewer than two digits is not returned.
 

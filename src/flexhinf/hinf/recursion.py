@@ -100,7 +100,7 @@ class BoundedStates:
 
 @dataclass(frozen=True)
 class DegreeRecord:
-    """How one degree of V was found.
+    """Method, accuracy and time of one degree of V.
 
     `method`: "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity". `residual`: Of Eq. (8) at
     this degree with the V that is returned, relative to the largest of its terms there. `seconds`: Wall time. `error`:
@@ -120,11 +120,11 @@ def solve_degrees(
 ) -> tuple[Parts, tuple[DegreeRecord, ...], float]:
     """All degrees of V in scaled coordinates.
 
-    `riccati`: Of the scaled linear part. `seconds`: What the Riccati equation took, for the record. `advance`: Told
-    each degree once it is done. Returns `value`, dict degree → (count(n, degree),): Tensor entries, of degree 2 in the
-    precision of P; vanishing degrees are missing. Returns `records`, Their residuals are those of the linear equation
-    of each degree, relative to A_cl, V_k and right-hand side. Returns `condition`, Condition number of the closed
-    loop's eigenvectors.
+    `riccati`: Of the scaled linear part. `seconds`: Time of the Riccati equation, for the record. `advance`: Called
+    with each degree once it is done. Returns `value`, dict degree → (count(n, degree),): Tensor entries, of degree 2 in
+    the precision of P; vanishing degrees are missing. Returns `records`, Their residuals are those of the linear
+    equation of each degree, relative to A_cl, V_k and right-hand side. Returns `condition`, Condition number of the
+    closed loop's eigenvectors.
     """
     n, p = problem.n, riccati.p.astype(float)
     equation = HomologicalEquation(riccati.closed_loop)

@@ -30,7 +30,7 @@ PURE = "nounwind willreturn memory(none)"
 
 
 class Lanes:
-    """How a number looks in the text when W ≥ 1 of them travel together.
+    """LLVM types of a number in W ≥ 1 lanes.
 
     `real`, `integer`, `boolean`: Types of a float64, a 64-bit integer and a truth value in every lane. `element`: Type
     of one array element: its size is exactly W numbers, where a vector's may be padded.
@@ -185,7 +185,7 @@ class Writer:
         return self.call(full, *operands)
 
     def any(self, condition: str) -> str:
-        """Does the condition hold in some lane (an i1)?"""
+        """Whether the condition holds in some lane (an i1)."""
         if self.lanes.width == 1:
             return condition
         full = f"llvm.vector.reduce.or.{self.lanes.suffix('i1')}"
