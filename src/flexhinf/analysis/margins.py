@@ -66,11 +66,11 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     own = loop.delay
     if not loop.running.stable:
         return 0.0, np.nan
-    crossings = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
-    crossings = [(delay, frequency) for delay, frequency in crossings if delay >= own]
-    if not crossings:
+    candidates = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
+    candidates = [(delay, frequency) for delay, frequency in candidates if delay >= own]
+    if not candidates:
         return np.inf, np.nan
-    delay, frequency = min(crossings)
+    delay, frequency = min(candidates)
     before = min(own + BEFORE * (delay - own), LONGEST_LINEAR * loop.period)
     if loop.system(before).stable:
         return delay - own, frequency
@@ -428,14 +428,14 @@ def _gain_margins(
     rows, inputs = rows[chosen], inputs[chosen]
     at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
     values = factors(np.array([*at, 0.0, top]))
-    margins = np.full((swept.shape[1], 2), [0.0, np.inf])
-    for i, own in enumerate(margins):
+    limits = np.full((swept.shape[1], 2), [0.0, np.inf])
+    for i, own in enumerate(limits):
         k = np.concatenate([values[:-2][inputs == i, i], values[-2:, i]])
         with np.errstate(invalid="ignore"):
             real = np.real(k)[np.abs(np.imag(k)) <= max(1e-6, REAL * accuracy) * np.abs(k)]
         real = real[(real >= 1.0 / LARGEST_FACTOR) & (real <= LARGEST_FACTOR)]
         own[:] = real[real < 1.0].max(initial=0.0), real[real > 1.0].min(initial=np.inf)
-    return margins
+    return limits
 
 
 def _scaled_norms(matrices: np.ndarray) -> np.ndarray:
