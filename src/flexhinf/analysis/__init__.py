@@ -1,4 +1,4 @@
-"""What one loop does: linear loop, margins, corners of the tolerances, worst disturbances, dissipation budgets.
+"""Analysis of one loop: linear loop, margins, corners of the tolerances, worst disturbances, dissipation budgets.
 
 Enter at `EquilibriumLoop`: one law, one estimator, one true plant, linearised where the sampled loop is in equilibrium.
 `margins`, `frequency_response` and `tolerance_corners` analyse it. `worst_disturbance` searches for a lower bound of

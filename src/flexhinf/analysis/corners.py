@@ -4,8 +4,8 @@ A corner has every uncertain number at one end of its interval: 2^p corners of p
 if its multipliers there are inside the unit circle, at the equilibrium that it has with that plant.
 
 The gain of a Kalman filter depends on the ratio of R^v to R^n alone, and on which states R^v has on its diagonal: every
-state, all velocities (what a model misses are torques), those of the links or those of the motors. A loop that is
-stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
+state, all velocities (model errors are torques), those of the links or those of the motors. A loop that is stable at
+all corners with one R^v need not be with another one, so each result names the R^v it is for.
 
 No robot is needed here, only a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a plant,
 `flexhinf.robot.Robot.corner`, and one from a random generator, `Robot.draw`.
@@ -259,8 +259,8 @@ def growth_rates(
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
 
-    None among the `noises` stands for the loop as it is; R^v without a Kalman filter in the loop is refused. Only the
-    `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
+    None among the `noises` means the loop with its own R^v; R^v without a Kalman filter in the loop is refused. Only
+    the `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
     population, where they are known. `going_on` is called before each R^v, of which one may take a second; what it
     raises ends the work.
     """

@@ -9,8 +9,8 @@ gain that was checked there. v stands for all of sampling, delay, estimator, lim
 known afterwards, where the true state is.
 
 Between two samples u is held and the law moves on with the state: v is taken at both ends of every period, with the
-input that acts in it, and as a straight line in between, whose square is integrated exactly. What that leaves of a run
-is a share of the order of the period over its shortest time constant (0.1 % for the paper's arm at 1 ms).
+input that acts in it, and as a straight line in between, whose square is integrated exactly. The error is a share of
+the run of the order of the period over its shortest time constant (0.1 % for the paper's arm at 1 ms).
 
 e is the problem's integral, ė = x_i − r of the true state. The controller's own may differ: it stands still while the
 input is limited, and integrates noise. Its initial value is free, so e is chosen to agree with the controller's

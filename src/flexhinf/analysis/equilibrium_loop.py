@@ -192,8 +192,8 @@ class EquilibriumLoop:
     def stepped(
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None, outside: bool = True
     ) -> tuple[Stepped, np.ndarray]:
-        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives
-        by command and centre where what comes from `outside` counts."""
+        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives by
+        command and centre if `outside`."""
         n, place = self.plant.n, self.step.places["u"]
         x, memory = z[:, :n], z[:, n:]
         y, by_y = self.measure(np.hstack([x, memory[:, place]]), vectors)

@@ -170,9 +170,9 @@ class DiscreteSystem:
     def spread(self, deviations: np.ndarray) -> np.ndarray:
         """RMS of each output (p,) for independent white noises of these standard deviations (m,) on all inputs at once.
 
-        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ summed by doubling [smith1968]:
-        S ← S + P S Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large ones, as they are
-        in a solution of the Lyapunov equation as a whole. What grows is infinite.
+        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ summed by doubling [smith1968]: S ← S + P S
+        Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large ones, as they are in a
+        solution of the Lyapunov equation as a whole. Outputs that grow are infinite.
         """
         b, d = self.b * deviations, self.d * deviations
         return np.sqrt(self._variances(b @ b.T) + (d**2).sum(axis=1))
@@ -306,8 +306,8 @@ class LinearLoop:
         return system.block(outputs, slice(begin[at], begin[at + 1]))
 
     def opened(self, delay: float | None = None, i: int | None = None) -> DiscreteSystem:
-        """The loop broken at all inputs of the plant, or at one with the others closed: what the controller answers to
-        the broken inputs of the plant alone.
+        """The loop broken at all inputs of the plant, or at one with the others closed: from the broken inputs of the
+        plant to the controller's output.
 
         Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹; −L_i, one input and one output.
         """

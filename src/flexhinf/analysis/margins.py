@@ -21,12 +21,12 @@ delay together. The smallest delay is checked by the multipliers of the closed l
 any have left the unit circle there, it is bisected down to where they do.
 
 Another gain of the filter, for a search over hundreds of gains (`FilteredLoop`): a Kalman filter corrects x̂(k|k) =
-x̂(k|k−1) + L (y − ŷ), and what the controller does next is linear in x̂(k|k). So the matrices of its step are affine in
-L,
+x̂(k|k−1) + L (y − ŷ), and the rest of the controller's step is linear in x̂(k|k). So the matrices of its step are
+affine in L,
 
     M(L) = M(0) + M_x L (−H, 1),
 
-where M_x says what the corrected estimate moves and (−H, 1) is the innovation by belief and measurement. Both are read
+where M_x is the effect of the corrected estimate and (−H, 1) is the innovation by belief and measurement. Both are read
 off one linearisation, and a gain then costs a Riccati equation and a few matrix products: 10 to 40 ms with its margins
 for six and seven joints, a twentieth of a new linearisation. The margins are those of `margins`, on a coarser sweep.
 The equilibrium is that of the filter as it is; a true plant that differs from the model (`spring_hardening`) rests

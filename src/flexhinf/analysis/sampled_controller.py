@@ -1,4 +1,4 @@
-"""One step of a controller whose estimator has come to rest, with its derivatives, for many rows at once.
+"""One step of a controller with an estimator of constant gain, with its derivatives, for many rows at once.
 
 The same step as `flexhinf.loop.controller.step.controller_step` (correct, integrate, law, predict), without
 limits of the input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace
@@ -37,9 +37,9 @@ from flexhinf.scalars import drop_empty, trace
 class Rows:
     """y = f(moving, held) and ∂y/∂moving for N rows.
 
-    `key` says what distinguishes the function's code: it is compiled once for each. `build` makes the CasADi function
-    (moving (a,), held (h,)) → y (r,), only if it is not there yet. If `repeated`, f is applied again and again (`parts`
-    times), each time to what it returned: then r = a.
+    `key` identifies the function's code: it is compiled once for each. `build` makes the CasADi function (moving (a,),
+    held (h,)) → y (r,), only if it is not there yet. If `repeated`, f is applied again and again (`parts` times), each
+    time to what it returned: then r = a.
     """
 
     def __init__(self, key: Hashable, build: Callable[[], ca.Function], repeated: bool = False) -> None:

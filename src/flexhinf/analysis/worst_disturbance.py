@@ -1,8 +1,8 @@
 """A lower bound of the loop's gain, found by search: the finite-energy disturbance that makes ∫|z|²/∫|d|² largest.
 
 Power iteration: d is replaced by the gradient of ∫|z|², scaled to the same energy [tierno1997]. For a linear loop that
-is the power iteration of its H∞ norm squared, and the search begins with what is worst for small motions, a sinusoid at
-the frequency of that norm under a window. The gain attained is a lower bound.
+is the power iteration of its H∞ norm squared, and the search begins with the worst disturbance for small motions, a
+sinusoid at the frequency of that norm under a window. The gain attained is a lower bound.
 
 The search may run at a longer period than the loop, and takes an estimator at its stationary gain; its result is then
 run with the loop itself.

@@ -1,4 +1,4 @@
-"""Base of the laws to compare with: a plant, the equilibrium they are made for, and what they integrate.
+"""Base of the laws to compare with: a plant, the equilibrium they are made for, and the integrated states.
 
 The numbers of a plant's elastic joints at an equilibrium, from its exact Jacobians.
 
@@ -142,7 +142,7 @@ class GravityTorque:
 
     @cached_property
     def key(self) -> str:
-        """What distinguishes the code of two gravity torques."""
+        """Key of the code of a gravity torque."""
         return digest(self.traced)
 
 

@@ -4,8 +4,8 @@ The parameters are positive and searched on a logarithmic scale: by a Latin hype
 it by covariance matrix adaptation [hansen2016], which samples round a mean and lets the ranking of the samples move it
 and shape the next ones, because settling times jump and leave several local minima; and by the simplex of [nelder1965]
 from the best candidate. A limit that is exceeded adds to the cost by its relative excess, so the search can slide along
-it; what is returned is the cheapest candidate that exceeds none. The search is short: it finds a good law, not the best
-there is.
+it; the result is the cheapest candidate that exceeds none. The search is short: it finds a good law, not the best there
+is.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def tune(
     seed : int
         Of the samples.
     others : sequence of mapping of str to float
-        Candidates that are tried beside the start, moved into the bounds: what similar laws were tuned to.
+        Candidates that are tried beside the start, moved into the bounds: for example results for similar laws.
 
     Raises `InvalidInput` if starts, bounds or counts do not fit each other.
     """

@@ -184,7 +184,7 @@ class Kernel:
             self._entry, self._short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
     def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> Status:
-        """Check the arrays, run once, and say how it ended.
+        """Check the arrays, run once, and return how it ended.
 
         `arrays`: One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in place.
         `counts`: Turns of every loop of the program. Raises InvalidInput: arrays or counts that do not fit the

@@ -1,9 +1,9 @@
-"""What a kernel runs: steps over named flat arrays, validated as a whole.
+"""Programs of kernels: steps over named flat arrays, validated as a whole.
 
 A program is data. It says nothing about machine code, lanes or threads, so that the compiler, the
 exported C and the tests' interpreter read the very same text.
 
-What a kernel does: traced functions, linear algebra, copies and guards over slices, inside loops.
+Steps of a kernel: traced functions, linear algebra, copies and guards over slices, inside loops.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Guard:
 
 @dataclass(frozen=True, eq=False)
 class Repeat:
-    """Run `body` as many times as the count says.
+    """Run `body` as many times as the count.
 
     `count`: Name of a count of the program, given when it runs; or a fixed number. Raises InvalidInput: A fixed number
     below 1.
@@ -286,7 +286,7 @@ class Program:
         raise KeyError(name)
 
     def steps(self) -> Iterator[tuple[Step, tuple[str | int, ...]]]:
-        """Every step with the counts of its enclosing loops, outermost first; what has a body before it."""
+        """Every step with the counts of its enclosing loops, outermost first; a step with a body comes before it."""
         stack: list[tuple[Step, tuple[str | int, ...]]] = [(step, ()) for step in reversed(self.body)]
         while stack:
             step, loops = stack.pop()

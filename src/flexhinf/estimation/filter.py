@@ -134,7 +134,7 @@ class RecursiveFilter(Estimator):
     Parameters
     ----------
     plant : Plant
-        The model the estimator believes in.
+        The estimator's model.
     period : float
         Sampling period, s.
     process_noise : float, (n,) or (n, n) array

@@ -1,9 +1,9 @@
 """The output-injection observer: linear error dynamics, whatever the plant does.
 
-Where the nonlinearity of a plant is a function of what is measured, ẋ = A x + φ(y, u) and y = H x + η(u)
-(`output_form`), an observer can take φ from the measurement instead of from its estimate: φ then cancels in the
-error [krener1983]. Sampled with the input held, and with φ a straight line between its values at
-the two samples, both known when the second one is measured,
+Where the nonlinearity of a plant is a function of the measurement, ẋ = A x + φ(y, u) and y = H x + η(u)
+(`output_form`), an observer can take φ from the measurement instead of from its estimate: φ then cancels in the error
+[krener1983]. Sampled with the input held, and with φ a straight line between its values at the two samples, both known
+when the second one is measured,
 
     x̂(k+1|k)   = Φ x̂(k|k) + Γ φ(y_k, u_k) + Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)),
     x̂(k+1|k+1) = x̂(k+1|k) + L (y_{k+1} − H x̂(k+1|k) − η(u_k)),
@@ -52,10 +52,10 @@ DOUBLINGS = 64
 class InjectedGaussian(NamedTuple):
     """A belief with the quantities of the injection; numbers of the observer are data, so that kernels are shared.
 
-    `mean`, `covariance`: (n,) and (n, n). `measured`: (n,), the smallest state with the last output, of those that
-    have it. `injection`: (n,), φ at the beginning of the period. `moved`: (1,), 1 after a time update, 0 before the
-    first one and after a measurement update. `drift`, `transition`, `hold`, `ramp`: (n, n), A, Φ, Γ, Γ₁. `gain`,
-    `lift`: (n, p), L, and what makes `measured` of an output.
+    `mean`, `covariance`: (n,) and (n, n). `measured`: (n,), the smallest state with the last output, of those that have
+    it. `injection`: (n,), φ at the beginning of the period. `moved`: (1,), 1 after a time update, 0 before the first
+    one and after a measurement update. `drift`, `transition`, `hold`, `ramp`: (n, n), A, Φ, Γ, Γ₁. `gain`, `lift`:
+    (n, p), L, and the map from an output to `measured`.
     """
 
     mean: Any
@@ -149,7 +149,7 @@ class OutputInjectionObserver(RecursiveFilter):
     # What it is ------------------------------------------------------------------------------------
     @property
     def gain(self) -> np.ndarray:
-        """L, (n, p): what an innovation adds to the estimate."""
+        """L, (n, p): gain from the innovation to the estimate."""
         return self._gain.copy()
 
     @property
@@ -174,8 +174,8 @@ class OutputInjectionObserver(RecursiveFilter):
     def error_energy(self, weight: Any) -> np.ndarray:
         """X, (n, n), with T Σ_{k≥0} e_kᵀ W e_k = e_0ᵀ X e_0, by the discrete Lyapunov equation X = Mᵀ X M + T W.
 
-        M is `error_matrix`, and e_0 the error of x̂(0|0): an error of the initial `mean` times 1 − L H. What the
-        straight line between samples leaves, δ_k, is not in it.
+        M is `error_matrix`, and e_0 the error of x̂(0|0): an error of the initial `mean` times 1 − L H. The error of
+        the straight line between samples, δ_k, is not included.
 
         Parameters
         ----------
@@ -419,7 +419,7 @@ class _Slopes:
         )
 
     def _names(self, places: list[int]) -> str:
-        """States by name; by the plain name that stands for all of a kind where all are meant."""
+        """Names of states; the name of a group where all its members are meant."""
         names = [self.plant.states[j] for j in places]
         for group, members in self.plant.groups.items():
             if set(members) <= set(names):
@@ -439,7 +439,7 @@ class _Slopes:
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Basis (n, k) of what a matrix (p, n) maps to zero; unit vectors where its rows are.
+    """Basis (n, k) of the null space of a matrix (p, n); unit vectors where its rows are.
 
     By a triangular factor with pivoting, which unlike singular vectors mixes no states without need.
     """

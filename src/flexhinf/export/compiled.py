@@ -40,7 +40,7 @@ def compile_controller(
         Of the file; replaced if it is there. It is machine code: load only what you trust.
     processor : {"portable", "any", "native"}
         On which it runs: PCs since about 2015, also older ones (ten times slower), or those that have all that this one
-        has. The bits are the same. The file says what it needs, and is refused where that is missing.
+        has. The bits are the same. The file states the instructions it needs, and is refused where they are missing.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -
 
 
 def cortex_m4_bytes(code: ControllerCode) -> int | None:
-    """Code and constants on a Cortex-M4F, with what is used of the C library; None without arm-none-eabi-gcc.
+    """Bytes of code and constants on a Cortex-M4F, C library included; None without arm-none-eabi-gcc.
 
-    As `make cortex-m4` of an exported folder says it.
+    The same number as by `make cortex-m4` in an exported folder.
     """
     compiler, size = shutil.which("arm-none-eabi-gcc"), shutil.which("arm-none-eabi-size")
     if compiler is None or size is None:
@@ -136,8 +136,8 @@ _LOADED: dict[str, ctypes.CDLL] = {}
 def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
     """The library with these bytes, once per process, whatever lies at the path that they were read from.
 
-    The dynamic loader knows libraries by path and would give the one that it loaded from there before: it is given a
-    private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
+    The dynamic loader identifies libraries by path and would return the one that it loaded from there before: it loads
+    a private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
     run, the copy is made in the folder `beside`.
 
     Raises OSError: if it cannot be loaded.
@@ -160,7 +160,7 @@ def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
 class CompiledController:
     """A controller of `flexhinf.export.compile_controller`, with a memory of its own.
 
-    A step never raises for what a sensor may give: the output is held instead, see `code` and docs/deployment.md.
+    A step never raises for a bad measurement: the output is held instead, see `code` and docs/deployment.md.
 
     Parameters
     ----------

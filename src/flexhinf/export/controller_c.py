@@ -1,9 +1,9 @@
 """A controller as two files of C99: a header with types and constants, and the source with its step.
 
-The step is the very program that `Controller.step` compiles, with the same rules for samples that fail (see
+The step is the program that `Controller.step` compiles, with the same rules for samples that fail (see
 `flexhinf.loop.controller.memory`), and a watchdog for measurements that are late or missing.
 
-Names in C: what may be one, what signals are called, and what may stand in a comment.
+Names in C: valid identifiers, names of signals, and text that is safe in a comment.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ ASCII = str.maketrans({"·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "de
 
 
 def comment(text: str) -> str:
-    """A text as it may stand in a comment of one line: printable ASCII that neither ends it nor goes on behind it."""
+    """A text made safe for a comment of one line: printable ASCII that neither ends nor continues it."""
     plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
 
@@ -116,10 +116,10 @@ class ControllerCode:
     `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
     samples without a measurement can be predicted over. `programs`: The step with a measurement, and without.
     `scratch`: Numbers of working memory, beside "after" and "estimated". `safe_input`: The input before the first
-    sample, (m,). `codes`: What a step returns, of `CODES`. `signals`: Names of the elements of y, r, u and the state.
-    `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the estimate
-    begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement counts as
-    missing, s.
+    sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
+    state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
+    estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
+    counts as missing, s.
     """
 
     def __init__(self, controller: Controller, name: str, real: Real) -> None:

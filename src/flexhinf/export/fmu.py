@@ -155,7 +155,7 @@ def export_plant_fmu(
     period : float
         Smallest communication step, s.
     state, input : (n,) and (m,) arrays, optional
-        Where it starts, and what acts there before anything is set; zero by default.
+        Initial state, and the input until one is set; zero by default.
 
     Raises
     ------

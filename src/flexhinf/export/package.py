@@ -48,7 +48,7 @@ def export_c(
     real: str = "double",
     force: bool = False,
 ) -> Path:
-    """Write a controller as dependency-free C99: header, source, test vector, and what firmware needs around them.
+    """Write a controller as dependency-free C99: header, source, test vector, and further files for firmware.
 
     Parameters
     ----------

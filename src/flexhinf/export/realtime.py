@@ -284,7 +284,7 @@ def _check_library(library: CompiledController, controller: Any) -> None:
 
 
 class _Clock:
-    """Says when samples begin, steps a controller of its own memory, or a compiled library, and notes all times."""
+    """Paces the samples, steps a controller with its own memory or a compiled library, and records all times."""
 
     def __init__(
         self,
@@ -360,7 +360,7 @@ class _Clock:
 
 
 def wait_until(due: int) -> int:
-    """Return as soon as `time.perf_counter_ns` is at least `due`, and what it then says."""
+    """Return as soon as `time.perf_counter_ns` is at least `due`, with its value then."""
     now = time.perf_counter_ns
     rest = due - now() - WATCHED_NS
     if rest > 0:
@@ -399,7 +399,7 @@ def _stopping() -> Iterator[list[int]]:
 def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
     """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before.
 
-    Yields what was permitted and what was not, in sentences.
+    Yields sentences about what was permitted and what was not.
     """
     texts, undo = [], []
     if priority is not None:

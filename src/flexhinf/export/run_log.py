@@ -78,7 +78,7 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
 
 
 def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
-    """Values by label, the time first; a label that stands twice gets a number."""
+    """Values by label, the time first; a label that occurs twice gets a number."""
     table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
     for column in log_columns(run):
         label, count = column.label, 2
@@ -226,10 +226,10 @@ def record(
 ) -> Recording:
     """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
 
-    The noise is what the estimator expects: without it, what is measured is what is predicted, and a gain that is wrong
-    would not be seen. The plant starts where the estimator believes it, as the design's own step does: started
-    elsewhere, the estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The
-    commands swing about the operating point; without an estimator there is no plant, and the states swing too.
+    The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
+    be seen. The plant starts where the estimator believes it, as the design's own step does: started elsewhere, the
+    estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The commands swing
+    about the operating point; without an estimator there is no plant, and the states swing too.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.

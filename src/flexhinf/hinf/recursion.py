@@ -15,15 +15,15 @@ eigenvalues λ of P. So the problem is written in the states y of
     x = T y,    T = Q S,    P = Q diag(λ) Qᵀ,    S = diag(1/√(1 + λ²)) rounded to powers of two,
 
 where TᵀPT, and with it the closed loop, its eigenvectors and V, are of ordinary size. T need not be exact, only its
-inverse must be: that, and the linear part in y, are formed in extended precision (where the machine has it). What is
-left is the conditioning of the problem itself.
+inverse must be: that, and the linear part in y, are formed in extended precision (where the machine has it). There
+remains the conditioning of the problem itself.
 
-*How far a solution can be trusted*: the residual of Eq. (8) itself, and the error of every degree. The residual of
-each linear solve says little where the right-hand side has lost its digits. So V is inserted into Eq. (8) degree by
-degree, at random points, along a route that shares nothing with the recursion. A small residual in turn says little
-where Eq. (8) is ill-conditioned, as it is near γ*. So where the sensitivities of P say that digits may be lost, the
-error is *measured*: the problem is solved once more in other states, with every number of it, γ included, moved in its
-last bit. What the two solutions have in common are the digits that the data determine.
+*How far a solution can be trusted*: the residual of Eq. (8) itself, and the error of every degree. The residual of each
+linear solve says little where the right-hand side has lost its digits. So V is inserted into Eq. (8) degree by degree,
+at random points, along a route that shares nothing with the recursion. A small residual in turn says little where Eq.
+(8) is ill-conditioned, as it is near γ*. So where the sensitivities of P say that digits may be lost, the error is
+*measured*: the problem is solved once more in other states, with every number of it, γ included, moved in its last bit.
+The digits common to both solutions are those that the data determine.
 """
 
 from __future__ import annotations

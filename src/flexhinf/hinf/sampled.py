@@ -33,7 +33,7 @@ def step_amplitude(
     moved: str | Mapping[str, float] | None = None,
     integrals: Sequence[str] | None = None,
 ) -> float:
-    """Largest a such that the equilibrium at −a, seen from the goal, lies in {V ≤ level}, connected to 0.
+    """Largest step a such that the equilibrium at −a from the goal lies in {V ≤ level}, connected to 0.
 
     Parameters
     ----------

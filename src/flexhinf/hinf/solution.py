@@ -50,7 +50,7 @@ class HJISolution(ValueFunction, Law):
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
 
-    Beside what a `ValueFunction` has:
+    In addition to those of `ValueFunction`:
 
     Attributes
     ----------
@@ -333,7 +333,7 @@ class HJISolution(ValueFunction, Law):
 
 
 def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) -> HJISolution:
-    """Read what `HJISolution.save` wrote.
+    """Read a solution from a file of `HJISolution.save`.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""From NumPy code to a CasADi function: run the code once on symbols and keep what it computed.
+"""From NumPy code to a CasADi function: run the code once on symbols and keep the result.
 
-Then: a traced function as arrays, for files, and what expressions of symbols depend on. An entry that no symbol
-reaches is constant: that is proved from its graph. A difference of equal terms, cos(x1 + x2) − cos(x2 + x1), is
-reached all the same; such an entry counts as constant if it is the same to rounding at points drawn at random,
-provided that it has no comparison in it: then it is analytic, and an analytic function that is not constant differs at
-random points with probability one.
+Then: a traced function as arrays, for files, and the dependence of expressions on symbols. An entry that no symbol
+reaches is constant: that is proved from its graph. A difference of equal terms, cos(x1 + x2) − cos(x2 + x1), is reached
+all the same; such an entry counts as constant if it is the same to rounding at points drawn at random, provided that it
+has no comparison in it: then it is analytic, and an analytic function that is not constant differs at random points
+with probability one.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def pack(array: Any) -> ca.SX:
 def trace(
     function: Callable[..., Any], *shapes: Shape, name: str = "traced", names: Sequence[str] | None = None
 ) -> ca.Function:
-    """Run `function` on symbols and return what it computed as a CasADi function.
+    """Run `function` on symbols and return its results as a CasADi function.
 
     `function`: Takes one array per entry of `shapes`; returns an array, or a tuple of arrays. `shapes`: Shape of each
     argument. `name`, `names`: Name of the function, and of its arguments. Every argument and result of the returned
@@ -244,7 +244,7 @@ def drop_empty(function: ca.Function) -> ca.Function:
 
 
 def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function | None, ca.Function]:
-    """A function in two: what depends on some of its arguments alone, and the rest.
+    """Divide a function in two: the part without the `moving` arguments, and the rest.
 
     Quotients by what is computed before are products with its reciprocal, which is computed before too.
 

@@ -142,7 +142,7 @@ def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int,
 def cholesky(name: str, real: Real) -> str:
     """Lᵀ of A = L Lᵀ, row by row, zero rows for pivots that are zero; see `flexhinf.codegen.program.Cholesky`.
 
-    What rounding of a pivot is compared with stands first in its row, left of the diagonal, until the row is done.
+    The scale for the rounding of a pivot is kept first in its row, left of the diagonal, until the row is done.
     """
     tolerance = constant(1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon, real)
     return f"""static void {name}(const {{R}} *source, {{R}} *target, int n)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Translator:
-    """Collects the functions of one or more programs; what two of them share is written once.
+    """Collects the functions of one or more programs; those that two of them share are written once.
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
     for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.

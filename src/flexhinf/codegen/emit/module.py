@@ -58,7 +58,7 @@ _SMALL = 200  # operations of a function that is put where it is called
 
 @dataclass(frozen=True)
 class Module:
-    """LLVM text and what it needs to be linked.
+    """LLVM text and the names to link it with.
 
     `library`: Emitted name to the name of the C library function behind it. `operations`: Operations in the traced
     functions, a measure of the time to compile.

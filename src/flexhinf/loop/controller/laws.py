@@ -5,8 +5,7 @@ The file is a compressed NumPy archive with a version and without pickles.
 The file holds everything that a step needs: the laws (names, operating point, coefficients, and the formula as the
 instructions of its traced function where it is no polynomial), the estimator with its settings and the model that it
 believes in (the instructions of flow and output, and parameters), period, saturation and options. A loaded law is a
-`StoredLaw`: it computes the same numbers, and knows nothing of how it was designed. docs/controller_file.md has the
-format.
+`StoredLaw`: it computes the same numbers, without any data of its design. docs/controller_file.md has the format.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ estimate leaves the finite numbers only some samples later. Two earlier memories
 good samples, measured or predicted alike. A step that fails leaves the memory as it was; where the next one fails too,
 the memory itself is taken to be bad and an earlier one takes its place, `SPACING` to 2·`SPACING` good samples old, with
 its command; where that fails as well, the one of the start. The start had no command yet, so the last one holds there;
-where the start is gone back to again before a memory was kept, the command was what made it fail, and is that of the
-start too. A start set by the user (`Controller.reset`) may be bad itself: then that of the design takes its place.
+where the start itself is restored again before a memory was kept, the command caused the failure and is reset too. A
+start set by the user (`Controller.reset`) may be bad itself: then that of the design takes its place.
 
 Before the first good measurement nothing is known of the robot: a sample without one changes nothing, and the output is
 the input before the first sample (`Controller.input_before`).
@@ -137,9 +137,8 @@ ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "est
 class StateHistory:
     """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
 
-    All of it is here, so that a copy goes on with the same bits, and `begin` leaves nothing of before. The exported C
-    has the same numbers in its state. It starts from the memory (s,) of the design; the last command lies at `command`
-    in it.
+    It is complete, so that a copy continues with the same bits, and `begin` clears everything. The exported C has the
+    same numbers in its state. It starts from the memory (s,) of the design; the last command lies at `command` in it.
 
     `memory` (s,), `reference` (max(1, k),), the command and zeros, and `estimate` (n,), NaN before the first sample,
     are those of the last good sample: always the same arrays, which the compiled step writes. `waiting`: there was no
@@ -237,8 +236,8 @@ def step_program(
 
 
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
-    """The error of a compiled step that ended with a code; y and the command are those it was given, and `back` says
-    whether an earlier memory has taken the place of the one it ran on."""
+    """The error of a compiled step that ended with a code; y and the command are its arguments, and `back` says whether
+    an earlier memory has replaced its own."""
     arguments = f"y={value_text(y)}, reference={value_text(reference)}"
     if code != BAD_RESULT:
         what, advice = "command", "another command"

@@ -1,23 +1,23 @@
 """Options of a controller beside its law, checked before any work is lost: limits, period, bound of integral action,
 and the input before the first sample.
 
-A controller begins at rest at the state where its estimate begins. The input that holds the model there is the one
-under which what it drives does not accelerate: u with f(x, u, 0) = 0, or the least-squares solution where the state is
-no equilibrium. A state that is set later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
-the same function, with the same bits.
+A controller begins at rest at the state where its estimate begins. The input that holds the model there is the one with
+zero acceleration of the driven states: u with f(x, u, 0) = 0, or the least-squares solution where the state is no
+equilibrium. A state that is set later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by the
+same function, with the same bits.
 
 Also here: how far integrals may push an input that has no limit of its own, or one so large that it is none. A sensor
-that sticks is an error that never ends: without a bound, its integral asks for any input. With limits of the input the
+that sticks is an error that never ends: without a bound, its integral grows to any input. With limits of the input the
 anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating input than
-the number w below. What the integrals push is c = K_e (e − e*), with the law's slope K at its operating point. At rest
-at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model
-through the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an
-integral that would push c further from G (r − r*) than
+the number w below. The integral action is c = K_e (e − e*), with the law's slope K at its operating point. At rest at a
+command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model through
+the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an integral
+that would push c further from G (r − r*) than
 
     w + S |r − r*|,  w = Σᵢ sᵢ (|∂u/∂rᵢ| + ½ |K ∂x/∂rᵢ|),  S = ½ |G|,
 
-stands still, with the travel sᵢ of the tracked state i: w is what holds the robot over its travel, and what the law
-answers to an error of half of it. The input itself is not limited.
+stands still, with the travel sᵢ of the tracked state i: w is the input that holds the robot over its travel, plus the
+law's output for an error of half of it. The input itself is not limited.
 
 A law of no known model has no such line: there G = 0, and w and S have Σⱼ |Kⱼ| of all states in place of the slopes.
 """

@@ -7,9 +7,9 @@ own code, or as a table of monomials in loops.
 Of several laws, designed at several poses, the nearest to the command is active. When a law takes over, the input
 continues from the last one: bumpless transfer. The integrals are the memory of a law, so they are chosen such that its
 output is the input that acts already: u* + k(x − x*, e) = u_last, by a fixed number of Broyden's steps [broyden1965]
-from the integrals as they are and the inverse slope at the operating point. What no integral reaches (a law without
-integrals, fewer integrals than inputs, a polynomial without such a root) is held as a bias that decays, so that the
-input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
+from the integrals as they are and the inverse slope at the operating point. The part that no integral can supply (a law
+without integrals, fewer integrals than inputs, a polynomial without such a root) is held as a bias that decays, so that
+the input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
 composed kernels make them only when a law takes over.
 """
 
@@ -131,10 +131,10 @@ class Source(NamedTuple):
 class Mode:
     """Options that change the code of a step, beside law and estimator.
 
-    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals
-    at the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
+    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals at
+    the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
     active at a time. The flags say what has limits (the input itself always may), whether small errors are not
-    integrated, and whether what integrals push is bounded, as some input has no limit.
+    integrated, and whether integral action is bounded, as some input has no limit.
     """
 
     moving: bool = False
@@ -187,7 +187,7 @@ def controller_step(
     """One step of the controller, pure, on any element.
 
     Without an estimator, y is the state of the plant that the law was designed for, (p,); without a measurement (None)
-    the prediction stands for the estimate and for what is measured. The command r is (k,), or of a moving reference
+    the prediction replaces the estimate and the measurement. The command r is (k,), or of a moving reference
     (x_d, u_d), (n + m,). `memory` and `data` are namespaces as `Controller.memory` and `Controller.data` lay them out.
 
     Returns the input (m,), the estimate x(k|k) (n,), and the memory for the next step by name.
@@ -307,8 +307,8 @@ def _input(
 ) -> tuple[Any, Any, Any]:
     """The input within its limits, the integrals after anti-windup, and the flag that a step was made.
 
-    Behind u*, both limits and the gain of the integrals come, where windup is `bounded`, what integrals push beyond
-    that; and the last input, the period and the largest rate, where that is limited.
+    Behind u*, both limits and the gain of the integrals come, where windup is `bounded`, the integral action beyond its
+    bound; and the last input, the period and the largest rate, where that is limited.
     """
     rest, lower, upper, gain, *bounds = data
     wanted = rest + feedback
@@ -407,7 +407,7 @@ def chosen(
     """Which law is active at this sample, and its numbers.
 
     The command r is (k,), or (n + m,) of a moving reference; `places` are those of the tracked states among all states,
-    `active` (L,) is 1 for the law that was active, `started` (1,) 0 at the first sample, which knows no active law.
+    `active` (L,) is 1 for the law that was active, `started` (1,) 0 at the first sample, before which none was.
 
     Returns what is active now (L,); 1 where a law takes over (1,); and of the active law operating point and input,
     gain of the integrals and inverse slope, behind these windup_line and windup_spread where windup is bounded.

@@ -296,7 +296,7 @@ class Moving:
         return f"moving along {signal_name(self.signals)}"
 
     def state(self, t: Any) -> np.ndarray:
-        """x_d, (n,) at a time or (N, n): at the start, what a run begins from without an error."""
+        """x_d, (n,) at a time or (N, n); at the start, the initial state of a run without error."""
         return self._both(t)[0]
 
     def input(self, t: Any) -> np.ndarray:

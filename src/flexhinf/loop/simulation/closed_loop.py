@@ -1,4 +1,4 @@
-"""The closed loop of a true plant, which need not be the one the estimator believes in, and a controller.
+"""The closed loop of a controller and a true plant, which need not be the estimator's model.
 
 A true plant that integrates itself is stepped with the controller, one sample at a time.
 """
@@ -56,8 +56,8 @@ class Loop(Summarised):
     Parameters
     ----------
     true_plant : Plant or BlackBox
-        A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as
-        its fastest mode asks for. A black box integrates itself, see `BlackBox`.
+        A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as its
+        fastest mode requires. A black box integrates itself, see `BlackBox`.
     controller : Controller
         Only read: every run has a memory of its own.
     sub_steps : int, optional
@@ -129,7 +129,7 @@ class Loop(Summarised):
         """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``): commands ``r_…`` and
         disturbances in; measurements ``y_…`` and inputs out.
 
-        The state is that of the plant, then what the controller remembers (`Controller.initial_memory` at the start). A
+        The state is that of the plant, then the controller's memory (`Controller.initial_memory` at the start). A
         period is integrated as in `run`. Needs the extra ``control``.
 
         Raises
@@ -195,7 +195,7 @@ class Loop(Summarised):
         return {**facts, **self.controller.summary()}
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: what the loop is made of, without compiled code."""
+        """Parts of the loop for copies and pickles, without compiled code."""
         names = ("true_plant", "controller", "_sub_steps_option", "channel")
         return {name: vars(self)[name] for name in names}
 

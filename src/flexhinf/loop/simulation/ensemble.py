@@ -58,8 +58,8 @@ Disturbances = Mapping[int, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class EnsemblePlants:
-    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds of the noise, and by buffer what else each
-    has of its own, rows of N."""
+    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds of the noise, and in `own`, by buffer,
+    other arrays with one row per plant."""
 
     truth: np.ndarray
     parts: np.ndarray

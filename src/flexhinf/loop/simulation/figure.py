@@ -1,4 +1,4 @@
-"""The figure of a run, which shows itself in a notebook, without pyplot and its global state."""
+"""The plot of a run, which is displayed in a notebook without pyplot and its global state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """A figure whose value at the end of a notebook's cell is its drawing, as SVG."""
+    """A figure that a notebook displays as SVG at the end of a cell."""
 
     def _repr_svg_(self) -> str:
         text = StringIO()

@@ -1,7 +1,7 @@
 """Arguments of a run, checked before it starts: length, initial state, size of commands; and references, disturbances
 and noise as arrays, which a kernel takes in.
 
-Noise is made by a counter-based generator, so that any sample, step and channel can ask for its own alone.
+Noise is made by a counter-based generator, so that the noise of any sample, step and channel can be computed alone.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def check_ranges(
 
 
 def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
-    """Refuse commands (N, k) beyond 2π rad that somebody wrote as a number: these are degrees more often than turns.
+    """Refuse commands (N, k) beyond 2π rad that are written as a number: these are degrees more often than turns.
 
     Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
     functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
@@ -289,7 +289,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
 
 
 def check_seed(seed: Any) -> None:
-    """Refuse what is no integer in 0 … 2⁶⁴ − 1."""
+    """Refuse a seed that is no integer in 0 … 2⁶⁴ − 1."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
         raise InvalidInput(
             "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"

@@ -1,17 +1,16 @@
 """Metrics of a response: of a step, of tracking, of a load; everything that judges a run uses them.
 
 Functions take arrays of time and of the true position. Reductions compute the metrics of `Trajectory.metrics`, and a
-user's own, while runs go on: they remember a few numbers, which every sample changes, so that nothing of the run is
-stored. Their `update` is traced and compiled like a model: NumPy code on any element, choices by
-`flexhinf.scalars.where`, `maximum` and so on.
+user's own, while runs go on: their memory is a few numbers, which every sample updates, so that no signal is stored.
+Their `update` is traced and compiled like a model: NumPy code on any element, choices by `flexhinf.scalars.where`,
+`maximum` and so on.
 
 `ring_down` has the oscillations in which a loop comes to rest after an impulse, from the recorded runs alone. Near its
-equilibrium a sampled loop obeys z(k+1) = A z(k), with z all that it remembers: states of the plant, estimate,
-inputs. A is the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues
-are the measured decay rates and frequencies, its eigenvectors say how much each of them moves. No model and no
-linearisation of the loop enters, so what it shows is what the loop does: also where dry friction, limits or a filter
-whose gain still settles make it another one than the linear loop. How far the fitted oscillations are from the runs is
-part of the result.
+equilibrium a sampled loop obeys z(k+1) = A z(k), with z its whole state: states of the plant, estimate, inputs. A is
+the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues are the
+measured decay rates and frequencies, its eigenvectors say how much each of them moves. No model and no linearisation of
+the loop enters, so the result holds also where dry friction, limits or a filter whose gain still settles make it
+another one than the linear loop. How far the fitted oscillations are from the runs is part of the result.
 """
 
 from __future__ import annotations
@@ -117,7 +116,7 @@ def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None
 def load_metrics(
     time: np.ndarray, position: np.ndarray, *, command: float, step: float, start: float
 ) -> dict[str, float | None]:
-    """What a disturbance does to a position (N,) that is held at a command from `start` (s, inside the run) on.
+    """Response of a position (N,), held at a command, to a disturbance that begins at `start` (s, inside the run).
 
     The band of 2 % is of the command's step, signed or not; where the command makes none, of a reference step that is
     stated beside the result. A disturbance that starts after the run, and a step without height, are refused.
@@ -446,7 +445,7 @@ Oscillation = namedtuple("Oscillation", ("frequency", "damping", "share"))
 
 @dataclass(frozen=True, eq=False)
 class RingDown:
-    """The oscillations of several runs: of each those that can be seen in its watched signals, the least damped first.
+    """The oscillations of several runs: for each run those visible in its watched signals, the least damped first.
 
     `error` is the largest distance of the fit from any watched signal, relative to its peak: near 0 where the loop is
     as good as linear; infinite without a fit. `rests`: every watched signal is nearly gone in the last tenth of its
@@ -458,7 +457,7 @@ class RingDown:
     rests: bool
 
     def damping_of(self, run: int) -> float:
-        """Smallest damping ratio that is seen in a run; 1 where nothing oscillates, 0 where runs are no decaying
+        """Smallest damping ratio visible in a run; 1 where nothing oscillates, 0 where runs are no decaying
         oscillations and do not come to rest."""
         if not self.error <= FITS and not self.rests:
             return 0.0
@@ -478,8 +477,8 @@ class RingDown:
 def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], period: float) -> RingDown:
     """The oscillations of several runs of one loop, from just after an impulse on.
 
-    Runs are (N, k) deviations from the equilibrium of all that the loop remembers, one row a sample of the period, s;
-    `watched` are of each run the columns in which oscillations are looked for.
+    Runs are (N, k) deviations of the loop's state from its equilibrium, one row a sample of the period, s; `watched`
+    are of each run the columns in which oscillations are looked for.
     """
     before = np.vstack([run[:-1] for run in runs])
     scale = np.sqrt(np.mean(before**2, axis=0))

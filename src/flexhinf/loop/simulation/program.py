@@ -1,5 +1,5 @@
-"""The closed loop as a program: measure, control, integrate the true plant, and again; and what lies between a robot
-and its controller: the grain of its sensors, and the delay of its inputs."""
+"""The closed loop as a program: measure, control, integrate the true plant, and again; and the channel between robot
+and controller: quantised sensors and delayed inputs."""
 
 from __future__ import annotations
 

@@ -161,7 +161,7 @@ class Trajectory(Summarised):
 
     def plot(self) -> Figure:
         """Tracked states (or all) with command and estimate above, inputs below, angles in degrees: a figure of
-        matplotlib that shows itself in a notebook and needs no pyplot; `Figure.savefig` writes it."""
+        matplotlib that a notebook displays, without pyplot; `Figure.savefig` writes it."""
         from flexhinf.loop.simulation.figure import plot_run
 
         return plot_run(self)
