@@ -1,9 +1,9 @@
-"""What one loop does: linear loop, margins, corners of the tolerances, worst disturbances, dissipation budgets.
+"""Analysis of one loop: linear loop, margins, corners of the tolerances, worst disturbances, dissipation budgets.
 
 Enter at `EquilibriumLoop`: one law, one estimator, one true plant, linearised where the sampled loop is in equilibrium.
-`margins`, `frequency_response` and `tolerance_corners` are figures of it. `worst_disturbance` searches for a lower
-bound of the nonlinear loop's gain, and `dissipation_budget` accounts for what sampling, delay, estimator and limits
-use up of a level set along one run.
+`margins`, `frequency_response` and `tolerance_corners` analyse it. `worst_disturbance` searches for a lower bound of
+the nonlinear loop's gain, and `dissipation_budget` accounts for what sampling, delay, estimator and limits use up of a
+level set along one run.
 
 The names are imported here and not on first use, because some functions are called like their files: a file that
 were imported later would replace the function.

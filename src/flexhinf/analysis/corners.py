@@ -4,11 +4,11 @@ A corner has every uncertain number at one end of its interval: 2^p corners of p
 if its multipliers there are inside the unit circle, at the equilibrium that it has with that plant.
 
 The gain of a Kalman filter depends on the ratio of R^v to R^n alone, and on which states R^v has on its diagonal: every
-state, all velocities (what a model misses are torques), those of the links or those of the motors. A loop that is
-stable at all corners with one R^v need not be with another one, so each result names the R^v it is for.
+state, all velocities (model errors are torques), those of the links or those of the motors. A loop that is stable at
+all corners with one R^v need not be with another one, so each result names the R^v it is for.
 
-This room knows no robot: it is given a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a
-plant, `flexhinf.robot.Robot.corner`, and one from a generator, `Robot.draw`.
+No robot is needed here, only a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a plant,
+`flexhinf.robot.Robot.corner`, and one from a random generator, `Robot.draw`.
 """
 
 from __future__ import annotations
@@ -157,14 +157,14 @@ def corner_population(
     Corners and draws have a generator each, of one seed; `draw` makes parameters of one, as `Robot.draw`, and without
     it nothing is drawn. `singles` says whether plants with one number at one end are among them.
     """
-    rng, found = np.random.default_rng(seed), corners(uncertain, count, seed)
-    drawn = [] if draw is None else [draw(rng) for _ in range(draws)]
+    rng, ends = np.random.default_rng(seed), corners(uncertain, count, seed)
+    samples = [] if draw is None else [draw(rng) for _ in range(draws)]
     unit = np.eye(uncertain) if singles else np.zeros((0, uncertain))
     alone = np.array([sign * row for row in unit for sign in (-1.0, 1.0)]).reshape(-1, uncertain)
-    signs = np.vstack([found, alone, np.zeros((1, uncertain))])
-    values = (*drawn, *(at(row.tolist()) for row in signs))
-    kinds = ["draw"] * len(drawn) + ["corner"] * len(found) + ["single"] * len(alone) + ["nominal"]
-    whole = np.vstack([np.full((len(drawn), uncertain), np.nan), signs])
+    signs = np.vstack([ends, alone, np.zeros((1, uncertain))])
+    values = (*samples, *(at(row.tolist()) for row in signs))
+    kinds = ["draw"] * len(samples) + ["corner"] * len(ends) + ["single"] * len(alone) + ["nominal"]
+    whole = np.vstack([np.full((len(samples), uncertain), np.nan), signs])
     return Population(values, np.array(kinds), whole, values[-1])
 
 
@@ -220,7 +220,7 @@ ROWS = 1024
 
 @dataclass(frozen=True, eq=False)
 class GrowthRates:
-    """How fast a loop grows with each of some plants, at one R^v."""
+    """Growth rates of a loop with each of several plants, at one R^v."""
 
     noise: ProcessNoise | None  # None: the loop as it is designed, or the true state fed back
     #: (N,), log of the largest multiplier per period, 1/s: negative where stable, infinite without equilibrium
@@ -259,8 +259,8 @@ def growth_rates(
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
 
-    None among the `noises` stands for the loop as it is; R^v without a Kalman filter in the loop is refused. Only the
-    `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
+    None among the `noises` means the loop with its own R^v; R^v without a Kalman filter in the loop is refused. Only
+    the `plants` (N,) of the population are taken, if given, and `vectors` (M, q) are the parameters of the whole
     population, where they are known. `going_on` is called before each R^v, of which one may take a second; what it
     raises ends the work.
     """
@@ -430,8 +430,7 @@ class ToleranceBox:
         which: np.ndarray | None = None,
         process_noise: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Those of some corners (all by default) that are unstable with all tolerances times a factor, the fastest
-        first."""
+        """The corners, out of some or all, that are unstable with all tolerances times a factor, the fastest first."""
         which = np.arange(len(self)) if which is None else which
         moved = self.middle + scale * self.away[which]
         which = which[np.all((moved * self.middle > 0.0) | (self.away[which] == 0.0), axis=1)]

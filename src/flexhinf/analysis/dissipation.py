@@ -1,4 +1,4 @@
-"""What a run spends of its level set: the budget of everything that is not the exact law.
+"""Dissipation budget of a run: how much of a level set is used up by everything that is not the exact law.
 
 A plant driven by u = u* + k(x − x*, e) + v instead of the law alone obeys, wherever the dissipation inequality holds,
 
@@ -9,12 +9,12 @@ gain that was checked there. v stands for all of sampling, delay, estimator, lim
 known afterwards, where the true state is.
 
 Between two samples u is held and the law moves on with the state: v is taken at both ends of every period, with the
-input that acts in it, and as a straight line in between, whose square is integrated exactly. What that leaves of a run
-is a share of the order of the period over its shortest time constant (0.1 % for the paper's arm at 1 ms).
+input that acts in it, and as a straight line in between, whose square is integrated exactly. The error is a share of
+the run of the order of the period over its shortest time constant (0.1 % for the paper's arm at 1 ms).
 
 e is the problem's integral, ė = x_i − r of the true state. The controller's own may differ: it stands still while the
-input is limited, and integrates noise. Its start is ours to choose, so e agrees with the controller's integral at the
-end of the run: what limits changed on the way is spent before, and V(x0) is that of this e.
+input is limited, and integrates noise. Its initial value is free, so e is chosen to agree with the controller's
+integral at the end of the run: what limits changed on the way is spent before, and V(x0) is that of this e.
 
 At the corners of the tolerances the inequality is checked for the linear part. A law of `solve_hji` with the storage V
 = ½ xᵀ P x to second order and the gain u = K x keeps
@@ -69,7 +69,7 @@ class DissipationBudget:
 
     @property
     def kept(self) -> bool:
-        """Whether the budget lasted."""
+        """Whether the run stayed within its budget."""
         return self.left >= 0.0
 
 
@@ -152,8 +152,8 @@ def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.n
 
 @dataclass(frozen=True, eq=False)
 class BudgetTerm:
-    """One row: the loop with all that stands in the rows above, and this, "sampling", "delay", "estimator" or
-    "saturation".
+    """One row of a budget: the loop with the effects of all rows above and one more, "sampling", "delay", "estimator"
+    or "saturation".
 
     `added` is ½ ∫ vᵀ R2 v more than in the row above; infinite if the loop diverged.
     """
@@ -193,12 +193,12 @@ def budget_terms(
         controller = Controller(law, observer, period, so_far.get("saturation"), start=start)
         loop = Loop(plant, controller, delay=so_far.get("delay", 0.0))
         settings = {**run, "noise": run.get("noise") if observer is not None else None}
-        made = loop.run(**settings)
-        if made.diverged_at is None:
-            budget = dissipation_budget(made, loop, level, settings.get("initial_input"))
+        trajectory = loop.run(**settings)
+        if trajectory.diverged_at is None:
+            budget = dissipation_budget(trajectory, loop, level, settings.get("initial_input"))
         else:  # it has spent everything
-            nan = np.full(len(made.time), np.nan)
-            budget = DissipationBudget(made.time, float(level), float("nan"), nan, nan, nan, False)
+            nan = np.full(len(trajectory.time), np.nan)
+            budget = DissipationBudget(trajectory.time, float(level), float("nan"), nan, nan, nan, False)
         above = rows[-1].budget.total if rows else 0.0
         more = budget.total - above if np.isfinite(above) else float("inf")
         rows.append(BudgetTerm(name, budget, more))
@@ -317,5 +317,5 @@ def dissipation_corners(
             f"expected {list(problem.state_names)}, got {list(solution.state_names)}",
             "the problem whose d and z are meant, with the same integrals",
         )
-    found = LinearCorners.of(problem, at, uncertain, equilibrium, seed)
-    return found.dissipation(solution.P, solution.gain, solution.gamma if gamma is None else gamma)
+    linear = LinearCorners.of(problem, at, uncertain, equilibrium, seed)
+    return linear.dissipation(solution.P, solution.gain, solution.gamma if gamma is None else gamma)

@@ -1,8 +1,8 @@
 """The sampled closed loop linearised at its equilibrium: whether it is stable, and how fast it grows or decays.
 
-What is differentiated is the very step that the compiled loop runs (measure, correct, integrate, law, time
-update, then the true plant over one period with u held), with two changes: the estimator corrects with its
-stationary gain, and the input has no limits.
+The derivatives are those of the step that the compiled loop runs (measure, correct, integrate, law, time update, then
+the true plant over one period with u held), with two changes: the estimator corrects with its stationary gain, and the
+input has no limits.
 
 Also the frequency response of the running loop: sampled, with its estimator and its own delay.
 """
@@ -155,7 +155,7 @@ class EquilibriumLoop:
     # One period ----------------------------------------------------------------------------------------
     @cached_property
     def measure(self) -> Rows:
-        """(x, u, parameters) → what the controller is given."""
+        """(x, u, parameters) → the controller's measurement."""
         plant, n = self.plant, self.plant.n
         places = [plant.index(name) for name in self._states] if self.filter is None else None
 
@@ -181,7 +181,7 @@ class EquilibriumLoop:
         return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
 
     def by_loop(self, by: np.ndarray, by_y: np.ndarray) -> np.ndarray:
-        """Derivatives (N, j, n + s) by plant and memory, of those by memory and measurement (N, j, s + p …), with
+        """Derivatives (N, j, n + s) by plant and memory, from those by memory and measurement (N, j, s + p …), with
         ∂y/∂(x, last input) (N, p, n + m)."""
         n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
         through = by[:, :, s : s + p] @ by_y
@@ -192,8 +192,8 @@ class EquilibriumLoop:
     def stepped(
         self, z: np.ndarray, vectors: np.ndarray, fixed: np.ndarray | None, outside: bool = True
     ) -> tuple[Stepped, np.ndarray]:
-        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives
-        by command and centre where what comes from `outside` counts."""
+        """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives by
+        command and centre if `outside`."""
         n, place = self.plant.n, self.step.places["u"]
         x, memory = z[:, :n], z[:, n:]
         y, by_y = self.measure(np.hstack([x, memory[:, place]]), vectors)
@@ -246,7 +246,7 @@ class EquilibriumLoop:
         return state
 
     def by_command(self) -> np.ndarray:
-        """What commanded positions move in the controller's step: ∂(command, centre)/∂positions.
+        """Derivatives of the controller's command and centre by the commanded positions.
 
         A law about its operating point has the command in its integrals only. About a moving reference the
         command is the whole equilibrium at the commanded positions: f(x_d, u_d) = 0 along x_d = x_d(q), u_d = u_d(q).
@@ -258,11 +258,11 @@ class EquilibriumLoop:
         if self.moving:
             plant = self._model
             a, b, _, _ = plant.linearise(x if self.filter is not None else self._true_start(x, u), u)
-            given = [plant.index(name) for name in self.positions]
-            free = [i for i in range(plant.n) if i not in given]
-            moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, given], rcond=None)[0]
-            state = np.zeros((plant.n, len(given)))
-            state[given], state[free] = np.eye(len(given)), moved[: len(free)]
+            commanded = [plant.index(name) for name in self.positions]
+            free = [i for i in range(plant.n) if i not in commanded]
+            moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, commanded], rcond=None)[0]
+            state = np.zeros((plant.n, len(commanded)))
+            state[commanded], state[free] = np.eye(len(commanded)), moved[: len(free)]
             states = [plant.index(name) for name in self._states]
             by[step.k : step.k + step.n], by[step.k + step.n + step.k :] = state[states], moved[len(free) :]
         return by
@@ -287,13 +287,13 @@ class EquilibriumLoop:
         for k in range(0, max(1, len(vectors)), each):
             at = slice(k, k + each)
             gains = fixed[at] if own and fixed is not None else fixed
-            z, slope, found = self._equilibrium(vectors[at], gains, None if near is None else near[at])
+            z, slope, exists = self._equilibrium(vectors[at], gains, None if near is None else near[at])
             if self.delay:
                 slope = self._period(z, vectors[at], gains, waits=True)[1]
-            some = np.linalg.eigvals(slope[found])
+            some = np.linalg.eigvals(slope[exists])
             multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
-            multipliers[found] = some
-            parts.append((np.where(found[:, None], z, np.nan), multipliers))
+            multipliers[exists] = some
+            parts.append((np.where(exists[:, None], z, np.nan), multipliers))
         equilibria, multipliers = (np.concatenate(each) for each in zip(*parts))
         return Modes(self.period, equilibria, multipliers)
 
@@ -306,8 +306,8 @@ class EquilibriumLoop:
         if nominal and self._nominal is not None:
             return self._nominal
         vectors, fixed = self.plant.parameters.vectors([values or {}]), self._fixed(process_noise)
-        z, _, found = self._equilibrium(vectors, fixed)
-        if not found[0]:
+        z, _, exists = self._equilibrium(vectors, fixed)
+        if not exists[0]:
             raise NumericalFailure(
                 "The loop has no equilibrium with this plant.",
                 f"none was found near the goal {np.array2string(self.command, precision=6)}",
@@ -433,10 +433,10 @@ def frequency_response(
     else:
         grid = np.sort(np.atleast_1d(np.asarray(frequencies, dtype=float)))
         if grid.ndim != 1 or not len(grid) or not np.all((grid > 0.0) & (grid <= top * (1.0 + 1e-12))):
-            found = np.array2string(grid, threshold=6)
+            text = np.array2string(grid, threshold=6)
             raise InvalidInput(
                 "The frequencies do not fit the sampled loop.",
-                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {found}",
+                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {text}",
                 "numpy.geomspace(0.1, 1000, 200), in rad/s",
             )
     n, q, k = m + len(linear.c), len(linear.positions), linear.g.shape[1]

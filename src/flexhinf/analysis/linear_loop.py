@@ -61,7 +61,7 @@ class DiscreteSystem:
     # Modes -----------------------------------------------------------------------------------------------
     @cached_property
     def multipliers(self) -> np.ndarray:
-        """Eigenvalues of a, (n,): what one period makes of each mode."""
+        """Eigenvalues of a, (n,): factor of each mode per period."""
         if "_schur" in vars(self):
             return np.diagonal(self._schur[0])
         return np.linalg.eigvals(self.a).astype(complex)
@@ -72,12 +72,12 @@ class DiscreteSystem:
         return bool(np.abs(self.multipliers).max() < 1.0)
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Multipliers that count (K,), largest first, and what the states that do not wait do in each, in columns.
+        """Relevant multipliers (K,), largest first, and their eigenvectors (columns), without the waiting inputs.
 
-        All count where nothing waits. Of a loop with a queue those count that last two samples and are no echoes. An
-        echo is mostly in the queue (participation above a half), and less than a tenth of it is left after one delay:
-        it is what a signal that passes once through the whole loop comes back as. Where the loop does that to a
-        frequency its sensitivity is between 1/1.1 and 1/0.9, so nothing oscillates there.
+        All are relevant where no input waits. Of a loop with a queue those are that last two samples and are no echoes.
+        An echo is mostly in the queue (participation above a half), and less than a tenth of it is left after one
+        delay: it is the return of a signal after one pass through the whole loop. At the frequency of an echo, the
+        loop's sensitivity is between 1/1.1 and 1/0.9, so nothing oscillates there.
         """
         values, vectors = np.linalg.eig(self.a)
         if self.queued:
@@ -93,14 +93,14 @@ class DiscreteSystem:
     @cached_property
     def poles(self) -> np.ndarray:
         """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0, and of a loop with a
-        queue those that do not count (`modes`), are left out."""
+        queue irrelevant ones (`modes`), are left out."""
         values = self.modes()[0] if self.queued else self.multipliers
         poles = np.asarray(np.log(values[np.abs(values) > GONE]) / self.period)
         return poles[np.argsort(-np.real(poles), kind="stable")]
 
     def frequencies(self, count: int = 300) -> np.ndarray:
-        """Where something may happen, rad/s: evenly on a logarithmic scale, at each turn of the delay, and closely
-        around each pole."""
+        """Frequencies for a sweep, rad/s: evenly on a logarithmic scale, at each turn of the delay, and closely around
+        each pole."""
         top = np.pi / self.period
         turns = np.linspace(0.0, top, PER_TURN * self.delay // 2 + 2)[1:] if self.queued else ()
         return np.unique(np.concatenate([np.geomspace(1e-4, top, count), turns, self.near_poles()]))
@@ -127,7 +127,7 @@ class DiscreteSystem:
         return float(ratios.min()), float(np.abs(lasting)[ratios.argmin()])
 
     def changed(self, **matrices: np.ndarray) -> DiscreteSystem:
-        """With other `b`, `c` or `d`; what is known of the same a is not computed again."""
+        """The system with other `b`, `c` or `d`; the modes of a are not computed again."""
         other = replace(self, **matrices)
         if len(self.a) > TRIANGULAR:
             vars(other)["_schur"] = self._schur
@@ -137,7 +137,7 @@ class DiscreteSystem:
         return other
 
     def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
-        """Some outputs by some inputs."""
+        """The system from some inputs to some outputs."""
         return self.changed(b=self.b[:, inputs], c=self.c[outputs], d=self.d[outputs][:, inputs])
 
     def response(self, frequency: Any, inputs: Any = slice(None)) -> np.ndarray:
@@ -170,15 +170,15 @@ class DiscreteSystem:
     def spread(self, deviations: np.ndarray) -> np.ndarray:
         """RMS of each output (p,) for independent white noises of these standard deviations (m,) on all inputs at once.
 
-        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ summed by doubling [smith1968]:
-        S ← S + P S Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large ones, as they are
-        in a solution of the Lyapunov equation as a whole. What grows is infinite.
+        The variances are those of c Σ cᵀ + d dᵀ, with Σ = Σ_k aᵏ b bᵀ (aᵏ)ᵀ summed by doubling [smith1968]: S ← S + P S
+        Pᵀ, P ← P². Every term is a variance, so that small ones are not lost beside large ones, as they are in a
+        solution of the Lyapunov equation as a whole. Outputs that grow are infinite.
         """
         b, d = self.b * deviations, self.d * deviations
         return np.sqrt(self._variances(b @ b.T) + (d**2).sum(axis=1))
 
     def _variances(self, spreads: np.ndarray) -> np.ndarray:
-        """Of the outputs, (…, p), where every sample adds `spreads` (…, n, n) to the covariance of the state."""
+        """Variances of the outputs (…, p), if every sample adds `spreads` (…, n, n) to the state's covariance."""
         power = self.a
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(DOUBLINGS):
@@ -241,7 +241,7 @@ def _crossings(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, level
 
 @dataclass(frozen=True, eq=False)
 class LinearLoop:
-    """Deviations from the equilibrium; names are of what stands beside them."""
+    """The loop linearised at its equilibrium; signals are deviations from it."""
 
     period: float  # s
     a: np.ndarray  # (n, n), ẋ = a x + b u + g d of the true plant
@@ -277,7 +277,7 @@ class LinearLoop:
         return self.system(self.delay)
 
     def system(self, delay: float) -> DiscreteSystem:
-        """From (w, v, r, d) to (u + w, u, q), with this delay in s instead of the loop's own.
+        """Closed loop from (w, v, r, d) to (u + w, u, q), with this delay in s instead of the loop's own.
 
         w is added to the input, v to the measurements, r are the commanded positions, d torques that disturb the plant
         and are held between samples, q the true positions, at the samples.
@@ -306,17 +306,17 @@ class LinearLoop:
         return system.block(outputs, slice(begin[at], begin[at + 1]))
 
     def opened(self, delay: float | None = None, i: int | None = None) -> DiscreteSystem:
-        """The loop broken at all inputs of the plant, or at one with the others closed: what the controller answers to
-        the broken inputs of the plant alone.
+        """The loop broken at all inputs of the plant, or at one with the others closed: from the broken inputs of the
+        plant to the controller's output.
 
         Its response is −L in the convention of negative feedback: S = (1 + L)⁻¹; −L_i, one input and one output.
         """
         m = self.b.shape[1]
         broken = np.ones(m, dtype=bool) if i is None else np.arange(m) == i
-        parts, given = self._parts(delay), np.eye(m)[:, broken]
-        (a, _, u, _), count = parts, given.shape[1]
+        parts, columns = self._parts(delay), np.eye(m)[:, broken]
+        (a, _, u, _), count = parts, columns.shape[1]
         b, d = np.zeros((len(a), count)), np.zeros((count, count))
-        return self._closed(parts, (b, u[broken], d), np.where(broken[:, None], 0.0, u), given)
+        return self._closed(parts, (b, u[broken], d), np.where(broken[:, None], 0.0, u), columns)
 
     def _parts(self, delay: float | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """(a, e, u, j) of the loop opened at its inputs: x⁺ = a x + e v, u = u x for x = (plant, input that acted last,

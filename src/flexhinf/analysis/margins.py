@@ -7,8 +7,8 @@ The loop is broken at the plant's input::
                  └────── u ◄─ law ◄─ estimator ◄┴─ commanded positions
 
 S = (1 + L)⁻¹ from w to u + w is the sensitivity, its largest singular value over all frequencies the inverse of the
-distance of the loop from instability; T = 1 − S is the complementary sensitivity [skogestad2005]. v to u is what
-sensors cost the motors. All figures are those of the running loop: sampled, with its estimator and its own delay.
+distance of the loop from instability; T = 1 − S is the complementary sensitivity [skogestad2005]. v to u is the effect
+of sensor noise on the inputs. All margins are those of the running loop: sampled, with its estimator and its own delay.
 
 With the other inputs closed, S_ii = 1/(1 + L_i) and T_ii = L_i/(1 + L_i), so the loop at input i is on the edge of
 stability with its gain times k = −1/L_i = −S_ii/T_ii wherever that is real and positive. One sweep of the running loop
@@ -21,12 +21,12 @@ delay together. The smallest delay is checked by the multipliers of the closed l
 any have left the unit circle there, it is bisected down to where they do.
 
 Another gain of the filter, for a search over hundreds of gains (`FilteredLoop`): a Kalman filter corrects x̂(k|k) =
-x̂(k|k−1) + L (y − ŷ), and what the controller does next is linear in x̂(k|k). So the matrices of its step are affine in
-L,
+x̂(k|k−1) + L (y − ŷ), and the rest of the controller's step is linear in x̂(k|k). So the matrices of its step are
+affine in L,
 
     M(L) = M(0) + M_x L (−H, 1),
 
-where M_x says what the corrected estimate moves and (−H, 1) is the innovation by belief and measurement. Both are read
+where M_x is the effect of the corrected estimate and (−H, 1) is the innovation by belief and measurement. Both are read
 off one linearisation, and a gain then costs a Riccati equation and a few matrix products: 10 to 40 ms with its margins
 for six and seven joints, a twentieth of a new linearisation. The margins are those of `margins`, on a coarser sweep.
 The equilibrium is that of the filter as it is; a true plant that differs from the model (`spring_hardening`) rests
@@ -66,11 +66,11 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     own = loop.delay
     if not loop.running.stable:
         return 0.0, np.nan
-    found = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
-    found = [(delay, frequency) for delay, frequency in found if delay >= own]
-    if not found:
+    candidates = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
+    candidates = [(delay, frequency) for delay, frequency in candidates if delay >= own]
+    if not candidates:
         return np.inf, np.nan
-    delay, frequency = min(found)
+    delay, frequency = min(candidates)
     before = min(own + BEFORE * (delay - own), LONGEST_LINEAR * loop.period)
     if loop.system(before).stable:
         return delay - own, frequency
@@ -155,24 +155,24 @@ def _pair(name: str, value: str, place: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Margins:
-    """Figures of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
+    """Margins of one loop; those of an unstable loop are zero (delay, disk), infinite (peaks, noise) or NaN.
 
-    Each is computed when it is first read: a search over many loops that asks for few of them pays for those. On a
-    given `grid` (F,), rad/s, the loop is swept, and the peaks of S and of the compliance and the gain margins that are
-    seen there are refined between its points, to `ROUGH`. By default the sweep is dense, with points at every pole of
-    the running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
+    Each is computed when it is first read: a search over many loops that reads few of them pays for those. On a given
+    `grid` (F,), rad/s, the loop is swept, and the peaks of S and of the compliance and the gain margins that are seen
+    there are refined between its points, to `ROUGH`. By default the sweep is dense, with points at every pole of the
+    running loop and of the loop opened at each input, refined to the last digits, and the peak of S is an H∞ norm.
     """
 
     linear: LinearLoop = field(repr=False)
     grid: np.ndarray | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        figures = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
-        return f"Margins(stable={self.stable}, {figures}, damping={self.damping:.3g})"
+        peaks = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
+        return f"Margins(stable={self.stable}, {peaks}, damping={self.damping:.3g})"
 
     @cached_property
     def stable(self) -> bool:
-        """Whether the running loop is."""
+        """Whether the closed loop is stable."""
         return self.linear.running.stable
 
     @property
@@ -221,7 +221,7 @@ class Margins:
     peak_sensitivity, sensitivity_frequency = _pair(
         "_sensitivity",
         "max over ω of σ_max(S(e^{jωT})).",
-        "Where it is reached, rad/s.",
+        "Frequency where it is reached, rad/s.",
     )
 
     @cached_property
@@ -260,7 +260,7 @@ class Margins:
     peak_complementary, complementary_frequency = _pair(
         "_complementary",
         "max over ω of σ_max(T), T = 1 − S.",
-        "Where it is reached, rad/s.",
+        "Frequency where it is reached, rad/s.",
     )
 
     # Disk and delay margin --------------------------------------------------------------------------------
@@ -286,7 +286,7 @@ class Margins:
         "α, symmetric: the loop is stable with every input multiplied by its own complex factor "
         "(1 + δ/2)/(1 − δ/2), all |δ| < α at once [seiler2020]. The largest such α with one "
         "input; with several, a lower bound of it.",
-        "Where it is reached, rad/s.",
+        "Frequency where it is reached, rad/s.",
     )
 
     @property
@@ -310,7 +310,7 @@ class Margins:
         "_delay",
         "Largest extra delay of all inputs together, beyond the loop's own, s, between samples "
         "too; infinite if no delay makes the loop unstable.",
-        "Where the loop then oscillates, rad/s.",
+        "Frequency at which the loop then oscillates, rad/s.",
     )
 
     # Noise ------------------------------------------------------------------------------------------------
@@ -335,7 +335,7 @@ class Margins:
     # What the loop does -----------------------------------------------------------------------------------
     @property
     def positions(self) -> tuple[str, ...]:
-        """Of the bandwidths (q)."""
+        """Names of the commanded positions, in the order of `bandwidth` (q)."""
         return self.linear.names
 
     @cached_property
@@ -354,15 +354,15 @@ class Margins:
         swept = followed(grid) - level
         rows, joints = sign_changes(swept)
         joints, first = np.unique(joints, return_index=True)  # rows are ascending
-        found = np.where(level > 0.0, np.inf, np.nan)
+        bandwidth = np.where(level > 0.0, np.inf, np.nan)
         at = np.array(refined_crossings(lambda w: followed(w) - level, grid, swept, rows[first], joints))
         acts = level[joints] > 0.0
-        found[joints[acts]] = at[acts]
-        return found
+        bandwidth[joints[acts]] = at[acts]
+        return bandwidth
 
     @property
     def slowest_bandwidth(self) -> float:
-        """Of the slowest commanded position, rad/s; NaN if a command does not act, or the loop is unstable."""
+        """Bandwidth of the slowest position, rad/s; NaN if a command does not act, or the loop is unstable."""
         return float(self.bandwidth.min()) if len(self.bandwidth) else np.nan
 
     def compliance(self, top: float) -> float:
@@ -387,9 +387,9 @@ def margins(
 ) -> Margins:
     """Margins of a loop at its equilibrium.
 
-    Its own delay is part of the loop: the delay margin is what it stands beyond, and all other figures count it.
-    `values` and `process_noise` are as for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and
-    R^v instead of the filter's; a NumericalFailure says that the loop has no equilibrium with this plant.
+    The loop's own delay counts in all margins; the delay margin is the delay that it tolerates in addition. `values`
+    and `process_noise` are as for `EquilibriumLoop.linear`: one true plant, the nominal one by default, and R^v instead
+    of the filter's; a NumericalFailure says that the loop has no equilibrium with this plant.
     """
     return Margins(loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise))
 
@@ -428,14 +428,14 @@ def _gain_margins(
     rows, inputs = rows[chosen], inputs[chosen]
     at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
     values = factors(np.array([*at, 0.0, top]))
-    found = np.full((swept.shape[1], 2), [0.0, np.inf])
-    for i, own in enumerate(found):
+    limits = np.full((swept.shape[1], 2), [0.0, np.inf])
+    for i, own in enumerate(limits):
         k = np.concatenate([values[:-2][inputs == i, i], values[-2:, i]])
         with np.errstate(invalid="ignore"):
             real = np.real(k)[np.abs(np.imag(k)) <= max(1e-6, REAL * accuracy) * np.abs(k)]
         real = real[(real >= 1.0 / LARGEST_FACTOR) & (real <= LARGEST_FACTOR)]
         own[:] = real[real < 1.0].max(initial=0.0), real[real > 1.0].min(initial=np.inf)
-    return found
+    return limits
 
 
 def _scaled_norms(matrices: np.ndarray) -> np.ndarray:
@@ -457,7 +457,7 @@ POINTS, BELOW = 80, 0.05
 
 
 class FilteredLoop:
-    """A loop whose Kalman filter has any gain; its sweep begins at a fraction of the law's bandwidth, rad/s."""
+    """A loop as a function of its filter's gain; its sweep begins at a fraction of the law's bandwidth, rad/s."""
 
     def __init__(self, loop: EquilibriumLoop, bandwidth: float) -> None:
         self.loop = loop

@@ -1,4 +1,4 @@
-"""One step of a controller whose estimator has come to rest, with its derivatives, for many rows at once.
+"""One step of a controller with an estimator of constant gain, with its derivatives, for many rows at once.
 
 The same step as `flexhinf.loop.controller.step.controller_step` (correct, integrate, law, predict), without
 limits of the input, put together from its parts by the chain rule: a derivative costs matrix products, not a trace
@@ -37,9 +37,9 @@ from flexhinf.scalars import drop_empty, trace
 class Rows:
     """y = f(moving, held) and ∂y/∂moving for N rows.
 
-    `key` says what distinguishes the function's code: it is compiled once for each. `build` makes the CasADi function
-    (moving (a,), held (h,)) → y (r,), only if it is not there yet. If `repeated`, f is applied again and again (`parts`
-    times), each time to what it returned: then r = a.
+    `key` identifies the function's code: it is compiled once for each. `build` makes the CasADi function (moving (a,),
+    held (h,)) → y (r,), only if it is not there yet. If `repeated`, f is applied again and again (`parts` times), each
+    time to what it returned: then r = a.
     """
 
     def __init__(self, key: Hashable, build: Callable[[], ca.Function], repeated: bool = False) -> None:
@@ -73,9 +73,9 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
     unit = Slice("unit", size=a * a, strides=(0, 0)[:depth])
     held = (piece("held"),) if h else ()
     result, slope = piece("result"), piece("slope")
-    given = [ca.SX.sym("direction", a), ca.SX.sym("moving", a), ca.SX.sym("held", h)]
-    along = ca.densify(ca.jtimes(function(*given[1:]), given[1], given[0]))
-    value, tangent = drop_empty(function), drop_empty(ca.Function("tangent", given, [along], {"cse": True}))
+    symbols = [ca.SX.sym("direction", a), ca.SX.sym("moving", a), ca.SX.sym("held", h)]
+    along = ca.densify(ca.jtimes(function(*symbols[1:]), symbols[1], symbols[0]))
+    value, tangent = drop_empty(function), drop_empty(ca.Function("tangent", symbols, [along], {"cse": True}))
     moving, row = piece("moving", 1), ()
     if repeated:
         row = (
@@ -109,8 +109,8 @@ def one_period(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The plant one period later with u and d held, by the loop's own integrator.
 
-    Of states x (N, n), inputs u (N, m), parameter vectors p (N, q) and disturbances d (N, k), zero by default: where it
-    is (N, n), and the exact derivatives of that by x, u and d, (N, n, n + m + k).
+    From states x (N, n), inputs u (N, m), parameter vectors p (N, q) and disturbances d (N, k), zero by default: the
+    next states (N, n), and their exact derivatives by x, u and d, (N, n, n + m + k).
     """
     (count, n), m, k = x.shape, len(plant.inputs), len(plant.disturbances)
 
@@ -131,7 +131,7 @@ def one_period(
 def near_rest(
     plant: Plant, period: float, sub_steps: int, x: np.ndarray, u: np.ndarray, p: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The plant linearised where it is, one period later: that of `one_period` where it rests, at a tenth of the work.
+    """The plant linearised, one period later: as `one_period` where the plant rests, at a tenth of the work.
 
     All stages of a Runge–Kutta step from a rest are at that rest, so the derivative of N sub-steps h by (x, u) is
 
@@ -202,7 +202,7 @@ class LawRows:
 
     @cached_property
     def about(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Of a law that depends on the reference: values (N, m) and slopes (N, m, w) at rows (N, w) of deviation,
+        """A law that depends on the reference: values (N, m) and slopes (N, m, w) at rows (N, w) of deviation,
         reference and its input."""
         law = self.law
         n, states, m = len(law.state_names), len(law.plant_states), len(law.input_names)
@@ -301,15 +301,15 @@ class Dual:
         return Dual(self.value[:, part], self.by[:, part])
 
     def times(self, factor: np.ndarray) -> Dual:
-        """Each row by a number, (N,)."""
+        """Product of each row and a number, (N,)."""
         return Dual(factor[:, None] * self.value, factor[:, None, None] * self.by)
 
     def moved(self, matrix: np.ndarray) -> Dual:
-        """By a constant matrix (j, k)."""
+        """Product of a constant matrix (j, k) and each row."""
         return Dual(self.value @ matrix.T, matrix @ self.by)
 
     def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Dual:
-        """f of it, for an f that gives values (N, j) and slopes (N, j, k)."""
+        """f of each row by the chain rule, for an f that returns values (N, j) and slopes (N, j, k)."""
         value, slope = function(self.value)
         return Dual(value, slope @ self.by)
 
@@ -338,9 +338,9 @@ Stepped = namedtuple("Stepped", ("u", "deviation", "memory"))
 class SampledController:
     """A law with an estimator of constant gain, or fed back the state.
 
-    The memory is what moves of the estimator's belief (x̂(k|k−1), or nothing without an estimator), the last input,
-    the integrals, and the tracked positions of the last sample (their errors, where the reference moves). The centre
-    is (x*, u*): of the law, or the moving reference.
+    The memory is the moving part of the estimator's belief (x̂(k|k−1), or nothing without an estimator), the last
+    input, the integrals, and the tracked positions of the last sample (their errors, where the reference moves). The
+    centre is (x*, u*): of the law, or the moving reference.
 
     The estimator has a constant gain: a ConstantGainFilter, an OutputInjectionObserver, or another of whose belief
     nothing but the mean moves, else an InvalidInput; or there is None. `moving` is as of `flexhinf.loop.Controller`.
@@ -363,8 +363,8 @@ class SampledController:
             u = np.asarray(law.operating_input, dtype=float)
             mean, held = np.asarray(estimator.initial.mean, dtype=float), self._held(None)
             y = estimator.plant.evaluate_output(mean, u, estimator.plant.parameters.vector())
-            for given in ((y, u), (u,)):
-                belief = self._updated(np.concatenate([mean, *given]), held, len(given) == 2)
+            for signals in ((y, u), (u,)):
+                belief = self._updated(np.concatenate([mean, *signals]), held, len(signals) == 2)
                 for new, old in zip(belief[1:], estimator.initial[1:]):
                     if not np.array_equal(np.asarray(new, dtype=float), np.asarray(old, dtype=float)):
                         raise InvalidInput(
@@ -414,18 +414,18 @@ class SampledController:
         """One step for N rows of memory (N, s), measurement (N, p) and command (N, k) of the tracked positions: over
         the interval that ends now, or at this sample of a moving reference.
 
-        The centre (n + k + m,) is the law's by default. `fixed` (j,) or (N, j) is what stands still of the belief (the
-        gain), instead of the estimator's own, for all rows or for each. `started`, one number or (N,), is 0 at the
-        first sample of a run, which has no interval behind it; `outside` says whether derivatives by command and
-        centre are wanted too.
+        The centre (n + k + m,) is the law's by default. `fixed` (j,) or (N, j) is the constant part of the belief
+        (the gain), instead of the estimator's own, for all rows or for each. `started`, one number or (N,), is 0 at the
+        first sample of a run, which has no interval behind it; `outside` says whether derivatives by command and centre
+        are wanted too.
         """
         count, place = len(memory), self.places
         point = np.broadcast_to(self.centre if centre is None else centre, (count, self.n + self.k + self.m))
-        given = (memory, y, command, point)
-        unit = np.eye(sum(value.shape[1] for value in given))[:, : None if outside else self.size + self.p]
-        rows = np.split(unit, np.cumsum([value.shape[1] for value in given])[:-1])
+        parts = (memory, y, command, point)
+        unit = np.eye(sum(value.shape[1] for value in parts))[:, : None if outside else self.size + self.p]
+        rows = np.split(unit, np.cumsum([value.shape[1] for value in parts])[:-1])
         past, seen, wanted, about = (
-            Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(given, rows)
+            Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(parts, rows)
         )
         estimate = belief = seen
         if self.estimator is not None:
@@ -456,7 +456,7 @@ class SampledController:
 
     # The estimator -------------------------------------------------------------------------------------
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:
-        """What the estimator's updates are made of: parameters, and what stands still of the belief; (j,) or (N, j)."""
+        """Constants of the estimator's updates: parameters, and the constant part of the belief; (j,) or (N, j)."""
         if fixed is not None and fixed.ndim == 2:
             return np.hstack([np.tile(self.estimator.plant.parameters.vector(), (len(fixed), 1)), fixed])
         initial = self.estimator.initial
@@ -467,7 +467,7 @@ class SampledController:
 
     @cached_property
     def _flag(self) -> slice:
-        """Where an observer is told, in `_held`, that a period lies before its measurement; empty for others."""
+        """Place in `_held` of an observer's flag that a period lies before its measurement; empty for others."""
         place = self.estimator.plant.parameters.size
         for k, (name, part) in enumerate(zip(self.estimator.initial._fields, self.estimator.initial)):
             if name == "moved":
@@ -495,19 +495,19 @@ class SampledController:
         return e.time_update(belief, u, p, e.process_noise)
 
     def settled(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """What moves of the belief, where the estimator's plant rests at (x, u)."""
+        """Moving part of the belief where the estimator's plant rests at (x, u)."""
         if self.estimator is None:
             return np.zeros(0)
         e, held = self.estimator, self._held(None)
         y = e.plant.evaluate_output(x, u, e.plant.parameters.vector())
         moving = self._moved(e.initial_at(x))
-        for given in ((u,), (y, u), (u,)):
-            moving = self._moved(self._updated(np.concatenate([moving, *given]), held, len(given) == 2))
+        for signals in ((u,), (y, u), (u,)):
+            moving = self._moved(self._updated(np.concatenate([moving, *signals]), held, len(signals) == 2))
         return np.concatenate([x, moving[self.n :]])
 
     def beliefs(self, y: np.ndarray, u: np.ndarray, estimate: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """What moves of the belief before each of N samples of a run that began with the estimator's own, by what was
-        measured (N, p), given (N, m), estimated x̂(k|k) (N, n), and given one sample before (N, m)."""
+        """Moving part of the belief before each of N samples of a run that began with the estimator's own, from
+        measurements (N, p), inputs (N, m), estimates x̂(k|k) (N, n), and the inputs one sample before (N, m)."""
         if self.estimator is None:
             return np.zeros((len(u), 0))
         held, moving = self._held(None), self._moved(self.estimator.initial)[None, :]
@@ -521,8 +521,8 @@ class SampledController:
         return np.vstack(beliefs)
 
     def _update_rows(self, name: str, measured: bool) -> Rows:
-        e, given = self.estimator, self.p + self.m if measured else self.m
-        sizes = (self.places["belief"].stop + given, self._held(None).size)
+        e, width = self.estimator, self.p + self.m if measured else self.m
+        sizes = (self.places["belief"].stop + width, self._held(None).size)
 
         def update(moving: Any, held: Any) -> Any:
             return self._moved(self._updated(moving, held, measured))

@@ -78,7 +78,7 @@ class _Search:
         return np.clip(trials, 0.0, 1.0)
 
     def take(self, points: np.ndarray, values: np.ndarray) -> None:
-        """Move to the best point, or look closer."""
+        """Move to the best point, or shorten the step."""
         best = int(np.argmax(values))
         if values[best] > self.value:
             self.before = (self.point, *self.before[:1])
@@ -103,34 +103,34 @@ def climb(
         return np.split(function(np.vstack(groups)), np.cumsum([len(group) for group in groups])[:-1])
 
     searches = [_Search(point, float(value)) for point, value in zip(starts, function(starts))]
-    evaluations, best = len(starts), max(searches, key=lambda one: one.value)
+    evaluations, best = len(starts), max(searches, key=lambda search: search.value)
     for _ in range(SEARCH_ROUNDS):
         searches = _joined(searches)
-        best = max(searches, key=lambda one: one.value)
+        best = max(searches, key=lambda search: search.value)
         progress(evaluations, best.value)
-        active = [one for one in searches if one.step >= LAST_STEP]
+        active = [search for search in searches if search.step >= LAST_STEP]
         if not active or np.isposinf(best.value):
             break
-        around = [one.differences() for one in active]
+        around = [search.differences() for search in active]
         values = valued(around)
-        trials = [one.trials(part) for one, part in zip(active, values)]
-        for one, *parts in zip(active, around, trials, values, valued(trials)):
-            one.take(np.vstack(parts[:2]), np.concatenate(parts[2:]))
+        trials = [search.trials(part) for search, part in zip(active, values)]
+        for search, *parts in zip(active, around, trials, values, valued(trials)):
+            search.take(np.vstack(parts[:2]), np.concatenate(parts[2:]))
         evaluations += sum(map(len, around)) + sum(map(len, trials))
     return Climbed(best.point, best.value, evaluations, best.starts)
 
 
 def _joined(searches: list[_Search]) -> list[_Search]:
     kept: list[_Search] = []
-    for one in sorted(searches, key=lambda one: -one.value):  # stable: the first start wins a tie
+    for search in sorted(searches, key=lambda search: -search.value):  # stable: the first start wins a tie
         near = [
             other for other in kept
-            if np.abs(other.point - one.point).max() <= NEAR * min(one.step, other.step)
+            if np.abs(other.point - search.point).max() <= NEAR * min(search.step, other.step)
         ]  # fmt: skip
         if near:
-            near[0].starts += one.starts
+            near[0].starts += search.starts
         else:
-            kept.append(one)
+            kept.append(search)
     return kept
 
 

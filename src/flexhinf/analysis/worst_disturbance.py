@@ -1,11 +1,11 @@
 """A lower bound of the loop's gain, found by search: the finite-energy disturbance that makes ∫|z|²/∫|d|² largest.
 
-Power iteration: d is replaced by the gradient of ∫|z|², scaled to the same energy [tierno1997]. For a linear loop
-that is the power iteration of its H∞ norm squared, and the search begins with what is worst for small motions, a
-sinusoid at the frequency of that norm under a window. What is attained is a lower bound of the gain.
+Power iteration: d is replaced by the gradient of ∫|z|², scaled to the same energy [tierno1997]. For a linear loop that
+is the power iteration of its H∞ norm squared, and the search begins with the worst disturbance for small motions, a
+sinusoid at the frequency of that norm under a window. The gain attained is a lower bound.
 
-The search may run at a longer period than the loop, and takes an estimator at its stationary gain; what it finds is
-then run with the loop itself.
+The search may run at a longer period than the loop, and takes an estimator at its stationary gain; its result is then
+run with the loop itself.
 
 The gradient ∂∫|z|²/∂d comes from the adjoint of the sampled loop. The state of the sampled loop is that of the plant
 and the controller's memory (`SampledController`). With ζ' = F(ζ, d) from sample to sample, λ_k = ∂|z_k|²/∂ζ_k +
@@ -90,12 +90,12 @@ class DisturbanceRuns:
 
     def within(self, d: np.ndarray) -> np.ndarray:
         """Samples (N, k) with commands that the joints' limits allow: what lies beyond is cut off."""
-        controller, limits, found = self.loop.controller, self.problem.plant.limits, np.array(d, dtype=float)
+        controller, limits, array = self.loop.controller, self.problem.plant.limits, np.array(d, dtype=float)
         for i, name in enumerate(controller.tracked[: self.commands]):
             if name in limits:
                 low, high = np.asarray(limits[name]) - controller.operating_reference[i]
-                found[:, i] = np.clip(found[:, i], low, high)
-        return found
+                array[:, i] = np.clip(array[:, i], low, high)
+        return array
 
     def run(self, d: np.ndarray) -> Trajectory:
         """The run with d (N, k) held between samples."""
@@ -126,7 +126,7 @@ class DisturbanceRuns:
         return wanted
 
     def tracked(self, run: Trajectory) -> np.ndarray:
-        """What the integrals are given at each sample, (N, k)."""
+        """Tracked positions as the integrals use them, at each sample, (N, k)."""
         controller = self.loop.controller
         measured = controller.measured if controller.estimator is not None else ()
         columns = [
@@ -153,7 +153,7 @@ class DisturbanceRuns:
             return h[:, 0] + (u * priced).sum(axis=1), by_x[:, 0], 2.0 * priced
 
     def attained(self, d: np.ndarray, solution: HJISolution | None = None) -> Attained:
-        """Of samples d (N, k), commands cut off at the joints' limits; V is that of the law, or of a solution."""
+        """Gain of samples d (N, k), commands cut off at the joints' limits; V is that of the law, or of a solution."""
         d = self.within(d)
         run = self.run(d)
         x, u = self.deviations(run, d)
@@ -330,7 +330,7 @@ class DisturbanceSearch:
         return self.runs.attained(self.on(self.runs.times, d), solution)
 
     def on(self, times: np.ndarray, d: np.ndarray) -> np.ndarray:
-        """Samples of the search, held, at other times."""
+        """A disturbance of the search at other times, each sample held."""
         return d[np.minimum((times / self.search_runs.period + 1e-6).astype(int), len(d) - 1)]
 
     def scaled(self, d: np.ndarray, energy: float) -> np.ndarray:
@@ -349,7 +349,7 @@ class DisturbanceSearch:
         return gain, np.real(np.exp(1j * frequency * t)[:, None] * direction) * window[:, None]
 
     def random(self, seed: int) -> np.ndarray:
-        """Noise that fades: a start without a preference."""
+        """Decaying noise: a start that prefers no frequency."""
         t = self.search_runs.times
         noise = np.random.default_rng(seed).normal(size=(len(t), self.search_runs.channels))
         return noise * np.exp(-3.0 * t / t[-1])[:, None]
@@ -372,7 +372,7 @@ class DisturbanceSearch:
     def climbed(
         self, start: np.ndarray, energy: float, turns: int, solution: HJISolution | None = None
     ) -> Attained:
-        """What the loop itself attains with the disturbance of this energy found from `start`."""
+        """Gain of the loop itself under the disturbance of this energy that the search reaches from `start`."""
         d = self.ascend(start, energy, turns)
         return self.attained(self.scaled(start, energy) if d is None else d, solution)
 
@@ -400,8 +400,8 @@ def worst_disturbance(
     fading noise with the seeds `seed`, `seed` + 1, … Other arguments are those of `DisturbanceSearch`. Neither or both
     of energy and level, and a level for a law without V, are refused.
     """
-    given = [number for number in (energy, level) if number is not None]
-    if len(given) != 1 or not (np.isfinite(given[0]) and given[0] > 0.0):
+    sizes = [number for number in (energy, level) if number is not None]
+    if len(sizes) != 1 or not (np.isfinite(sizes[0]) and sizes[0] > 0.0):
         raise InvalidInput(
             "The disturbance has no size.",
             f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
@@ -416,8 +416,8 @@ def worst_disturbance(
     if level is not None and isinstance(law, HJISolution):
         attained = [ascend_inside(search, start, level, turns, law) for start in first]
     else:
-        attained = [search.climbed(start, given[0], turns) for start in first]
-    return max(attained, key=lambda one: one.gain)
+        attained = [search.climbed(start, sizes[0], turns) for start in first]
+    return max(attained, key=lambda candidate: candidate.gain)
 
 
 def ascend_inside(
@@ -427,16 +427,16 @@ def ascend_inside(
     level; the smallest energy if there is none. The start (N, k) is at the search's period, of any size."""
     energy, best, grows = 2.0 * level / solution.gamma**2, None, None
     for _ in range(ROUNDS):
-        found = search.climbed(start, energy, turns, solution)
-        inside = found.largest_value <= level
-        if inside and (best is None or found.gain > best.gain):
-            best = found
+        candidate = search.climbed(start, energy, turns, solution)
+        inside = candidate.largest_value <= level
+        if inside and (best is None or candidate.gain > best.gain):
+            best = candidate
         if grows is None:
             grows = inside
         if inside != grows:
             break
         energy *= FACTOR if inside else 1.0 / FACTOR
-    return found if best is None else best
+    return candidate if best is None else best
 
 
 # The worst plant --------------------------------------------------------------------------------
@@ -483,7 +483,7 @@ class MovedLaw(Law):
 
     @property
     def law_key(self) -> str:
-        """That of the law: δ is data."""
+        """Key of the law's code: δ is data."""
         return f"moved {self.law.law_key}"
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
@@ -527,24 +527,24 @@ def worst_gain(
         return search, best.attained.disturbance[place]
 
     def gains(points: np.ndarray) -> np.ndarray:
-        """Of plants (N, d) under the best disturbance, at the period of the search; −inf where there is none."""
-        found = []
-        for one in points:
+        """Gains of plants (N, d) under the best disturbance, at the search's period; −inf where there is no plant."""
+        values = []
+        for plant in points:
             try:
-                search, d = searched(one)
-                found.append(search.search_runs.attained(d).gain)
+                search, d = searched(plant)
+                values.append(search.search_runs.attained(d).gain)
             except FlexhinfError:
-                found.append(-np.inf)
-        return np.array(found)
+                values.append(-np.inf)
+        return np.array(values)
 
     for _ in range(PLANT_ROUNDS):
-        found = climb(gains, np.vstack([best.point, others]))
-        others, runs = others[:0], runs + found.evaluations
-        search, d = searched(found.point)
+        climbed = climb(gains, np.vstack([best.point, others]))
+        others, runs = others[:0], runs + climbed.evaluations
+        search, d = searched(climbed.point)
         attained = ascend_inside(search, d, level, TURNS, law)
         grown = attained.gain > best.attained.gain * (1.0 + GROWTH) and attained.largest_value <= level
         if attained.gain > best.attained.gain and attained.largest_value <= level:
-            best = WorstGain(found.point, attained, runs)
+            best = WorstGain(climbed.point, attained, runs)
         if not grown:
             break
     return WorstGain(best.point, best.attained, runs)

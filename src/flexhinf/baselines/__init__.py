@@ -1,4 +1,4 @@
-"""The laws a sceptic would use, each behind `flexhinf.plant.Law`, and one way to tune them alike: `tune`.
+"""Standard laws to compare with, each behind `flexhinf.plant.Law`, and one way to tune them alike: `tune`.
 
 ============================  ==================================================================================
 law                           when to choose it

@@ -1,4 +1,4 @@
-"""Base of the laws to compare with: a plant, the equilibrium they are made for, and what they integrate.
+"""Base of the laws to compare with: a plant, the equilibrium they are made for, and the integrated states.
 
 The numbers of a plant's elastic joints at an equilibrium, from its exact Jacobians.
 
@@ -142,7 +142,7 @@ class GravityTorque:
 
     @cached_property
     def key(self) -> str:
-        """What distinguishes the code of two gravity torques."""
+        """Key of the code of a gravity torque."""
         return digest(self.traced)
 
 
@@ -218,8 +218,8 @@ class EquilibriumLaw(Law):
 class PlacedLaw(EquilibriumLaw):
     """A law that depends on where it acts, not only on the deviation.
 
-    `evaluate_about` says what it does about any reference; `evaluate_law` is that at the equilibrium,
-    which therefore is part of the law's numbers.
+    `evaluate_about` is the law about any reference; `evaluate_law` is that about the equilibrium, which therefore is
+    part of the law's numbers.
     """
 
     @cached_property
@@ -370,7 +370,7 @@ class GravityCompensatedLQR(PlacedLaw):
 
     @property
     def law_key(self) -> str:
-        """The code of G."""
+        """Key of the law's code: that of G."""
         return f"LQR with gravity compensation {self._weight.key}"
 
     def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:

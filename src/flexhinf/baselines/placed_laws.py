@@ -24,8 +24,8 @@ With energy E of links, rotors, springs and gravity, V = E + ½ (θ_d − θ)ᵀ
     [ −K           K + K_p ]   is positive definite.
 
 A voltage-driven motor gets V = (R/k_t) τ. Its back-EMF is **not** compensated: it is passive damping, k_t k_b/R, which
-a compensation would take away with a velocity that is only estimated. `MotorPD.tuned` counts it as part of the
-damping asked for.
+a compensation would take away with a velocity that is only estimated. `MotorPD.tuned` counts it as part of the wanted
+damping.
 
 Exact feedback linearisation with flatness feedforward [spong1987], [deluca2016].
 
@@ -108,9 +108,9 @@ class TorqueFeedback(PlacedLaw):
     def __post_init__(self) -> None:
         super().__post_init__()
         n, rotor = len(self.joints.stiffness), self.rotor_inertia
-        given = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
-        given["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
-        for name, value in given.items():  # one finite number ≥ 0 per joint
+        gains = {name: getattr(self, name) for name in ("proportional", "derivative", "integral")}
+        gains["rotor_inertia"] = self.joints.motor_inertia if rotor is None else rotor
+        for name, value in gains.items():  # one finite number ≥ 0 per joint
             numbers = real_array(value)
             if numbers.shape not in ((), (1,), (n,)) or not np.all(np.isfinite(numbers) & (numbers >= 0.0)):
                 raise InvalidInput(
@@ -162,8 +162,8 @@ class TorqueFeedback(PlacedLaw):
         """Gains from a bandwidth and a damping ratio, as if the joints were rigid and moved one by one.
 
         I s² + (D_θ + B + k_t k_b/R) s + K_θ = I (s² + 2ζω s + ω²) with I = M_jj(q*) + J_θj; with an integral a further
-        factor s + σ, σ = integral_rate · ω. D_θ is not made negative: a motor that damps itself by more than was asked
-        keeps doing so. The spring is not seen: where ω nears √(K/I) the link's own bandwidth stays behind.
+        factor s + σ, σ = integral_rate · ω. D_θ is not made negative: a motor that damps itself by more than that keeps
+        its damping. The spring is not seen: where ω nears √(K/I) the link's own bandwidth stays behind.
 
         Plant and equilibrium are the problem's; its penalty does not matter. `bandwidth`, `damping` and
         `inertia_ratio` are ω (rad/s), ζ and J_θ/J; `integral` is whose error is integrated, "link_position" or
@@ -196,14 +196,14 @@ class TorqueFeedback(PlacedLaw):
 
     @cached_property
     def contraction(self) -> float:
-        """Largest factor ‖K^-½ ∂G/∂q K^-½‖ by which a turn of q̄ contracts, at the equilibrium and the sampled poses."""
+        """Largest contraction ‖K^-½ ∂G/∂q K^-½‖ of the iteration for q̄, at the equilibrium and the sampled poses."""
         stiffness = self.joints.stiffness
         goal = self.equilibrium[0][: len(stiffness)]
         return _contraction(self.plant, tuple(goal.tolist()), tuple(stiffness.tolist()))
 
     @cached_property
     def turns(self) -> int:
-        """Turns of q̄: so many that ḡ is wrong by at most 1e-6 of the weight."""
+        """Number of iterations for q̄, such that ḡ is wrong by at most 1e-6 of the weight."""
         factor = max(self.contraction, LEFT)
         turns = np.ceil(np.log(LEFT) / np.log(factor)) - 1 if factor < 1.0 else np.inf
         if turns > MOST_TURNS:
@@ -249,7 +249,7 @@ class TorqueFeedback(PlacedLaw):
 
     @property
     def law_key(self) -> str:
-        """The code of G and the number of turns."""
+        """Key of the law's code: that of G, and the number of iterations."""
         if self.compensation == "goal":
             return "torque feedback, weight at the goal"
         return f"torque feedback, weight at the motor {self.turns} {self._weight.key}"
@@ -405,7 +405,7 @@ SINGULAR = 1e-12
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class FeedbackLinearisation(PlacedLaw):
-    """The law above, for any plant whose outputs have a vector relative degree.
+    """Exact feedback linearisation, for any plant whose outputs have a vector relative degree.
 
     Parameters
     ----------
@@ -508,7 +508,7 @@ class FeedbackLinearisation(PlacedLaw):
 
     @cached_property
     def law_key(self) -> str:
-        """The code of the two maps, and whether there are integrals."""
+        """Key of the law's code: the two maps, and whether there are integrals."""
         codes = (digest(code) for code in (self.form.chains, self.form.linearising))
         return " ".join(["feedback linearisation", str(bool(self.integrate)), *codes])
 

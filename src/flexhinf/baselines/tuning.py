@@ -4,8 +4,8 @@ The parameters are positive and searched on a logarithmic scale: by a Latin hype
 it by covariance matrix adaptation [hansen2016], which samples round a mean and lets the ranking of the samples move it
 and shape the next ones, because settling times jump and leave several local minima; and by the simplex of [nelder1965]
 from the best candidate. A limit that is exceeded adds to the cost by its relative excess, so the search can slide along
-it; what is returned is the cheapest candidate that exceeds none. The search is short: it finds a good law, not the best
-there is.
+it; the result is the cheapest candidate that exceeds none. The search is short: it finds a good law, not the best there
+is.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SIMPLEX = 1.35
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a set of parameters comes to.
+    """Evaluation of one set of parameters.
 
     `cost` is to be small, infinite where it is not known. `excess` is the sum over the limits of ln(value / limit)
     where it is exceeded; 0 where all are kept, infinite where a limit cannot be checked (an unstable loop). `reason`
@@ -56,7 +56,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Parameters that were tried, and what they came to."""
+    """A set of parameters and its evaluation."""
 
     parameters: Mapping[str, float]
     judgement: Judgement
@@ -68,7 +68,7 @@ class Candidate:
 
     @property
     def order(self) -> tuple[float, float]:
-        """Feasible ones first, by cost; then the others, by how far they exceed the limits."""
+        """Sort key: feasible candidates first, by cost; then the others, by how far they exceed the limits."""
         j = self.judgement
         return (0.0, j.cost) if self.feasible else (1.0 + j.excess, j.cost)
 
@@ -125,7 +125,7 @@ def tune(
     seed : int
         Of the samples.
     others : sequence of mapping of str to float
-        Candidates that are tried beside the start, moved into the bounds: what similar laws were tuned to.
+        Candidates that are tried beside the start, moved into the bounds: for example results for similar laws.
 
     Raises `InvalidInput` if starts, bounds or counts do not fit each other.
     """

@@ -1,11 +1,11 @@
 """Program → kernel: machine code of this processor, run on arrays that are checked once before it touches memory.
 
-Object code is kept on disk, by the hash of what it was made from; only a file that is exactly right is used.
-The folder is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder; a user
-without a home has none. A file is named by its key in hexadecimal digits and holds a magic line, the key, the SHA-256
-of the object code, and the object code. It is used only if it is a regular file of the user, all three agree, and the
-code can be loaded; it is written under another name and then renamed, so that no reader sees half of it. A file that is
-not used is told through `logging`, and replaced. Whatever else lies in the folder is not ours and stays.
+Object code is kept on disk, by the hash of what it was made from; only a file that is exactly right is used. The folder
+is the environment variable ``FLEXHINF_CACHE``, else ``flexhinf`` in the user's cache folder; a user without a home has
+none. A file is named by its key in hexadecimal digits and holds a magic line, the key, the SHA-256 of the object code,
+and the object code. It is used only if it is a regular file of the user, all three agree, and the code can be loaded;
+it is written under another name and then renamed, so that no reader sees half of it. A file that is not used is
+reported through `logging`, and replaced. Whatever else lies in the folder is not ours and stays.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
 
 
 def _misfit(array: object, buffer: Buffer, width: int) -> str:
-    """What an array is that a buffer of so many lanes cannot take; empty for one that fits."""
+    """Why an array does not fit a buffer of so many lanes; empty if it fits."""
     if not isinstance(array, np.ndarray):
         return type(array).__name__
     found = f"{array.dtype} of shape {array.shape}"
@@ -146,7 +146,7 @@ class Status:
 
     @property
     def fine(self) -> bool:
-        """No guard failed, in any lane."""
+        """Whether no guard failed, in any lane."""
         return not np.any(self.code)
 
 
@@ -184,7 +184,7 @@ class Kernel:
             self._entry, self._short_entry = _ENTRY(code.address), _SHORT_ENTRY(code.address)
 
     def run(self, arrays: Mapping[str, np.ndarray], counts: Mapping[str, int] | None = None) -> Status:
-        """Check the arrays, run once, and say how it ended.
+        """Check the arrays, run once, and return how it ended.
 
         `arrays`: One C-contiguous float64 array per buffer that is not "work"; "out" and "state" are written in place.
         `counts`: Turns of every loop of the program. Raises InvalidInput: arrays or counts that do not fit the
@@ -238,10 +238,10 @@ _NAME = re.compile(r"[0-9a-f]{64}\.o")
 
 
 def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[bytes], Any] = bytes) -> Any:
-    """What is loaded from object code in the cache, or from code that is made and kept.
+    """Load object code from the cache, or make and keep it.
 
     `parts`: Everything that the code depends on. `make`: Makes the code; called when no usable file is there. `load`:
-    Loads it. What it raises for a file's code means that the file is replaced. By default the code is returned.
+    Loads it; where it raises for a file's code, the file is replaced. By default the code is returned.
 
     Never raises for the cache's own sake: a folder that cannot be written only costs time.
     """
@@ -313,7 +313,7 @@ def _without_waiting(path: str, flags: int) -> int:
 
 
 def _is_ours(info: os.stat_result) -> bool:
-    """A regular file of this user that nobody else may write (where the system knows of users)."""
+    """Whether it is a regular file of this user that nobody else may write (where the system knows of users)."""
     if not stat.S_ISREG(info.st_mode):
         return False
     if not hasattr(os, "getuid"):
@@ -436,7 +436,7 @@ class BoundCode(partial):
 
 
 def fingerprint(program: Program) -> str:
-    """Buffers, counts, steps, and every traced function in CasADi's own serial form.
+    """Text that identifies a program: buffers, counts, steps, and every traced function in CasADi's serial form.
 
     Two programs with the same fingerprint are the same to the last constant: a function's serial form holds its
     instructions, not what they were written as.

@@ -1,4 +1,4 @@
-"""One text, two readings: as plain NumPy code, or as a program composed of traced pieces.
+"""One algorithm, run in two ways: as plain NumPy code, or as a program composed of traced pieces.
 
 An algorithm is written once, against a *run* that offers a few ways of calling a function (once: `call`; on every
 column of a matrix: `columns`) and a few sums of linear algebra. `Direct` does just that with whatever arrays it is
@@ -38,11 +38,11 @@ class Direct:
     """Plain evaluation, on any elements."""
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
-        """``function(*arrays)``, for what is small."""
+        """``function(*arrays)``, for small functions."""
         return function(*arrays)
 
     def when(self, flag: Any) -> Any:
-        """A context for what only matters where the flag (1,) is not zero; whoever uses it chooses by the flag."""
+        """A context for steps whose results count only where the flag (1,) is not zero: select them by the flag."""
         return nullcontext(flag)
 
     def repeat(self, times: int, function: Callable[..., tuple[Any, ...]], *arrays: Any) -> tuple[Any, ...]:
@@ -64,7 +64,7 @@ class Direct:
         return np.stack(results, axis=1)
 
     def sweep(self, stages: Callable[..., Any], matrix: Any, *held: Any) -> Any:
-        """``stages(run, column, *held)`` for every column of a matrix (n, s): what is too large for one function.
+        """``stages(run, column, *held)`` for every column of a matrix (n, s), where one function would be too large.
 
         Returns (n', s).
         """
@@ -336,7 +336,7 @@ class _ColumnComposer(Composer):
     def _divided(
         self, traced: Any, moving: tuple[bool, ...], held: tuple[Slice, ...]
     ) -> tuple[Any, tuple[Slice, ...]]:
-        """What is called for every column, and where that finds the numbers that are computed outside."""
+        """The function to call for every column, and the slices of the numbers that are computed once outside."""
         from flexhinf.scalars import divide
 
         before, rest = divide(traced, moving)

@@ -46,7 +46,7 @@ class Host:
 
     @property
     def fused(self) -> bool:
-        """The processor has a fused multiply-add."""
+        """Whether the processor has a fused multiply-add."""
         return not self.triple.startswith(("x86", "i386", "i686")) or "+fma" in self.features.split(",")
 
 

@@ -184,12 +184,12 @@ class Block:
 
 
 def whole(piece: Slice | Columns) -> Slice:
-    """All that the columns of a matrix cover; a slice is its own."""
+    """The slice that the columns of a matrix cover; a slice itself is returned."""
     return piece.whole if isinstance(piece, Columns) else piece
 
 
 def overlap(first: Slice, second: Slice) -> bool:
-    """Do they share elements, as far as that can be told (the same shift, and the same moves in all loops)?"""
+    """Whether slices share elements, as far as that can be told (same shift, same moves in all loops)."""
     if (first.buffer, first.strides, first.shift) != (second.buffer, second.strides, second.shift):
         return False
     return first.offset < second.offset + second.size and second.offset < first.offset + first.size
@@ -210,7 +210,7 @@ def misfit(what: str, expected: str, found: object) -> InvalidInput:
 
 
 def is_integer(value: object) -> bool:
-    """An int that is no bool."""
+    """Whether a value is an int and no bool."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
@@ -292,7 +292,7 @@ class OuterSum:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(r, c)."""
+        """(r, c) of the target."""
         return self.left.size // self.count, self.right.size // self.count
 
 
@@ -354,5 +354,5 @@ class Cholesky:
 
     @property
     def order(self) -> int:
-        """n."""
+        """n of the (n, n) matrix."""
         return math.isqrt(self.source.size)

@@ -1,9 +1,9 @@
-"""What a kernel runs: steps over named flat arrays, validated as a whole.
+"""Programs of kernels: steps over named flat arrays, validated as a whole.
 
 A program is data. It says nothing about machine code, lanes or threads, so that the compiler, the
 exported C and the tests' interpreter read the very same text.
 
-What a kernel does: traced functions, linear algebra, copies and guards over slices, inside loops.
+Steps of a kernel: traced functions, linear algebra, copies and guards over slices, inside loops.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class Guard:
 
 @dataclass(frozen=True, eq=False)
 class Repeat:
-    """Run `body` as many times as the count says.
+    """Run `body` as many times as the count.
 
     `count`: Name of a count of the program, given when it runs; or a fixed number. Raises InvalidInput: A fixed number
     below 1.
@@ -151,16 +151,16 @@ class Repeat:
             raise misfit("A loop has no usable count.", expected, repr(self.count))
 
     def turns(self, counts: Mapping[str, Any]) -> Any:
-        """How often, by the counts of the program or what stands for them."""
+        """Number of turns, by the counts of the program."""
         return counts[self.count] if isinstance(self.count, str) else self.count
 
 
 @dataclass(frozen=True, eq=False)
 class When:
-    """`body`, which may be left out where a flag is zero, and is, where it is zero in every lane.
+    """Run `body` where a flag is not zero; it may be left out elsewhere, and is if the flag is zero in every lane.
 
-    In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not
-    matter then. Who reads it chooses by the flag.
+    In a lane whose flag is zero beside one whose flag is not, the body runs in vain: what it writes must not matter
+    then. Its reader selects by the flag.
 
     `flag`: One number. Raises InvalidInput: if the flag is not one number, or there is a guard in the body, which
     would stop lanes in vain.
@@ -286,7 +286,7 @@ class Program:
         raise KeyError(name)
 
     def steps(self) -> Iterator[tuple[Step, tuple[str | int, ...]]]:
-        """Every step with the counts of its enclosing loops, outermost first; what has a body before it."""
+        """Every step with the counts of its enclosing loops, outermost first; a step with a body comes before it."""
         stack: list[tuple[Step, tuple[str | int, ...]]] = [(step, ()) for step in reversed(self.body)]
         while stack:
             step, loops = stack.pop()

@@ -32,7 +32,7 @@ class ConstantGainBelief(NamedTuple):
 class ConstantGainFilter(Estimator):
     """x̂ = x̂⁻ + L (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the gain L carried along in the belief.
 
-    `filter`: Whose model, discretisation and noises are meant. `gain`: (n, p). Raises InvalidInput: if the gain is not
+    `filter`: The filter with model, discretisation and noises. `gain`: (n, p). Raises InvalidInput: if the gain is not
     (n, p) finite numbers.
     """
 
@@ -50,7 +50,7 @@ class ConstantGainFilter(Estimator):
 
     @property
     def estimator_key(self) -> str:
-        """What distinguishes its code from another's."""
+        """Key of the traced code."""
         return f"constant gain {self.period!r} {self.filter.sub_steps} x {self.filter.stages}"
 
     def initial_at(self, mean: np.ndarray) -> Any:
@@ -196,7 +196,7 @@ def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[s
 
 
 def check_decay(error: np.ndarray) -> None:
-    """Refuse (1 − L H) Φ, (n, n), if an error stays: what the gain is when there is no noise to learn from."""
+    """Refuse (1 − L H) Φ, (n, n), if its error does not decay, as without process noise."""
     radius = float(np.abs(np.linalg.eigvals(error)).max())
     if radius >= 1.0 - UNDAMPED:
         raise InvalidInput(

@@ -1,4 +1,4 @@
-"""The shell around two pure functions: an object with `predict` and `correct` that remembers its belief."""
+"""Base of the filters: an object with `predict` and `correct` that keeps its belief, around two pure functions."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
 
 
 def _gain(p_yx: Any, factor: Any) -> Any:
-    """What an innovation adds to one state, (p,)."""
+    """Gain (p,) from the innovation to one state: a row of K."""
     return solve_lower_transposed(factor, solve_lower(factor, p_yx))
 
 
@@ -134,7 +134,7 @@ class RecursiveFilter(Estimator):
     Parameters
     ----------
     plant : Plant
-        The model the estimator believes in.
+        The estimator's model.
     period : float
         Sampling period, s.
     process_noise : float, (n,) or (n, n) array
@@ -238,7 +238,7 @@ class RecursiveFilter(Estimator):
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
-        """`time_stages`."""
+        """x(k|k) → x(k+1|k) by `time_stages`."""
         return self.time_stages(run, belief, u, p, process_noise)
 
     def measurement_update_on(
@@ -276,7 +276,7 @@ class RecursiveFilter(Estimator):
         return self._method(DIRECT, self.flow, x, self.period / self.sub_steps, u, p)
 
     def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
-        """F of Eq. (9) on a run, with one text of the flow for all stages of all steps."""
+        """F of Eq. (9) on a run, with one function of the flow for all stages of all steps."""
 
         def step(x: Any) -> tuple[Any]:
             return (self._method(run, self.flow, x, self.period / self.sub_steps, u, p),)

@@ -3,8 +3,8 @@
 Comments number the steps of Algorithm 1. Its γ of steps 1 and 5 is `SigmaPoints.spread`, Eq. (10).
 
 The Jacobian of the extended filter is exact, that of the integrated map F itself, through symbols, not I + A·period: a
-comparison with a filter that drops terms would say little. Nothing needs the matrix ∂F/∂x, only what it does to a
-square root of the covariance: that is carried along, column by column, through every Runge–Kutta step.
+comparison with a filter that drops terms would say little. The matrix ∂F/∂x itself is not needed, only its product with
+a square root of the covariance: that is computed, column by column, through every Runge–Kutta step.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class SigmaPoints:
         return offset, -offset
 
     def pair(self, column: Any, mean: Any) -> tuple[Any, Any]:
-        """These two points."""
+        """The two sigma points, mean ± offset."""
         offset, other = self.offsets(column)
         return mean + offset, mean + other
 
@@ -78,7 +78,7 @@ class SampledGaussian(NamedTuple):
 
 
 class UnscentedKalmanFilter(RecursiveFilter):
-    """Algorithm 1.
+    """The unscented Kalman filter, the paper's Algorithm 1.
 
     Parameters
     ----------
@@ -205,8 +205,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any]:
         """Sigma points for the measurement, their deviations, both (n, 2n + 1), and the mean that those are from.
 
-        Clipped points stand for a narrower prior than the belief they were drawn from: steps 9 to 12 must use its
-        mean and deviations, or what is subtracted from P could exceed it.
+        Clipped points represent a narrower prior than the belief: steps 9 to 12 must use its mean and deviations, or
+        what is subtracted from P could exceed it.
         """
         mean = belief.mean
         if not self.redraw:

@@ -1,9 +1,9 @@
 """The output-injection observer: linear error dynamics, whatever the plant does.
 
-Where the nonlinearity of a plant is a function of what is measured, ẋ = A x + φ(y, u) and y = H x + η(u)
-(`output_form`), an observer can take φ from the measurement instead of from its estimate: φ then cancels in the
-error [krener1983]. Sampled with the input held, and with φ a straight line between its values at
-the two samples, both known when the second one is measured,
+Where the nonlinearity of a plant is a function of the measurement, ẋ = A x + φ(y, u) and y = H x + η(u)
+(`output_form`), an observer can take φ from the measurement instead of from its estimate: φ then cancels in the error
+[krener1983]. Sampled with the input held, and with φ a straight line between its values at the two samples, both known
+when the second one is measured,
 
     x̂(k+1|k)   = Φ x̂(k|k) + Γ φ(y_k, u_k) + Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)),
     x̂(k+1|k+1) = x̂(k+1|k) + L (y_{k+1} − H x̂(k+1|k) − η(u_k)),
@@ -50,12 +50,12 @@ DOUBLINGS = 64
 
 
 class InjectedGaussian(NamedTuple):
-    """A belief with what the injection needs; numbers of the observer are data, so that kernels are shared.
+    """A belief with the quantities of the injection; numbers of the observer are data, so that kernels are shared.
 
-    `mean`, `covariance`: (n,) and (n, n). `measured`: (n,), the smallest state with the last output, of those that
-    have it. `injection`: (n,), φ at the beginning of the period. `moved`: (1,), 1 after a time update, 0 before the
-    first one and after a measurement update. `drift`, `transition`, `hold`, `ramp`: (n, n), A, Φ, Γ, Γ₁. `gain`,
-    `lift`: (n, p), L, and what makes `measured` of an output.
+    `mean`, `covariance`: (n,) and (n, n). `measured`: (n,), the smallest state with the last output, of those that have
+    it. `injection`: (n,), φ at the beginning of the period. `moved`: (1,), 1 after a time update, 0 before the first
+    one and after a measurement update. `drift`, `transition`, `hold`, `ramp`: (n, n), A, Φ, Γ, Γ₁. `gain`, `lift`:
+    (n, p), L, and the map from an output to `measured`.
     """
 
     mean: Any
@@ -77,7 +77,7 @@ class OutputInjectionObserver(RecursiveFilter):
     Parameters
     ----------
     plant : Plant
-        Its nonlinearity must be a function of measured signals and inputs; that is found out from its code.
+        Its nonlinearity must be a function of measured signals and inputs; this is checked on its code.
     period : float
         Sampling period T, s.
     process_noise, measurement_noise : float, vector or matrix
@@ -149,7 +149,7 @@ class OutputInjectionObserver(RecursiveFilter):
     # What it is ------------------------------------------------------------------------------------
     @property
     def gain(self) -> np.ndarray:
-        """L, (n, p): what an innovation adds to the estimate."""
+        """L, (n, p): gain from the innovation to the estimate."""
         return self._gain.copy()
 
     @property
@@ -174,8 +174,8 @@ class OutputInjectionObserver(RecursiveFilter):
     def error_energy(self, weight: Any) -> np.ndarray:
         """X, (n, n), with T Σ_{k≥0} e_kᵀ W e_k = e_0ᵀ X e_0, by the discrete Lyapunov equation X = Mᵀ X M + T W.
 
-        M is `error_matrix`, and e_0 the error of x̂(0|0): an error of the initial `mean` times 1 − L H. What the
-        straight line between samples leaves, δ_k, is not in it.
+        M is `error_matrix`, and e_0 the error of x̂(0|0): an error of the initial `mean` times 1 − L H. The error of
+        the straight line between samples, δ_k, is not included.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class OutputInjectionObserver(RecursiveFilter):
 
     @property
     def _lift(self) -> np.ndarray:
-        """(n, p): the smallest state with an output; of sensors that say the same, the better one says more."""
+        """(n, p), output → smallest state with it; of redundant sensors, the more accurate one has more weight."""
         weight = np.linalg.inv(np.linalg.cholesky(self.measurement_noise))
         return np.linalg.pinv(weight @ self._sensors) @ weight
 
@@ -260,7 +260,7 @@ class OutputInjectionObserver(RecursiveFilter):
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
 
     def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
-        """The smallest state with the output of the estimate, and that there was a time update."""
+        """The smallest state with the output of the estimate, and the flag of a time update."""
         return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)
 
     def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
@@ -279,13 +279,13 @@ def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
 
 
 def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
-    """The corrected mean, the innovation, and that there was no time update since."""
+    """The corrected mean, the innovation, and the cleared flag of a time update."""
     innovation = y - expected
     return mean + gain @ innovation, innovation, np.zeros(1)
 
 
 def _left(root: Any, measured: Any, gain: Any) -> Any:
-    """(1 − L H) of a column of a root of P⁻."""
+    """Product of (1 − L H) and a column of a root of P⁻."""
     return root - gain @ measured
 
 
@@ -370,7 +370,7 @@ class _Slopes:
 
     @cached_property
     def deciding(self) -> ca.SX:
-        """Derivatives of what decides where the flow is not smooth, (s, n)."""
+        """Derivatives of the switching expressions of a flow that is not smooth, (s, n)."""
         return ca.jacobian(switches(self.flow, self.z), self.x)
 
     def check_output(self) -> None:
@@ -419,7 +419,7 @@ class _Slopes:
         )
 
     def _names(self, places: list[int]) -> str:
-        """States by name; by the plain name that stands for all of a kind where all are meant."""
+        """Names of states; the name of a group where all its members are meant."""
         names = [self.plant.states[j] for j in places]
         for group, members in self.plant.groups.items():
             if set(members) <= set(names):
@@ -427,7 +427,7 @@ class _Slopes:
         return ", ".join(names)
 
     def _holds(self, measured: np.ndarray) -> bool:
-        """Is the flow A x + φ(y, u) for these measurements?"""
+        """Whether the flow is A x + φ(y, u) for these measurements."""
         hidden = ca.DM(null_space(measured))
         if not hidden.numel():
             return True
@@ -439,7 +439,7 @@ class _Slopes:
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
-    """Basis (n, k) of what a matrix (p, n) maps to zero; unit vectors where its rows are.
+    """Basis (n, k) of the null space of a matrix (p, n); unit vectors where its rows are.
 
     By a triangular factor with pivoting, which unlike singular vectors mixes no states without need.
     """

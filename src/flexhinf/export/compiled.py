@@ -1,6 +1,6 @@
 """A controller as a shared library: compiled once, loaded in milliseconds without LLVM and without CasADi.
 
-Which instructions a library needs, and which this processor has, is asked before any of its code is run.
+The instructions that a library needs are compared with those of this processor before any of its code is run.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def compile_controller(
         Of the file; replaced if it is there. It is machine code: load only what you trust.
     processor : {"portable", "any", "native"}
         On which it runs: PCs since about 2015, also older ones (ten times slower), or those that have all that this one
-        has. The bits are the same. The file says what it needs, and is refused where that is missing.
+        has. The bits are the same. The file states the instructions it needs, and is refused where they are missing.
 
     Raises
     ------
@@ -76,15 +76,15 @@ def compile_controller(
 
 
 def shared_library(sources: dict[str, str], flags: tuple[str, ...] = ("-O2",)) -> bytes:
-    """What this machine's C compiler makes of some files; raises as `build`."""
+    """Shared library of C files, built by this machine's C compiler; raises as `build`."""
     with TemporaryDirectory() as work:
         return build(sources, Path(work), (*flags, "-shared", "-fPIC", "-fvisibility=hidden")).read_bytes()
 
 
 def cortex_m4_bytes(code: ControllerCode) -> int | None:
-    """Code and constants on a Cortex-M4F, with what is used of the C library; None without arm-none-eabi-gcc.
+    """Bytes of code and constants on a Cortex-M4F, C library included; None without arm-none-eabi-gcc.
 
-    As `make cortex-m4` of an exported folder says it.
+    The same number as by `make cortex-m4` in an exported folder.
     """
     compiler, size = shutil.which("arm-none-eabi-gcc"), shutil.which("arm-none-eabi-size")
     if compiler is None or size is None:
@@ -103,9 +103,9 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
 
 
 def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path:
-    """Compile and link files of C in a folder that is there; the path of what comes of it.
+    """Compile and link files of C in an existing folder; returns the path of the result.
 
-    Raises InvalidInput: if there is none (``CC``, cc, gcc, clang), or it fails.
+    Raises InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
     names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
     compiler = next(filter(None, map(shutil.which, names)), None)
@@ -118,12 +118,12 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     for file, text in sources.items():
         (folder / file).write_text(text, encoding="utf-8")
     files = [file for file in sources if file.endswith(".c")]
-    words = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    command = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         raise InvalidInput(
             "The C compiler does not compile the controller.",
-            f"{' '.join(words)}: {done.stderr.strip()[:400]}",
+            f"{' '.join(command)}: {done.stderr.strip()[:400]}",
             "another compiler in CC",
         )
     return folder / "built"
@@ -136,8 +136,8 @@ _LOADED: dict[str, ctypes.CDLL] = {}
 def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
     """The library with these bytes, once per process, whatever lies at the path that they were read from.
 
-    The dynamic loader knows libraries by path and would give the one that it loaded from there before: it is given a
-    private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
+    The dynamic loader identifies libraries by path and would return the one that it loaded from there before: it loads
+    a private copy named by content, which is removed at once. Where nothing in the directory for temporary files may be
     run, the copy is made in the folder `beside`.
 
     Raises OSError: if it cannot be loaded.
@@ -160,7 +160,7 @@ def loaded(image: bytes, beside: Path) -> ctypes.CDLL:
 class CompiledController:
     """A controller of `flexhinf.export.compile_controller`, with a memory of its own.
 
-    A step never raises for what a sensor may give: the output is held instead, see `code` and docs/deployment.md.
+    A step never raises for a bad measurement: the output is held instead, see `code` and docs/deployment.md.
 
     Parameters
     ----------
@@ -371,12 +371,12 @@ def instructions() -> frozenset[str]:
             return frozenset()
         return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
-    words = line.partition(":")[2].split()
-    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in words)
+    flags = line.partition(":")[2].split()
+    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in flags)
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:
-    """What tells gcc and clang for which processors to compile.
+    """Flags of gcc and clang for the processors to compile for.
 
     `processor`: {"portable", "any", "native"}, PCs since about 2015 (AVX2 and fused multiply-adds; on a machine
     without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than

@@ -1,9 +1,9 @@
 """A controller as two files of C99: a header with types and constants, and the source with its step.
 
-The step is the very program that `Controller.step` compiles, with the same rules for samples that fail (see
+The step is the program that `Controller.step` compiles, with the same rules for samples that fail (see
 `flexhinf.loop.controller.memory`), and a watchdog for measurements that are late or missing.
 
-Names in C: what may be one, what signals are called, and what may stand in a comment.
+Names in C: valid identifiers, names of signals, and text that is safe in a comment.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ ASCII = str.maketrans({"·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "de
 
 
 def comment(text: str) -> str:
-    """A text as it may stand in a comment of one line: printable ASCII that neither ends it nor goes on behind it."""
+    """A text made safe for a comment of one line: printable ASCII that neither ends nor continues it."""
     plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
     return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
 
@@ -116,10 +116,10 @@ class ControllerCode:
     `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
     samples without a measurement can be predicted over. `programs`: The step with a measurement, and without.
     `scratch`: Numbers of working memory, beside "after" and "estimated". `safe_input`: The input before the first
-    sample, (m,). `codes`: What a step returns, of `CODES`. `signals`: Names of the elements of y, r, u and the state.
-    `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the estimate
-    begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement counts as
-    missing, s.
+    sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
+    state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
+    estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
+    counts as missing, s.
     """
 
     def __init__(self, controller: Controller, name: str, real: Real) -> None:
@@ -233,7 +233,7 @@ class ControllerCode:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of both texts: what gives the same inputs has the same, whatever else is equal."""
+        """SHA-256 of header and source, which determine every input that the code computes."""
         return hashlib.sha256((self.header + self.source).encode()).hexdigest()
 
     def _call(self, which: str) -> str:
@@ -244,7 +244,7 @@ class ControllerCode:
 
     @property
     def _start(self) -> str:
-        """What ``NAME_start`` does with the estimate: another one than the design's has an input of its own."""
+        """Body of ``NAME_start``: sets the estimate, and the input that holds the robot there."""
         if not self.starts_anywhere or self.controller.first_input.is_zero:
             return START.replace("@HOLD@", "") if self.starts_anywhere else "    (void)estimate;"
         assert self.controller.estimator is not None
@@ -316,7 +316,7 @@ def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
 
 
 def _operations(step: Step) -> int:
-    """Of one step of a program: instructions of what it calls, multiplications of its sums."""
+    """Operations of one step of a program: instructions of its function, or multiplications of its sums."""
     match step:
         case Repeat() | Sweep():
             return int(step.count) * sum(map(_operations, step.body))
@@ -339,7 +339,7 @@ def template(name: str) -> str:
 
 
 def arithmetic(name: str, real: Real) -> str:
-    """C against flags that change results: guards, and ``int NAME_exact(void)`` for those without a macro."""
+    """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro."""
     about = np.finfo(np.float64 if real.name == "double" else np.float32)
     sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
     return fill(

@@ -59,7 +59,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Model:
-    """What an FMU is made of.
+    """Contents of an FMU.
 
     `period`: Smallest communication step, s; others are whole multiples. `variables`: Those of a kind in the order of
     their references. `sources`: Files of C without the shell; GUID is still to be put in.
@@ -155,7 +155,7 @@ def export_plant_fmu(
     period : float
         Smallest communication step, s.
     state, input : (n,) and (m,) arrays, optional
-        Where it starts, and what acts there before anything is set; zero by default.
+        Initial state, and the input until one is set; zero by default.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def export_plant_fmu(
         N=plant.n, M=sizes[0], D=sizes[1], P=sizes[2], Y=len(plant.outputs), FUNCTIONS=str(translator),
         FLOW=_called(flow, plant.traced_flow, ["x", *places], "slope"),
         OUTPUT=_called(output, plant.traced_output, ["r + FIRST_X", places[0], places[2]], "r + FIRST_Y"),
-        START=",\n".join(f"        {one.start!r}" for one in variables[: sum(sizes)]),
+        START=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
     )  # fmt: skip
     about = f"plant in {steps} steps per {period:g} s"
     return _write(Model(name, about, period, tuple(variables), {f"{name}_model.h": model}), path)

@@ -48,12 +48,12 @@ def export_c(
     real: str = "double",
     force: bool = False,
 ) -> Path:
-    """Write a controller as dependency-free C99: header, source, test vector, and what firmware needs around them.
+    """Write a controller as dependency-free C99: header, source, test vector, and further files for firmware.
 
     Parameters
     ----------
     controller : Controller
-        What it remembers of samples is not exported.
+        Its memory of past samples is not exported.
     folder : path
         Made if it is not there.
     name : str
@@ -229,7 +229,7 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
 
 
 def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) -> float | None:
-    """What the test vector says when a compiler builds it for this machine; infinite where a result is not finite."""
+    """Largest error in the test vector, built for this machine; infinite where a result is not finite."""
     texts = {f"{code.name}.h": code.header, f"{code.name}.c": code.source}
     texts["test.c"] = _test(code, run, TOLERANCE[code.real.name])
     try:
@@ -246,7 +246,7 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
 
 
 def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
-    """The test vector: what is stored of the inputs is exact, so that both compute with the same numbers."""
+    """The test vector as C; its stored inputs are exact, so that C and Python compute with the same numbers."""
     size = np.maximum(np.abs(run.u).max(axis=0), 1e-30)
     codes = [str(code.codes[kind][0]) for kind in run.codes]
 

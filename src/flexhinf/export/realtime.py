@@ -1,7 +1,7 @@
 """A controller in real time: its samples on the wall clock, round a plant that integrates itself.
 
 A sample sleeps until shortly before it is due and then watches the clock. Meanwhile there is no garbage collection, and
-where the system permits it the process has a real-time priority and a core of its own. What is measured is in `Timing`.
+where the system permits it the process has a real-time priority and a core of its own. `Timing` has the times.
 
 When the samples of a run were made: lateness, computing time, missed deadlines, and where they lay.
 """
@@ -141,7 +141,7 @@ _SET_TIMER_SLACK, _SLACK_NS = 29, 1
 
 @dataclass(frozen=True, eq=False)
 class RealTimeRun:
-    """What a run in real time leaves behind.
+    """Result of a run in real time.
 
     Attributes
     ----------
@@ -192,8 +192,8 @@ def run_realtime(
 ) -> RealTimeRun:
     """Run a loop at the period of its controller on the wall clock.
 
-    The numbers are those of `Loop.run`; only time is another one. Ctrl-C (or SIGTERM, SIGHUP) in the main thread ends
-    the run after the sample that is being made, and what was recorded is returned; a second Ctrl-C interrupts.
+    The signals are those of `Loop.run`; only the times are measured. Ctrl-C (or SIGTERM, SIGHUP) in the main thread
+    ends the run after the sample that is being made, and what was recorded is returned; a second Ctrl-C interrupts.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def _check_library(library: CompiledController, controller: Any) -> None:
 
 
 class _Clock:
-    """Says when samples begin, steps a controller of its own memory, or a compiled library, and notes all times."""
+    """Paces the samples, steps a controller with its own memory or a compiled library, and records all times."""
 
     def __init__(
         self,
@@ -360,7 +360,7 @@ class _Clock:
 
 
 def wait_until(due: int) -> int:
-    """Return as soon as `time.perf_counter_ns` is at least `due`, and what it then says."""
+    """Return as soon as `time.perf_counter_ns` is at least `due`, with its value then."""
     now = time.perf_counter_ns
     rest = due - now() - WATCHED_NS
     if rest > 0:
@@ -373,7 +373,7 @@ def wait_until(due: int) -> int:
 # The system -----------------------------------------------------------------------------------------
 @contextmanager
 def _stopping() -> Iterator[list[int]]:
-    """A list that gets the number of a signal that asks to end; a second Ctrl-C does what it did before."""
+    """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
     if threading.current_thread() is not threading.main_thread():
         yield request
@@ -385,9 +385,7 @@ def _stopping() -> Iterator[list[int]]:
         request.append(number)
 
     ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {
-        one: handler for one in ending if (handler := signal.getsignal(one)) not in (signal.SIG_IGN, None)
-    }
+    before = {n: handler for n in ending if (handler := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in before:
         signal.signal(number, stop)
     try:
@@ -401,7 +399,7 @@ def _stopping() -> Iterator[list[int]]:
 def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, ...]]:
     """No garbage collection, exact sleeps, and the priority and the core that the system permits; then as before.
 
-    Yields what was permitted and what was not, in sentences.
+    Yields sentences about what was permitted and what was not.
     """
     texts, undo = [], []
     if priority is not None:

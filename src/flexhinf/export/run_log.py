@@ -4,7 +4,7 @@ Columns are named ``state/link_position[rad]``: PlotJuggler makes a tree of the 
 and spaces, so names have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic with
 messages of JSON and their JSON schema, the names without units, which the schema states.
 
-A recorded run of a controller: what every sample is given, and what it answers. The C must answer the same.
+A recorded run of a controller: measurements, commands and outputs of every sample. The C code must give the same.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
 
 
 def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
-    """Values by label, the time first; a label that stands twice gets a number."""
+    """Values by label, the time first; a label that occurs twice gets a number."""
     table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
     for column in log_columns(run):
         label, count = column.label, 2
@@ -123,7 +123,7 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
             moment = run.began + round(1e9 * at)
             for kind, group in columns.items():
                 # numbers that are not finite have no JSON
-                finite = {one.name: float(one.values[k]) for one in group if np.isfinite(one.values[k])}
+                finite = {c.name: float(c.values[k]) for c in group if np.isfinite(c.values[k])}
                 writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
         writer.add_metadata("flexhinf run", _settings(run))
         writer.finish()
@@ -204,11 +204,11 @@ LOUDEST = 0.1 * SWING
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Samples one after the other.
+    """Recorded samples of a controller, in order.
 
-    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, what
-    the controller answered; what it held where the sample was refused. `codes`: "OK", "PREDICTED" or
-    "BAD_MEASUREMENT", one for each sample.
+    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
+    of the controller, held where the sample was refused. `codes`: "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each
+    sample.
     """
 
     y: np.ndarray
@@ -226,10 +226,10 @@ def record(
 ) -> Recording:
     """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
 
-    The noise is what the estimator expects: without it, what is measured is what is predicted, and a gain that is wrong
-    would not be seen. The plant starts where the estimator believes it, as the design's own step does: started
-    elsewhere, the estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The
-    commands swing about the operating point; without an estimator there is no plant, and the states swing too.
+    The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
+    be seen. The plant starts where the estimator believes it, as the design's own step does: started elsewhere, the
+    estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The commands swing
+    about the operating point; without an estimator there is no plant, and the states swing too.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.

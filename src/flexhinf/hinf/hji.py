@@ -47,7 +47,7 @@ The algorithm
 5. *States in which V is bounded* (`BoundedStates`). Close to γ*, or where P is large for other reasons, the
    recursion runs in states in which P is of ordinary size; in others it would lose all digits there.
 6. *Accuracy* (`accuracy.py`). The V that is returned is inserted into (8) at random points; at every degree the
-   residual relative to the largest of the terms of (8) is told. The error of each degree is estimated from the
+   residual relative to the largest of the terms of (8) is reported. The error of each degree is estimated from the
    sensitivities of P, and measured by a second solve where these say that digits may be lost. A degree whose
    coefficients hold to fewer than two digits is not returned.
 
@@ -57,8 +57,8 @@ is well-conditioned; 60-digit arithmetic and a family with known solution are am
 
 References are keys of docs/references.bib; docs/synthesis.md has examples, times and comparisons.
 
-What a solve will cost, memory and operations, is estimated before it starts: memory within a factor of two from about
-100 MB on, which a test measures; so what is begun must fit twice.
+The cost of a solve, memory and operations, is estimated before it starts: memory within a factor of two from about 100
+MB on, which a test measures; so what is begun must fit twice.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
 
 
 def available_memory() -> int:
-    """Bytes that can be had without swapping, as far as the system tells, and that this process may have."""
+    """Bytes of memory available to this process without swapping, as far as the system reports it."""
     limits = (_free_of_machine(), _free_of_process(), *_free_of_groups())
     return max(1, min((free for free in limits if free is not None), default=1 << 62))
 
@@ -208,7 +208,7 @@ def _free_of_process() -> int | None:
 
 
 def _free_of_groups() -> Iterator[int]:
-    """What each control group that the process is in, of version 2 or 1, leaves of its limit.
+    """Free bytes below the limit of each control group of the process, of version 2 or 1.
 
     Pages of files that are kept for later count as free: the system takes them back.
     """

@@ -1,4 +1,4 @@
-"""The linear part of a problem: A, g1, g2 R2^(−½), ∂h/∂x at the operating point, and what it must fulfil.
+"""The linear part of a problem: A, g1, g2 R2^(−½), ∂h/∂x at the operating point, and its conditions.
 
 *Standing assumptions.* Every mode that does not decay must be reached by u and seen in z. That is tested mode by mode
 (Popov–Belevitch–Hautus) in balanced coordinates, so that the error names the mode.
@@ -309,18 +309,18 @@ class LinearPart:
         return linear
 
     def bounds(self, gamma: float) -> bool:
-        """Whether g1/γ is in proportion, as the other matrices are."""
+        """Whether g1/γ is in proportion to the other matrices."""
         return float(np.abs(self.b1).max(initial=0.0)) <= _LARGEST * gamma
 
     def scaled(self, gamma: float) -> tuple[Scaling, LinearPart]:
-        """Balanced for this level: g1 counts with its weight 1/γ."""
+        """The linear part balanced for this level: g1 counts with its weight 1/γ."""
         scaling = balance(self.a, np.hstack([self.b1 / gamma, self.b2]), self.c)
         a, b, c = scaling.linear(self.a, np.hstack([self.b1, self.b2]), self.c)
         md = self.b1.shape[1]
         return scaling, LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
 
     def check(self) -> None:
-        """(A, g2) stabilisable and (h, A) detectable.
+        """Refuse a problem unless (A, g2) is stabilisable and (h, A) detectable.
 
         Raises NotStabilisable, NotDetectable: with the mode and the state it lives in.
         """
@@ -355,7 +355,7 @@ class LinearPart:
         return a, b1 @ b1.T - b2 @ b2.T, c.T @ c
 
     def in_states(self, to_x: np.ndarray, to_y: np.ndarray) -> LinearPart:
-        """The same in the states y of x = `to_x` y, y = `to_y` x."""
+        """The linear part in the states y of x = `to_x` y, y = `to_y` x."""
         return replace(self, a=to_y @ self.a @ to_x, b1=to_y @ self.b1, b2=to_y @ self.b2, c=self.c @ to_x)
 
 
@@ -430,7 +430,7 @@ def smallest_gamma(problem: Problem) -> float:
 
 
 def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> float:
-    """The same for a linear part at hand, to another relative width where many are tried."""
+    """`smallest_gamma` of a linear part, to a relative width (coarser where many are tried)."""
     linear.check()
     stated, linear = linear, _in_value_states(linear)
     if not is_feasible(linear, float("inf")):
@@ -511,7 +511,7 @@ def _in_reached_states(linear: LinearPart) -> LinearPart:
 
 
 def _scaled_states(linear: LinearPart, directions: np.ndarray, sizes: np.ndarray) -> LinearPart:
-    """In the states y of x = `directions` diag(`sizes`) y, sizes rounded to powers of two; directions orthogonal."""
+    """Linear part in y of x = `directions` diag(`sizes`) y, sizes rounded to powers of two; directions orthogonal."""
     scale = np.exp2(np.round(np.log2(sizes)))
     return linear.in_states(directions * scale, directions.T / scale[:, None])
 

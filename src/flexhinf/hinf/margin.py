@@ -184,7 +184,7 @@ def checked_pair(
 
 
 def _states_of(solution: ValueFunction, penalty: Penalty) -> Any:
-    """h of a penalty whose R2 is that of the design: the check is about the law, which was made with that R2."""
+    """h of a penalty, whose R2 must be that of the design: the check is about the law, which was made with that R2."""
     designed = solution.expansion.r2
     if not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0):
         raise InvalidInput(

@@ -48,7 +48,7 @@ class Stops:
     direction: np.ndarray
 
     def chosen(self, places: Sequence[int] | np.ndarray) -> Stops:
-        """Some of the rays."""
+        """The stops of some rays."""
         return Stops(*(getattr(self, name)[places] for name in Stops.__dataclass_fields__))
 
 
@@ -74,7 +74,7 @@ class Rays:
         return cls(direction, degrees, slopes, np.einsum("akn,an->ak", slopes, direction) / degrees)
 
     def chosen(self, places: np.ndarray) -> Rays:
-        """Some of the rays."""
+        """Rays in some of the directions."""
         return Rays(self.direction[places], self.degrees, self.slopes[places], self.values[places])
 
     def at(self, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -15,15 +15,15 @@ eigenvalues λ of P. So the problem is written in the states y of
     x = T y,    T = Q S,    P = Q diag(λ) Qᵀ,    S = diag(1/√(1 + λ²)) rounded to powers of two,
 
 where TᵀPT, and with it the closed loop, its eigenvectors and V, are of ordinary size. T need not be exact, only its
-inverse must be: that, and the linear part in y, are formed in extended precision (where the machine has it). What is
-left is the conditioning of the problem itself.
+inverse must be: that, and the linear part in y, are formed in extended precision (where the machine has it). There
+remains the conditioning of the problem itself.
 
-*How far a solution can be trusted*: the residual of Eq. (8) itself, and the error of every degree. The residual of
-each linear solve says little where the right-hand side has lost its digits. So V is inserted into Eq. (8) degree by
-degree, at random points, along a route that shares nothing with the recursion. A small residual in turn says little
-where Eq. (8) is ill-conditioned, as it is near γ*. So where the sensitivities of P say that digits may be lost, the
-error is *measured*: the problem is solved once more in other states, with every number of it, γ included, moved in its
-last bit. What the two solutions have in common are the digits that the data determine.
+*How far a solution can be trusted*: the residual of Eq. (8) itself, and the error of every degree. The residual of each
+linear solve says little where the right-hand side has lost its digits. So V is inserted into Eq. (8) degree by degree,
+at random points, along a route that shares nothing with the recursion. A small residual in turn says little where Eq.
+(8) is ill-conditioned, as it is near γ*. So where the sensitivities of P say that digits may be lost, the error is
+*measured*: the problem is solved once more in other states, with every number of it, γ included, moved in its last bit.
+The digits common to both solutions are those that the data determine.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ class BoundedStates:
 
 @dataclass(frozen=True)
 class DegreeRecord:
-    """How one degree of V was found.
+    """Method, accuracy and time of one degree of V.
 
     `method`: "Riccati", "eigenbasis", "eigenbasis, refined", "Schur", or "zero by parity". `residual`: Of Eq. (8) at
     this degree with the V that is returned, relative to the largest of its terms there. `seconds`: Wall time. `error`:
@@ -120,11 +120,11 @@ def solve_degrees(
 ) -> tuple[Parts, tuple[DegreeRecord, ...], float]:
     """All degrees of V in scaled coordinates.
 
-    `riccati`: Of the scaled linear part. `seconds`: What the Riccati equation took, for the record. `advance`: Told
-    each degree once it is done. Returns `value`, dict degree → (count(n, degree),): Tensor entries, of degree 2 in the
-    precision of P; vanishing degrees are missing. Returns `records`, Their residuals are those of the linear equation
-    of each degree, relative to A_cl, V_k and right-hand side. Returns `condition`, Condition number of the closed
-    loop's eigenvectors.
+    `riccati`: Of the scaled linear part. `seconds`: Time of the Riccati equation, for the record. `advance`: Called
+    with each degree once it is done. Returns `value`, dict degree → (count(n, degree),): Tensor entries, of degree 2 in
+    the precision of P; vanishing degrees are missing. Returns `records`, Their residuals are those of the linear
+    equation of each degree, relative to A_cl, V_k and right-hand side. Returns `condition`, Condition number of the
+    closed loop's eigenvectors.
     """
     n, p = problem.n, riccati.p.astype(float)
     equation = HomologicalEquation(riccati.closed_loop)

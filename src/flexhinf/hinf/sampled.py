@@ -1,9 +1,9 @@
-"""Where the truncated solution can be trusted, judged by looking at points: a `SampledCheck`, not a proof.
+"""Where the truncated solution can be trusted, judged at sampled points: a `SampledCheck`, not a proof.
 
 A weaker pair than the designed one is checked by r(x) ≤ 0, see `flexhinf.hinf.margin`. The level is the smallest V at
 which r becomes positive, or V stops increasing along the ray from 0. Rays give an upper bound; ascent from many starts
-then looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. What is
-found does not depend on the rays that came first.
+then looks for violations inside the level set, and each lowers it (`rays.py`), until two rounds find none. The result
+does not depend on the first rays.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def step_amplitude(
     moved: str | Mapping[str, float] | None = None,
     integrals: Sequence[str] | None = None,
 ) -> float:
-    """Largest a such that the equilibrium at −a, seen from the goal, lies in {V ≤ level}, connected to 0.
+    """Largest step a such that the equilibrium at −a from the goal lies in {V ≤ level}, connected to 0.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def sample_region(
     seed: int = 0,
     largest: float = 1e3,
 ) -> SampledCheck | None:
-    """What `HJISolution.sampled_region` does."""
+    """The implementation of `HJISolution.sampled_region`."""
     whole = all(isinstance(count, Integral) for count in (rays, seed))
     if not (
         whole and isinstance(largest, Real) and 0 < rays <= MOST_RAYS and seed >= 0 and largest > _SMALLEST

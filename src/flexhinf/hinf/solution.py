@@ -50,7 +50,7 @@ class HJISolution(ValueFunction, Law):
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
 
-    Beside what a `ValueFunction` has:
+    In addition to those of `ValueFunction`:
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class HJISolution(ValueFunction, Law):
     # As a law of a closed loop (`flexhinf.plant.Law`) ----------------------------------------------
     @property
     def _source(self) -> GeneralisedPlant | PolynomialPlant:
-        """What evaluates g2 on any element: the problem itself where it can, else its expansion."""
+        """The evaluator of g2 on any element: the problem itself where possible, else its expansion."""
         problem = self.problem
         return problem if isinstance(problem, GeneralisedPlant | PolynomialPlant) else self.expansion
 
@@ -222,7 +222,7 @@ class HJISolution(ValueFunction, Law):
 
     @cached_property
     def law_key(self) -> str:
-        """What distinguishes this law's code from another's: its monomials, and R2⁻¹ g2ᵀ where it is not constant."""
+        """Key of the law's code: its monomials, and R2⁻¹ g2ᵀ where it is not constant."""
         n, degrees, matrix = self._polynomials.n, self._polynomials.degrees, self._source.input_matrix
         if self.law_is_polynomial:
             return f"polynomial {n} {degrees}"
@@ -253,7 +253,7 @@ class HJISolution(ValueFunction, Law):
 
     # Report and file ---------------------------------------------------------------------------
     def report(self) -> str:
-        """How each degree was found: method, measured residual, conditioning, time, memory."""
+        """Report of the synthesis by degree: method, measured residual, conditioning, time, memory."""
         n, md, m, s = self.expansion.size
         sizes = (n, "state"), (md, "disturbance"), (m, "input"), (s, "penalised output")
         counted = ", ".join(f"{number} {name}" + ("" if number == 1 else "s") for number, name in sizes)
@@ -333,7 +333,7 @@ class HJISolution(ValueFunction, Law):
 
 
 def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) -> HJISolution:
-    """Read what `HJISolution.save` wrote.
+    """Read a solution from a file of `HJISolution.save`.
 
     Parameters
     ----------

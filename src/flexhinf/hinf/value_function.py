@@ -23,7 +23,7 @@ _CHUNK = 2_000_000  # monomials evaluated at a time
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ValueFunction:
-    """V = V_2 + … + V_degree of Eq. (8) for one problem and one γ; what stands on V alone.
+    """V = V_2 + … + V_degree of Eq. (8) for one problem and one γ, and all that follows from V alone.
 
     All states are deviations x from the operating point, shape (n,) or (N, n); results follow.
 
@@ -94,7 +94,7 @@ class ValueFunction:
         return dict(zip(keys, self.coefficient_array(k).tolist(), strict=True))
 
     def coefficient_array(self, k: int) -> np.ndarray:
-        """The same as an array, shape (count(n, k),), in the order of `exponents(k)`."""
+        """`coefficients` as an array, shape (count(n, k),), in the order of `exponents(k)`."""
         self._check_degree(k)
         part = self.value_parts.get(k)
         return np.zeros(basis.count(len(self.P), k)) if part is None else part.copy()

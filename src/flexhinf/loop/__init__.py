@@ -1,7 +1,7 @@
 """Closed loops in simulation: enter at `Loop`, which runs a `Controller` on a true plant and returns a `Trajectory`.
 
-`controller/` is what a real-time system would run: law, estimator, integrals, limits, one compiled step.
-`signals/` are commands and disturbances. `simulation/` samples them, integrates the true plant and has the metrics.
+`controller/` is the part that a real-time system runs: law, estimator, integrals, limits, one compiled step. `signals/`
+are commands and disturbances. `simulation/` samples them, integrates the true plant and has the metrics.
 """
 
 from flexhinf.loop.controller.controller import Controller as Controller, load_controller as load_controller

@@ -22,7 +22,7 @@ _lock = threading.Lock()  # of the table alone
 
 
 def share(key: Hashable, build: Callable[[], Any]) -> Any:
-    """What `build` made for this key, made only once; the least recently used is forgotten past `CAPACITY`.
+    """The result of `build` for this key, computed only once; the least recently used is dropped past `CAPACITY`.
 
     A key with something that cannot be hashed (a model's code as an unhashable object) is not kept.
     """
@@ -42,7 +42,7 @@ def share(key: Hashable, build: Callable[[], Any]) -> Any:
 
 
 def _forget_the_parents_threads() -> None:
-    """In a forked process: nobody holds a lock, and nobody goes on with what another thread was building."""
+    """In a forked process, release all locks and drop what threads of the parent were building."""
     global _lock
     _lock = threading.Lock()
     for key, entry in list(_kept.items()):

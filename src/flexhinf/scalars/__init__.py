@@ -1,4 +1,4 @@
-"""Elements that model code can be read on: numbers, symbols, truncated polynomials, power series in time."""
+"""Elements that model code can be evaluated on: numbers, symbols, truncated polynomials, power series in time."""
 
 from flexhinf.scalars.jet import (
     Jet as Jet,

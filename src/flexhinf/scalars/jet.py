@@ -1,8 +1,8 @@
 """A truncated multivariate polynomial that lives inside NumPy object arrays.
 
-Model code run on jets gives its Taylor coefficients about a point, exactly, with no finite differences.
-What is not listed here raises: it never guesses. Functions that are not smooth are refused by name
-(`flexhinf.scalars.symbol`, and every comparison).
+Model code run on jets gives its Taylor coefficients about a point, exactly, with no finite differences. An operation
+that is not listed here raises. Functions that are not smooth are refused by name (`flexhinf.scalars.symbol`, and every
+comparison).
 
 A truncated power series in one variable, usually time, whose coefficients are any elements.
 

@@ -1,8 +1,7 @@
 """A scalar CasADi expression that lives safely inside NumPy object arrays.
 
-``casadi.SX`` is itself array-like, which confuses NumPy inside object arrays; `Symbol` is the thin
-wrapper which makes slicing, ``@``, ``np.outer`` and ``np.sin`` work. What is not listed here raises: it
-never guesses.
+``casadi.SX`` is itself array-like, which confuses NumPy inside object arrays; `Symbol` is the thin wrapper which makes
+slicing, ``@``, ``np.outer`` and ``np.sin`` work. An operation that is not listed here raises.
 
 Functions that are not smooth dispatch on the element, or refuse by name: NumPy's own ``where``, ``sign``, ``clip`` and
 ``maximum`` compare elements, which a symbol, a truncated polynomial or an interval cannot answer with yes or no.

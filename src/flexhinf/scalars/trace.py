@@ -1,10 +1,10 @@
-"""From NumPy code to a CasADi function: run the code once on symbols and keep what it computed.
+"""From NumPy code to a CasADi function: run the code once on symbols and keep the result.
 
-Then: a traced function as arrays, for files, and what expressions of symbols depend on. An entry that no symbol
-reaches is constant: that is proved from its graph. A difference of equal terms, cos(x1 + x2) − cos(x2 + x1), is
-reached all the same; such an entry counts as constant if it is the same to rounding at points drawn at random,
-provided that it has no comparison in it: then it is analytic, and an analytic function that is not constant differs at
-random points with probability one.
+Then: a traced function as arrays, for files, and the dependence of expressions on symbols. An entry that no symbol
+reaches is constant: that is proved from its graph. A difference of equal terms, cos(x1 + x2) − cos(x2 + x1), is reached
+all the same; such an entry counts as constant if it is the same to rounding at points drawn at random, provided that it
+has no comparison in it: then it is analytic, and an analytic function that is not constant differs at random points
+with probability one.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
 
 
 def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored") -> ca.Function:
-    """The function again.
+    """The function of `function_arrays`, rebuilt.
 
     Raises ValueError, IndexError, KeyError: if the arrays are no function's.
     """
@@ -159,12 +159,12 @@ def pack(array: Any) -> ca.SX:
 def trace(
     function: Callable[..., Any], *shapes: Shape, name: str = "traced", names: Sequence[str] | None = None
 ) -> ca.Function:
-    """Run `function` on symbols and return what it computed as a CasADi function.
+    """Run `function` on symbols and return its results as a CasADi function.
 
     `function`: Takes one array per entry of `shapes`; returns an array, or a tuple of arrays. `shapes`: Shape of each
-    argument. `name`, `names`: Name of the function, and of its arguments. Returns every argument and result is a dense
-    column with the C-order flattening of the array; common subexpressions are computed once. Raises InvalidInput: if
-    `function` branches on a symbol or asks for its float value.
+    argument. `name`, `names`: Name of the function, and of its arguments. Every argument and result of the returned
+    function is a dense column, the array in C order; common subexpressions are computed once. Raises InvalidInput: if
+    `function` branches on a symbol or takes its float value.
     """
     labels = list(names) if names is not None else [f"i{k}" for k in range(len(shapes))]
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
@@ -197,7 +197,7 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
 
 
 def serial(columns: Sequence[ca.SX], result: Any) -> str:
-    """What code computed of symbols, in CasADi's serial form: the same symbols, code and numbers give the same."""
+    """Expressions of symbols in CasADi's serial form, equal for the same symbols, code and numbers."""
     return ca.Function("serial", list(columns), [pack(result)]).serialize()
 
 
@@ -224,7 +224,7 @@ def jacobian(
 
 @dataclass(frozen=True)
 class _ValueAndJacobian:
-    """What `jacobian` returns: unlike a function inside a function, it can be pickled."""
+    """The function that `jacobian` returns: unlike a nested function, it can be pickled."""
 
     both: ca.Function
     shape: tuple[int, int]
@@ -244,7 +244,7 @@ def drop_empty(function: ca.Function) -> ca.Function:
 
 
 def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function | None, ca.Function]:
-    """A function in two: what depends on some of its arguments alone, and the rest.
+    """Divide a function in two: the part without the `moving` arguments, and the rest.
 
     Quotients by what is computed before are products with its reciprocal, which is computed before too.
 
@@ -339,7 +339,7 @@ ELEMENTARY = {
 
 
 def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
-    """What decides, in operations that are not smooth or have poles, (s, 1): where one is zero, code may switch.
+    """Switching expressions (s, 1) of operations that are not smooth or have poles: where one is zero, code may switch.
 
     `z`: casadi.SX, (k, 1), all symbols of the expressions. `poles`: With those of quotients and tangents, beyond which
     a bounded function of them goes on elsewhere, and branch points of roots and inverse sines.
@@ -427,7 +427,7 @@ def nonzero(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
 
 
 def sizes_of_rows(matrix: ca.SX, columns: int | None = None) -> ca.SX:
-    """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as asked for."""
+    """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as `columns`."""
     sizes = ca.sum2(ca.fabs(ca.densify(matrix)))
     return ca.repmat(sizes, 1, matrix.shape[1] if columns is None else columns)
 

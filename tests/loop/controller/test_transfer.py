@@ -235,7 +235,7 @@ def test_a_start_from_zero_costs_nothing(made):
     bumpless = Controller(made.law, made.ukf(), start="bumpless")
     assert bumpless.code_key != plain.code_key
     assert bumpless.fresh().code_key == bumpless.code_key
-    assert bumpless.fresh().fade == transfer.FADE
+    assert bumpless.fresh().fade == transfer.BLEND_TIME
     faster = Controller(made.law, made.ukf(), start="bumpless", fade=0.1)
     assert faster.code_key == bumpless.code_key
     assert faster.fresh().fade == 0.1

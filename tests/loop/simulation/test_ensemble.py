@@ -48,7 +48,7 @@ def prepared(made, estimator=True, sub_steps: int | None = 2, **options):
 
 def alone(loop, arguments, k, seed=0, **other):
     plant = loop.true_plant.with_parameters(stiffness=stiffness(k))
-    one = Loop(plant, loop.controller, loop._given_sub_steps)
+    one = Loop(plant, loop.controller, loop._sub_steps_option)
     one.channel = loop.channel
     return one.run(**arguments, seed=seed, **other)
 

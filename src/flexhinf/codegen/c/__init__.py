@@ -1,4 +1,4 @@
-"""A program as C99: no library but ``<math.h>``, no memory but what the caller gives."""
+"""A program as C99: no library but ``<math.h>``, no memory but the caller's."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
 
     There are at least `tall` rows and `wide` columns that go together: compilers make vectors of loops of that many.
     The last of them are then computed again with those before, so that none is left over; `plus` must not be the
-    target. One and one ask for nothing.
+    target. One and one set no condition.
     """
     arguments = ["const {R} *left", "const {R} *right"]
     arguments += ["const {R} *weights"] * weighted + ["const {R} *plus"] * added
@@ -88,7 +88,7 @@ def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
 
 
 def _last(first: str, count: str, together: int) -> str:
-    """Where some neighbours begin, so that there are enough of them."""
+    """First index of a group of neighbours, moved back at the end so that the group is full."""
     return f"({count} - {first} < {together}) ? {count} - {together} : {first}" if together > 1 else first
 
 
@@ -107,7 +107,7 @@ def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int,
         return [" " * indent + line for line in lines]
 
     def sums(chosen: int, indent: int) -> list[str]:
-        """What follows when so many variables are chosen."""
+        """Lines of the inner sums, after so many variables are chosen."""
         space, start = " " * indent, f"row{chosen}[e]" if chosen in degrees else "{0}"
         lines = [f"{space}{{R}} sum{chosen}[{width}];", *each(indent, f"sum{chosen}[e] = {start};")]
         if chosen in degrees:
@@ -142,7 +142,7 @@ def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int,
 def cholesky(name: str, real: Real) -> str:
     """Lᵀ of A = L Lᵀ, row by row, zero rows for pivots that are zero; see `flexhinf.codegen.program.Cholesky`.
 
-    What rounding of a pivot is compared with stands first in its row, left of the diagonal, until the row is done.
+    The scale for the rounding of a pivot is kept first in its row, left of the diagonal, until the row is done.
     """
     tolerance = constant(1e-14 if real.name == "double" else PIVOT_ULPS * real.epsilon, real)
     return f"""static void {name}(const {{R}} *source, {{R}} *target, int n)
@@ -193,7 +193,7 @@ def finite(name: str) -> str:
 
 
 def copy(name: str) -> str:
-    """Numbers from one place to another; the places may overlap."""
+    """Copy numbers from one place to another; the places may overlap."""
     return f"""static void {name}(const {{R}} *source, {{R}} *target, int count)
 {{
     if (source < target) {{
@@ -209,7 +209,7 @@ def copy(name: str) -> str:
 
 
 def column(name: str, read: bool) -> str:
-    """One column of a matrix, `along` apart, to where its elements are neighbours; or back."""
+    """Copy one column of a matrix, `along` apart, to contiguous memory; or back."""
     matrix, neighbours = "matrix[i * along]", "column[i]"
     target, source = (neighbours, matrix) if read else (matrix, neighbours)
     types = ("const {R}", "{R}") if read else ("{R}", "const {R}")
@@ -222,7 +222,7 @@ def column(name: str, read: bool) -> str:
 
 
 def columns(name: str, read: bool, lanes: int) -> str:
-    """Some columns of a matrix to rows of lanes, the last one again where there are too few; or back."""
+    """Copy some columns of a matrix to rows of lanes, the last one again where there are too few; or back."""
     types = ("const {R}", "{R}") if read else ("{R}", "const {R}")
     head = f"static void {name}({types[0]} *matrix, {types[1]} *rows, int count, int along, int across, int left)"
     if read:
@@ -291,9 +291,9 @@ def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> st
 
 
 def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
-    """What is done with an x within the reach: reduced, two polynomials, one of them by the quadrant.
+    """Statements for an x within the reach: reduction, two polynomials, one of them by the quadrant.
 
-    `results`: What is said before the value of the sine (False) and the cosine (True).
+    `results`: Text before the value of the sine (False) and the cosine (True).
     """
 
     def number(value: float) -> str:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Translator:
-    """Collects the functions of one or more programs; what two of them share is written once.
+    """Collects the functions of one or more programs; those that two of them share are written once.
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
     for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.
@@ -242,7 +242,7 @@ class Translator:
         return self._function(drop_empty(function))
 
     def _function(self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = ()) -> str:
-        """Name of the C function, which is written when first asked for."""
+        """Name of the C function, which is written at its first use."""
         key = (function.serialize(), lanes, moving)
         if key not in self._names:
             name = f"{self.prefix}_{function.name()}{len(self._names)}"
@@ -284,7 +284,7 @@ class Translator:
 
 
 def _shared(body: Sequence[Step]) -> dict[Slice, str]:
-    """What functions read that is the same for all columns of a sweep and in every turn of its loops, with names."""
+    """Names of the slices that functions read and that are the same for all columns of a sweep and all turns."""
     names: dict[Slice, str] = {}
     for step in body:
         if isinstance(step, Repeat):

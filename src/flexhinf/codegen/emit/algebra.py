@@ -57,7 +57,7 @@ class Algebra:
 
     @property
     def single(self) -> bool:
-        """A kernel for a single run."""
+        """Whether the kernel is for a single run."""
         return self.writer.lanes.width == 1
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
@@ -190,7 +190,7 @@ class Algebra:
 
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
-        """See `flexhinf.codegen.program.Cholesky`: some rows of Lᵀ after the other, less what those above say."""
+        """See `flexhinf.codegen.program.Cholesky`: some rows of Lᵀ after the other, less the terms of those above."""
         writer, together = self.writer, WIDE if self.single else 1
         pitch = -(-n // together) * together
         work = target if pitch == n else writer.allocate(f"[{n * pitch} x {writer.lanes.element}]")
@@ -243,7 +243,7 @@ class Algebra:
     def _eliminate(
         self, source: Operand, work: str, moved: str, sizes: tuple[int, int, int], j: str, end: str
     ) -> None:
-        """Row j by its pivot's root, and rows j + 1 … end − 1 less what it says; what rounding moves grows by it."""
+        """Divide row j by its pivot's root, subtract its terms from rows j + 1 … end − 1, and add up the rounding."""
         (n, pitch, together), writer = sizes, self.writer
         wide = self.writer_of(together)
         pivot, diagonal = (
@@ -364,35 +364,35 @@ class Algebra:
         return self.writer.let(f"mul nsw i64 {turn}, {block}")
 
     def place(self, start: str, together: int) -> str:
-        """Memory for a sum that begins so, until LLVM promotes it to a register."""
+        """Memory for a sum with this start value, until LLVM promotes it to a register."""
         kind = self.writer_of(together).lanes.real
         place = self.writer.allocate(kind)
         self.keep(place, start, together)
         return place
 
     def keep(self, place: str, total: str, together: int) -> None:
-        """Such a sum has come to this."""
+        """Store the total of such a sum."""
         self.writer.do(f"store {self.writer_of(together).lanes.real} {total}, ptr {place}, align 8")
 
     def loaded(self, place: str, together: int) -> str:
-        """What such a sum has come to."""
+        """Load the total of such a sum."""
         return self.writer.let(f"load {self.writer_of(together).lanes.real}, ptr {place}, align 8")
 
     def load(self, operand: Operand, place: str, together: int) -> str:
-        """So many neighbours from a place on; in lanes one element."""
+        """Load so many neighbours from a place on; in lanes one element."""
         if not self.single:
             return load(self.writer, operand.pointer, place, operand.shared)
         pointer = self.writer.let(f"getelementptr double, ptr {operand.pointer}, i64 {place}")
         return self.writer.let(f"load {Lanes(together).real}, ptr {pointer}, align 8")
 
     def store(self, target: str, place: str, value: str, together: int) -> None:
-        """Likewise."""
+        """Store so many neighbours from a place on; in lanes one element."""
         lanes = Lanes(together) if self.single else self.writer.lanes
         pointer = self.writer.let(f"getelementptr {self.writer.lanes.element}, ptr {target}, i64 {place}")
         self.writer.do(f"store {lanes.real} {value}, ptr {pointer}, align 8")
 
     def spread(self, value: str, together: int) -> str:
-        """A number for so many neighbours; in lanes it is as it is."""
+        """Copy a number to so many neighbours; in lanes it stays as it is."""
         return self.writer_of(together).splat(value) if self.single else value
 
     def multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:

@@ -52,7 +52,7 @@ class Operation:
 
 @dataclass(frozen=True)
 class Dataflow:
-    """A function as values and what leaves it.
+    """A function as values and outputs.
 
     `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
     (result, element, value). `size`: operations before products were fused.

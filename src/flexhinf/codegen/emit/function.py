@@ -125,7 +125,7 @@ def _define(
     attributes: str = "",
     far: str = "",
 ) -> None:
-    """Write the function; if `far` names one beside it, as a straight line, from which only far angles lead there."""
+    """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
     writer = Writer(module, lanes)
     values: dict[int, str] = {}
     angles: list[str] = []

@@ -58,7 +58,7 @@ _SMALL = 200  # operations of a function that is put where it is called
 
 @dataclass(frozen=True)
 class Module:
-    """LLVM text and what it needs to be linked.
+    """LLVM text and the names to link it with.
 
     `library`: Emitted name to the name of the C library function behind it. `operations`: Operations in the traced
     functions, a measure of the time to compile.
@@ -155,7 +155,7 @@ class _Emitter:
             body(turn)
 
     def _when(self, step: When, turns: tuple[str, ...]) -> None:
-        """Around the body unless a lane's flag is set; NaN sets it."""
+        """Skip the body unless a lane's flag is set; NaN sets it."""
         writer, lanes = self.writer, self.lanes
         flag = load(writer, self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
@@ -183,7 +183,7 @@ class _Emitter:
         return self.program.buffer(piece.buffer).shared
 
     def _function(self, function: casadi.Function, lanes: Lanes, shared: tuple[bool, ...]) -> str:
-        """Name of the emitted function, which is emitted when first asked for."""
+        """Name of the emitted function, which is emitted at its first use."""
         key = (function.__hash__(), lanes.width, shared)
         if key not in self.functions:
             self.functions[key] = f"{PREFIX}function{len(self.functions)}"
@@ -332,7 +332,7 @@ class _Emitter:
                 body(str(element))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
-        """Σ 0·x, which is NaN if some x is not finite: leave the straight path only then.
+        """Emit a guard: Σ 0·x is NaN if some x is not finite; only then leave the straight path.
 
         There the lanes that fail for the first time are marked, and the run stops when no lane is left.
         """

@@ -30,7 +30,7 @@ PURE = "nounwind willreturn memory(none)"
 
 
 class Lanes:
-    """How a number looks in the text when W ≥ 1 of them travel together.
+    """LLVM types of a number in W ≥ 1 lanes.
 
     `real`, `integer`, `boolean`: Types of a float64, a 64-bit integer and a truth value in every lane. `element`: Type
     of one array element: its size is exactly W numbers, where a vector's may be padded.
@@ -63,7 +63,7 @@ class Lanes:
 
 @dataclass
 class ModuleText:
-    """What a module collects while functions are written: definitions, declarations, and names to link.
+    """Text of a module, collected while functions are written: definitions, declarations, and names to link.
 
     `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
     `library`: Emitted name of a C library function to its own name.
@@ -81,8 +81,8 @@ class ModuleText:
 class Writer:
     """Body of one function: appends lines, hands out names.
 
-    `lanes`: Those of the module by default. `first`, `lines`: What is allocated, which belongs at the start of the
-    function, and the text after it.
+    `lanes`: Those of the module by default. `first`, `lines`: Allocations, which belong at the start of the function,
+    and the text after them.
     """
 
     def __init__(self, module: ModuleText, lanes: Lanes | None = None) -> None:
@@ -121,7 +121,7 @@ class Writer:
         return name
 
     def allocate(self, kind: str) -> str:
-        """Memory on the stack, once per call of the function, wherever in its text this is said."""
+        """Memory on the stack, once per call of the function, wherever in its text this is requested."""
         name = self.name()
         self.first.append(f"  {name} = alloca {kind}, align 64")
         return name
@@ -185,7 +185,7 @@ class Writer:
         return self.call(full, *operands)
 
     def any(self, condition: str) -> str:
-        """Does the condition hold in some lane (an i1)?"""
+        """Whether the condition holds in some lane (an i1)."""
         if self.lanes.width == 1:
             return condition
         full = f"llvm.vector.reduce.or.{self.lanes.suffix('i1')}"

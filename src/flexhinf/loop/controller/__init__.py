@@ -1,1 +1,1 @@
-"""A sampled controller: `controller` compiles and remembers, `step` is what one sample computes."""
+"""A sampled controller: `controller` compiles it and keeps its memory, `step` is the code of one sample."""

@@ -1,4 +1,4 @@
-"""A sampled controller: `controller_step` compiled, on a memory of its own, one thread at a time."""
+"""A sampled controller: `controller_step` compiled, with its own memory, for one thread at a time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from flexhinf.loop.controller.options import (
     dead_zone,
 )
 from flexhinf.loop.controller.step import (
-    FADE,
+    BLEND_TIME,
     STEPS,
     LawCode,
     Mode,
@@ -61,19 +61,19 @@ class Controller(Summarised):
     period : float
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
-        Limits of the input; a number or an array means ±. Integrals that would push a saturated input
-        further stand still; without limits, integrals push no further than `flexhinf.loop.controller.options` says.
+        Limits of the input; a number or an array means ±. An integral that would push a saturated input further stands
+        still (anti-windup); without limits, integral action is bounded as `flexhinf.loop.controller.options` says.
     moving : bool
-        The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,),
-        the states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with
-        ė = x_i − x_di of the tracked states. A law that says how it depends on the reference (``evaluate_about``
-        of `flexhinf.plant.Law`) is given it. Without a command the operating point and its input are it. A law
-        without integrals tracks nothing.
+        The law in error coordinates about a moving reference: the command of a sample is (x_d, u_d), (n + m,), the
+        states of the law's plant without integrals and the inputs, and u = u_d + k(x − x_d, e) with ė = x_i − x_di of
+        the tracked states. A law that says how it depends on the reference (``evaluate_about`` of `flexhinf.plant.Law`)
+        is passed it. Without a command, the reference is the operating point and its input. A law without integrals
+        tracks nothing.
     start : {"zero", "bumpless"}
         The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`
         and `flexhinf.loop.controller.step`.
     fade : float, optional
-        Time constant, s, of the bias that holds what no integral reaches when a law takes over; 0.5 by default.
+        Blend time, s, of the bias that keeps a transfer bumpless where integrals cannot; 0.5 by default.
     command_range : None, float, (k,) array or tuple (lower, upper), optional
         The command is moved to the nearest position in this range. A number or an array means ±.
     command_rate : float or (k,) array, optional
@@ -85,13 +85,13 @@ class Controller(Summarised):
         as with `saturation`.
     integral_dead_zone : float or (k,) array, optional
         Errors up to this size are not integrated, and of larger ones what lies beyond it: an error within the zone
-        stays. Against hunting, where dry friction holds a joint beside the command until the integral has broken it
-        loose.
+        stays. Against limit cycles, where dry friction holds a joint beside the command until the integral has broken
+        it loose.
     before_first : {"hold", "zero"} or (m,) array
-        The input before the first good measurement, from which the first output begins: what holds the robot where the
-        estimate begins (by its model; without one the operating input; or these numbers), or zero.
+        The input until the first good measurement, from which the first output continues: the one that holds the robot
+        at the initial estimate (by its model; without one the operating input), zero, or these numbers.
     windup : Windup, optional
-        Of a file: by default that of law and model.
+        The bound of integral action stored in a file; by default it follows from law and model.
 
     Raises
     ------
@@ -127,7 +127,7 @@ class Controller(Summarised):
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         check_names(solution, estimator, self.period)
-        self._given_windup = windup
+        self._windup_option = windup
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
@@ -143,7 +143,7 @@ class Controller(Summarised):
                 f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
                 "start='bumpless', or a Schedule of several laws",
             )
-        self.given_fade, self.fade = fade, FADE
+        self.fade_option, self.fade = fade, BLEND_TIME
         if fade is not None:
             self.fade = checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
@@ -154,11 +154,11 @@ class Controller(Summarised):
         self._ready: Any = ()
 
     def fresh(self) -> Controller:
-        """The same controller with a memory of its own, as at the start."""
+        """A copy of the controller with a new memory, at its start."""
         return Controller(self.law, self.estimator, self.period, **self._options)
 
     def in_pieces(self) -> Controller:
-        """As `fresh`, with a step of pieces in loops however small it is: less code, other roundings."""
+        """A copy as `fresh`, whose step is always composed of pieces in loops: less code, other roundings."""
         other = self.fresh()
         other._always_in_pieces = True
         return other
@@ -167,30 +167,29 @@ class Controller(Summarised):
     def _options(self) -> dict[str, Any]:
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
-            "moving": mode.moving, "start": mode.start, "fade": self.given_fade,
+            "moving": mode.moving, "start": mode.start, "fade": self.fade_option,
             "before_first": self.first_input.option, "saturation": limits.pair,
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
             **({"command_range": command.pair, "command_rate": command.rate} if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
-            **({"windup": self.windup} if mode.bounds_windup or self._given_windup is not None else {}),
+            **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
         }  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write to one file (no suffix is added), whole or not at all; see `flexhinf.load_controller`.
 
-        Law, estimator with its model and settings, period, limits and options are saved; what was remembered of
-        samples is not. A loaded controller's steps are the same, bit by bit.
+        Law, estimator with its model and settings, period, limits and options are saved; the memory of past samples is
+        not. A loaded controller's steps are the same, bit by bit.
 
         An InvalidInput names a law or an estimator that cannot be saved, or says that the place cannot be written.
         """
         write_controller(path, self.law, self.estimator, self.period, self._options)
 
     def to_control(self) -> Any:
-        """As a sampled system of python-control (``nlsys`` with ``dt``): measurements ``y_…`` and commands ``r_…`` in,
-        inputs out; u of a sample depends on y of the same one.
+        """The controller as a system of python-control (``nlsys`` with ``dt``): measurements ``y_…`` and commands
+        ``r_…`` in, inputs out; u of a sample depends on y of the same sample.
 
-        Its states are the numbers that the controller remembers; `initial_memory` is where it starts. Needs the extra
-        ``control``.
+        Its states are the controller's memory; `initial_memory` is the initial state. Needs the extra ``control``.
         """
         measured = len(self.measured)
         return python_control().nlsys(
@@ -203,7 +202,7 @@ class Controller(Summarised):
         )
 
     def evaluate(self, y: Any, r: Any, memory: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Input (m,) and next memory (s,) of one sample; nothing is remembered."""
+        """Input (m,) and next memory (s,) of one sample; the controller's own memory does not change."""
         u, _, after = self.traced(y, r, memory, self.data_vector)
         return np.ravel(np.asarray(u, dtype=float)), np.ravel(np.asarray(after, dtype=float))
 
@@ -247,17 +246,17 @@ class Controller(Summarised):
     # What is data and what is remembered ------------------------------------------------------------
     @cached_property
     def memory(self) -> Layout:
-        """What is remembered from one step to the next."""
+        """Layout of the memory that one step passes to the next."""
         return Layout.of(self._initial_values())
 
     @cached_property
     def data(self) -> Layout:
-        """Numbers the step is made of: changing them compiles nothing."""
+        """Layout of the step's numbers (law, limits, estimator): changing them compiles nothing."""
         return Layout.of(self._data_values)
 
     @cached_property
     def data_vector(self) -> np.ndarray:
-        """The numbers themselves, flat."""
+        """Numbers of the step, flat, in the layout `data`."""
         vector = self.data.flat(self._data_values)
         vector.setflags(write=False)
         return vector
@@ -313,12 +312,12 @@ class Controller(Summarised):
 
     @cached_property
     def windup(self) -> Windup:
-        """How far integrals push inputs without limits, or with limits that are larger than that."""
-        return self._given_windup or Windup.of(self.laws, self.estimator, self.limits.pair)
+        """Bound of the integral action on inputs without limits, or with limits beyond it."""
+        return self._windup_option or Windup.of(self.laws, self.estimator, self.limits.pair)
 
-    def input_before(self, given: Any = None, state: Any = None) -> np.ndarray:
-        """The input (m,) before the first sample: `given` if it fits, or that of `before_first` for a start (n,)."""
-        return self.first_input.at(given, state)
+    def input_before(self, input: Any = None, state: Any = None) -> np.ndarray:
+        """The input (m,) before the first sample: `input` if it fits, or by `before_first` for a start `state` (n,)."""
+        return self.first_input.at(input, state)
 
     def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
@@ -354,12 +353,12 @@ class Controller(Summarised):
 
     @cached_property
     def law_code(self) -> LawCode:
-        """How the law is evaluated, and its numbers in that form."""
+        """The law in the form that the step evaluates, with its numbers."""
         return LawCode(self.laws[0], self.composed)
 
     @property
     def code_key(self) -> tuple[object, ...]:
-        """What distinguishes this controller's code from another's (not its data)."""
+        """Key of the compiled code: equal for controllers that differ in data alone."""
         law, estimator = self.laws[0], self.estimator
         names = (tuple(law.state_names), tuple(law.input_names))
         model = None
@@ -489,7 +488,7 @@ class Controller(Summarised):
             self._ready = ready
 
     def _prepared(self) -> Bound:
-        """The compiled step before the first sample; between samples it is at hand, inside a step it is not."""
+        """The compiled step, built before the first sample; ControllerInUse while another thread runs a step."""
         if self._ready is None:
             raise ControllerInUse
         self._ready = None
@@ -528,7 +527,7 @@ class Controller(Summarised):
 
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        """What the controller is made of, and what it remembers: a copy goes on from there, with memory of its own."""
+        """Arguments and memory, for copies and pickles: a copy continues from there, with its own memory."""
         arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
         return {
             "arguments": {**arguments, **self._options},

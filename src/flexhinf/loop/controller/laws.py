@@ -2,11 +2,10 @@
 
 The file is a compressed NumPy archive with a version and without pickles.
 
-What is saved is all that a step is made of: the laws (names, operating point, coefficients, and the formula as the
+The file holds everything that a step needs: the laws (names, operating point, coefficients, and the formula as the
 instructions of its traced function where it is no polynomial), the estimator with its settings and the model that it
 believes in (the instructions of flow and output, and parameters), period, saturation and options. A loaded law is a
-`StoredLaw`: it computes the same numbers, and knows nothing of how it was designed. docs/controller_file.md has the
-format.
+`StoredLaw`: it computes the same numbers, without any data of its design. docs/controller_file.md has the format.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ class Schedule(Law):
 
     @property
     def law_key(self) -> str:
-        """Of the formula that the laws share."""
+        """Key of the formula that the laws share."""
         return self.laws[0].law_key
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
@@ -134,7 +133,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
 
 
 class NamedLaw(Law):
-    """Base of laws with the names, the operating point and the numbers of another one; `kind` is the class that it was,
+    """Base of laws that copy names, operating point and numbers of another law; `kind` is the class of that law,
     `law_degree` the degree of its value function."""
 
     kind: Any = ""
@@ -202,7 +201,7 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
 
 
 def check_kinds(law: Any, estimator: Any) -> None:
-    """They are a law with finite numbers of the right sizes, and an estimator or None."""
+    """Refuse what is no law with finite numbers of the right sizes, or neither an estimator nor None."""
     if not isinstance(law, Law):
         raise InvalidInput(
             "The controller needs a law.", f"expected a flexhinf.plant.Law, got {type(law).__name__}",
@@ -265,9 +264,9 @@ class StoredLaw(NamedLaw):
 
     def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
         function = function_from_arrays(_below(prefix, arrays), name)
-        found = [function.size1_in(k) for k in range(function.n_in())]
-        if found != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
-            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {found}")
+        lengths = [function.size1_in(k) for k in range(function.n_in())]
+        if lengths != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
+            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {lengths}")
         return function
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
@@ -295,7 +294,7 @@ def write_controller(
     period: float,
     options: dict[str, Any],
 ) -> None:
-    """Write what a controller is made of; `options` are its other arguments by name. See `Controller.save`."""
+    """Write a controller to a file; `options` are its other arguments by name. See `Controller.save`."""
     laws = law.laws if isinstance(law, Schedule) else (law,)
     arrays: dict[str, np.ndarray] = {}
     plain: dict[str, Any] = {}
@@ -311,14 +310,14 @@ def write_controller(
     header = {
         "format": FORMAT, "version": VERSION, "period": period, "options": plain,
         "hysteresis": law.hysteresis if isinstance(law, Schedule) else None,
-        "laws": [_store_law(one, f"laws.{k}.", arrays) for k, one in enumerate(laws)],
+        "laws": [_store_law(member, f"laws.{k}.", arrays) for k, member in enumerate(laws)],
         "estimator": None if estimator is None else _store(estimator, "estimator.", arrays),
     }  # fmt: skip
     write_arrays(path, "controller", {"header": np.array(json.dumps(header)), **arrays})
 
 
 def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> Any:
-    """What `make`, the class `Controller`, makes of the arguments in a file; see `load_controller`."""
+    """Call `make` (the class `Controller`) with the arguments in a file; see `load_controller`."""
     place = checked_path("The controller's file", path)
     try:
         arrays, whole = read_arrays(place)
@@ -328,9 +327,9 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
     except MemoryError:
         raise  # the file may be as it should
     except Exception as error:  # a file with a digest may still hold anything
-        found = f"damaged or not such a file ({type(error).__name__})"
+        reason = f"damaged or not such a file ({type(error).__name__})"
         if isinstance(error, FlexhinfError):
-            found = " ".join(filter(None, (error.what, error.found)))
+            reason = " ".join(filter(None, (error.what, error.found)))
             if not os.path.exists(place):
                 raise InvalidInput(
                     f"There is no controller's file {value_text(str(path), 120)}.",
@@ -339,7 +338,7 @@ def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> A
                 ) from None
         raise InvalidInput(
             "The controller cannot be read.",
-            f"expected a {FORMAT} file, version {VERSION}, got {place}: {found}",
+            f"expected a {FORMAT} file, version {VERSION}, got {place}: {reason}",
             "save it again; files are written by Controller.save",
         ) from error
 
@@ -392,14 +391,14 @@ def _store_law(law: Law, prefix: str, arrays: dict[str, np.ndarray]) -> dict[str
 
 
 def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
-    """Its functions are built now, so that arrays that are no functions of these states and inputs are refused when
-    they are read: by an InvalidInput, ValueError, IndexError or KeyError."""
+    """A law from a file. Its functions are built now, so that arrays that are no functions of these states and inputs
+    are refused at once: by an InvalidInput, ValueError, IndexError or KeyError."""
     every: list[tuple[str, ...]] = []
     for kind in ("states", "inputs"):
-        given = header[kind]  # a text would be taken for a list of letters
-        if not isinstance(given, list) or not 0 < len(given) <= MOST_SIGNALS:
-            raise InvalidInput("A law's signals are not named.", f"got {value_text(given, 60)}")
-        every.append(tuple(checked_name("a signal of a law", name, spaces=True) for name in given))
+        names = header[kind]  # a text would be taken for a list of letters
+        if not isinstance(names, list) or not 0 < len(names) <= MOST_SIGNALS:
+            raise InvalidInput("A law's signals are not named.", f"got {value_text(names, 60)}")
+        every.append(tuple(checked_name("a signal of a law", name, spaces=True) for name in names))
         distinct("The signal", every[-1])
     states, inputs = every
     for name, shape in {"point": (len(states),), "input": (len(inputs),), "data": None}.items():
@@ -427,7 +426,7 @@ def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
 
 # Estimators and their models ----------------------------------------------------------------------
 def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
-    """What stands for a setting in the header; arrays go to `arrays`."""
+    """Header entry of a setting (estimator, plant, array or number); its arrays are added to `arrays`."""
     if isinstance(value, Estimator):
         kind = type(value)
         if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind:
@@ -461,7 +460,7 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
         kind = getattr(room, name) if name in room.__all__ else None
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
             raise InvalidInput("No estimator.", value_text(name, 60))
-        return kind(**{k: _restore(one, f"{prefix}{k}.", arrays) for k, one in part["settings"].items()})
+        return kind(**{k: _restore(value, f"{prefix}{k}.", arrays) for k, value in part["settings"].items()})
     if "plant" in part:  # whose flow and output are the stored functions
         header, arrays = part["plant"], _below(prefix, arrays)
         table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})

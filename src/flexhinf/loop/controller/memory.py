@@ -1,4 +1,4 @@
-"""What a controller remembers between steps, so that no sample can leave it stuck; and its step as a program.
+"""Memory of a controller between steps, which recovers from every bad sample; and its step as a program.
 
 A step is a transaction: memory and estimate change where the step's numbers are all finite, and not otherwise. That
 alone does not help against a wild measurement whose numbers are finite: a cubic law makes 1e18 V of 1e6 rad, and the
@@ -6,8 +6,8 @@ estimate leaves the finite numbers only some samples later. Two earlier memories
 good samples, measured or predicted alike. A step that fails leaves the memory as it was; where the next one fails too,
 the memory itself is taken to be bad and an earlier one takes its place, `SPACING` to 2·`SPACING` good samples old, with
 its command; where that fails as well, the one of the start. The start had no command yet, so the last one holds there;
-where the start is gone back to again before a memory was kept, the command was what made it fail, and is that of the
-start too. Where the start was told (`Controller.reset`), it may be bad itself: then that of the design takes its place.
+where the start itself is restored again before a memory was kept, the command caused the failure and is reset too. A
+start set by the user (`Controller.reset`) may be bad itself: then that of the design takes its place.
 
 Before the first good measurement nothing is known of the robot: a sample without one changes nothing, and the output is
 the input before the first sample (`Controller.input_before`).
@@ -40,9 +40,9 @@ class Layout:
 
     @staticmethod
     def of(values: Mapping[str, Any]) -> Layout:
-        """Of arrays by name."""
+        """Layout of arrays by name."""
         return Layout({
-            name: [np.shape(one) for one in value] if isinstance(value, list) else np.shape(value)
+            name: [np.shape(array) for array in value] if isinstance(value, list) else np.shape(value)
             for name, value in values.items()
         })  # fmt: skip
 
@@ -99,7 +99,7 @@ class Layout:
 
 
 def filler(buffer: np.ndarray) -> Callable[[Any], None]:
-    """How to copy a value of exactly this size: on the real-time path, so a plain number goes straight in."""
+    """Copier of a value of exactly this size; a plain number goes straight in, as this runs in real time."""
     memory: Any = memoryview(buffer)  # type: ignore[arg-type]
     shape, array_type = buffer.shape, np.ndarray
 
@@ -137,9 +137,8 @@ ROLES = {"y": "in", "r": "in", "data": "in", "memory": "state", "u": "out", "est
 class StateHistory:
     """The memory of the last good sample, earlier ones, and how many good samples there were since one was kept.
 
-    All of it is here, so that a copy goes on with the same bits, and `begin` leaves nothing of before. The exported C
-    has the same numbers in its state. It starts from the memory (s,) of the design; the last command lies at `command`
-    in it.
+    It is complete, so that a copy continues with the same bits, and `begin` clears everything. The exported C has the
+    same numbers in its state. It starts from the memory (s,) of the design; the last command lies at `command` in it.
 
     `memory` (s,), `reference` (max(1, k),), the command and zeros, and `estimate` (n,), NaN before the first sample,
     are those of the last good sample: always the same arrays, which the compiled step writes. `waiting`: there was no
@@ -201,8 +200,8 @@ class StateHistory:
         return True
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Remember what another one of this size did, its attributes; the arrays that the compiled step writes
-        stay."""
+        """Take over the attributes of another history of this size, in place: the compiled step writes to these
+        arrays."""
         for name, part in state.items():
             if isinstance(part, np.ndarray):
                 getattr(self, name)[:] = part
@@ -237,16 +236,16 @@ def step_program(
 
 
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
-    """The error of a compiled step that ended with a code; y and the command are those it was given, and `back` says
-    whether an earlier memory has taken the place of the one it ran on."""
-    given = f"y={value_text(y)}, reference={value_text(reference)}"
+    """The error of a compiled step that ended with a code; y and the command are its arguments, and `back` says whether
+    an earlier memory has replaced its own."""
+    arguments = f"y={value_text(y)}, reference={value_text(reference)}"
     if code != BAD_RESULT:
         what, advice = "command", "another command"
         if code == BAD_MEASUREMENT:
             what = "measurement"
             advice = "step(None) to predict over a sample without a measurement, or hold the last input"
         return NumericalFailure(
-            f"The {what} is not a finite number; nothing was updated.", f"got {given}", advice
+            f"The {what} is not a finite number; nothing was updated.", f"got {arguments}", advice
         )
     what = "The controller's estimate or input is no longer finite; nothing was updated."
     advice = "step(None) to predict over this sample; if it goes on, reset()"
@@ -255,4 +254,4 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
         what += f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start."
         advice = "go on with the next measurement, or reset(state)"
     look = "then look at the measurement's unit, saturation= and the noise covariances"
-    return NumericalFailure(what, f"after {given}", f"{advice}; {look}")
+    return NumericalFailure(what, f"after {arguments}", f"{advice}; {look}")

@@ -1,23 +1,23 @@
-"""What a controller is given beside its law, checked before any work is lost: limits, period, the bound of what
-integrals push, and the input before the first sample.
+"""Options of a controller beside its law, checked before any work is lost: limits, period, bound of integral action,
+and the input before the first sample.
 
-A controller begins at rest at the state where its estimate begins. The input that holds the model there is the one
-under which what it drives does not accelerate: u with f(x, u, 0) = 0, or the least-squares solution where the state is
-no equilibrium. A state that is told later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by
-the same function, with the same bits.
+A controller begins at rest at the state where its estimate begins. The input that holds the model there is the one with
+zero acceleration of the driven states: u with f(x, u, 0) = 0, or the least-squares solution where the state is no
+equilibrium. A state that is set later (`Controller.reset`, ``NAME_start`` of the exported C) gets its own input by the
+same function, with the same bits.
 
 Also here: how far integrals may push an input that has no limit of its own, or one so large that it is none. A sensor
-that sticks is an error that never ends: without a bound, its integral asks for any input. With limits of the input the
+that sticks is an error that never ends: without a bound, its integral grows to any input. With limits of the input the
 anti-windup of the step is the bound; without, this one is, and where a limit lies further from the operating input than
-the number w below. What the integrals push is c = K_e (e − e*), with the law's slope K at its operating point. At rest
-at a command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model
-through the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an
-integral that would push c further from G (r − r*) than
+the number w below. The integral action is c = K_e (e − e*), with the law's slope K at its operating point. At rest at a
+command r the law needs c = G (r − r*), G = ∂u/∂r − K ∂x/∂r, on the line of equilibria x(r), u(r) of the model through
+the operating point; a nonlinear law, gravity, loads and errors of the model need something more or less. So an integral
+that would push c further from G (r − r*) than
 
     w + S |r − r*|,  w = Σᵢ sᵢ (|∂u/∂rᵢ| + ½ |K ∂x/∂rᵢ|),  S = ½ |G|,
 
-stands still, with the travel sᵢ of the tracked state i: w is what holds the robot over its travel, and what the law
-answers to an error of half of it. The input itself is not limited.
+stands still, with the travel sᵢ of the tracked state i: w is the input that holds the robot over its travel, plus the
+law's output for an error of half of it. The input itself is not limited.
 
 A law of no known model has no such line: there G = 0, and w and S have Σⱼ |Kⱼ| of all states in place of the slopes.
 """
@@ -83,8 +83,8 @@ class Limits:
     def of(
         saturation: Any, inputs: int, rate: Any = None, names: tuple[str, str] = ("saturation", "input_rate")
     ) -> Limits:
-        """Of m signals: the range from None, a number (±), an array with one number (±) each, or a tuple (lower, upper)
-        of them; the largest rate per second from None, a number or (m,). The names are those of both arguments.
+        """Limits of m signals: the range from None, a number (±), an array with one number (±) each, or a tuple (lower,
+        upper) of them; the largest rate per second from None, a number or (m,). The names are those of both arguments.
 
         What has another shape, does not keep lower < upper, or is no positive rate is an InvalidInput.
         """
@@ -160,7 +160,7 @@ def dead_zone(value: Any, tracked: Sequence[str]) -> np.ndarray | None:
 
 
 def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
-    """The law's states are the plant's, then integrals; the estimator means the same, at the same period."""
+    """Refuse a law whose states are not the plant's, then integrals; an estimator of other states or period."""
     states, tracked = law.plant_states, law.tracked
     order = (*states, *(name + INTEGRAL for name in tracked))
     if order != tuple(law.state_names) or not set(tracked) <= set(states):
@@ -195,7 +195,7 @@ SPARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Windup:
-    """The bound of what integrals push, for L laws of m inputs and k integrals.
+    """Bound of the integral action (anti-windup), for L laws of m inputs and k integrals.
 
     `limit` (m,) is w, infinite for inputs that their own limits keep within w of the operating input; `line` and
     `spread` are G and S, (L, m, k), or (m, k) of one law.
@@ -219,7 +219,7 @@ class Windup:
 
     @staticmethod
     def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
-        """The default for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
+        """The default bound for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
         limits, lines, spreads = (
             np.stack(parts) for parts in zip(*(_bounds(law, estimator) for law in laws))
         )
@@ -257,7 +257,7 @@ def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarr
 
 
 def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
-    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through one, r the states at `places`; None and None where the
+    """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through (x, u), r the states at `places`; None and None where the
     model has no slope there."""
     a, b, _, _ = model.linearise(x, u)
     rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
@@ -288,11 +288,11 @@ class FirstInput:
             )
         self.option: Any = before_first if named else self._checked(before_first)
 
-    def at(self, given: Any = None, state: Any = None) -> np.ndarray:
-        """`given` if it fits, else an InvalidInput; or that of the option, for a start that is told (n,), or where the
-        estimate begins."""
-        if given is not None:
-            return self._checked(given)
+    def at(self, input: Any = None, state: Any = None) -> np.ndarray:
+        """The input (m,): `input` if it fits, else an InvalidInput; by default that of `before_first`, for the estimate
+        `state` (n,) or where the estimate begins."""
+        if input is not None:
+            return self._checked(input)
         if state is None or self.is_zero:
             return self.own.copy()
         assert self.estimator is not None  # without one there is no state to tell
@@ -316,17 +316,17 @@ class FirstInput:
 
     @property
     def is_zero(self) -> bool:
-        """Whether it is zero wherever the controller starts."""
+        """Whether the input is zero wherever the controller starts."""
         return isinstance(self.option, str) and self.option == ZERO
 
     @property
     def text(self) -> str:
-        """What it is, for a summary."""
+        """The option in words, for a summary."""
         return "zero" if self.is_zero else "what holds the robot where the estimate begins"
 
     @cached_property
     def own(self) -> np.ndarray:
-        """Where the estimate begins, within the limits, (m,)."""
+        """Input (m,) where the estimate begins, within the limits."""
         rest = np.array(self.law.operating_input, dtype=float)
         if isinstance(self.option, np.ndarray):
             return self.option
@@ -337,23 +337,23 @@ class FirstInput:
         mean = np.asarray(self.estimator.initial[0], dtype=float)
         if not np.array_equal(mean, np.asarray(self.law.operating_point, dtype=float)[: len(mean)]):
             plant = self.estimator.plant
-            given = [array for array in (mean, plant.parameters.vector()) if array.size]
-            held = np.ravel(np.asarray(holding_function(plant)(*given), dtype=float))
+            arguments = [array for array in (mean, plant.parameters.vector()) if array.size]
+            held = np.ravel(np.asarray(holding_function(plant)(*arguments), dtype=float))
             rest = held if np.isfinite(held).all() else rest
         return self._within(rest)
 
     def _within(self, u: np.ndarray) -> np.ndarray:
         return np.clip(u, self.limits.lower, self.limits.upper) + 0.0  # no negative zero
 
-    def _checked(self, given: Any) -> np.ndarray:
+    def _checked(self, value: Any) -> np.ndarray:
         names, limits = tuple(self.law.input_names), self.limits
-        u = real_array(given)
+        u = real_array(value)
         u = u.reshape(1) if u.shape == () else u
         if u.shape != (len(names),) or not np.all((u >= limits.lower) & (u <= limits.upper) & np.isfinite(u)):
             raise InvalidInput(
                 "The input before the first sample does not fit.",
                 f"expected a finite value for each of {list(names)} within {limits.lower.tolist()} and "
-                f"{limits.upper.tolist()}, got {value_text(given)}",
+                f"{limits.upper.tolist()}, got {value_text(value)}",
                 "the input that acts when the controller takes over",
             )
         return np.array(u)

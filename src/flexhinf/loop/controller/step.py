@@ -1,15 +1,15 @@
 """One step of a sampled controller: estimator, integrals, law, saturation, as NumPy code.
 
-It is what the compiled kernels run, what `Controller.step` calls and what is exported later. How its functions
-are called is left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`). The law is
-evaluated by its own text, or as a table of monomials in loops.
+The same code is compiled to kernels, called by `Controller.step`, and exported as C. How its functions are called is
+left to a *run*: directly on arrays, or as pieces of a program (`flexhinf.codegen.compose`). The law is evaluated by its
+own code, or as a table of monomials in loops.
 
 Of several laws, designed at several poses, the nearest to the command is active. When a law takes over, the input
-continues from the last one: bumpless transfer. The integrals are what a law remembers, so they are chosen to make it
-ask for the input that acts already: u* + k(x − x*, e) = u_last, by a fixed number of Broyden's steps [broyden1965]
-from the integrals as they are and the inverse slope at the operating point. What no integral reaches (a law without
-integrals, fewer integrals than inputs, a polynomial without such a root) is held as a bias that decays, so that the
-input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
+continues from the last one: bumpless transfer. The integrals are the memory of a law, so they are chosen such that its
+output is the input that acts already: u* + k(x − x*, e) = u_last, by a fixed number of Broyden's steps [broyden1965]
+from the integrals as they are and the inverse slope at the operating point. The part that no integral can supply (a law
+without integrals, fewer integrals than inputs, a polynomial without such a root) is held as a bias that decays, so that
+the input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
 composed kernels make them only when a law takes over.
 """
 
@@ -112,9 +112,9 @@ def _chosen(active: Any, *values: Any) -> Any:
 
 
 class Source(NamedTuple):
-    """Where a tracked state is read, and its place among the states of the plant: of the measurement where it is
-    measured, else of the estimate. So the integral removes the error of the measured signal, whatever the estimator's
-    model gets wrong."""
+    """Where a tracked state is read (in the measurement if it is measured, else in the estimate), and its place among
+    the states of the plant. So integral action removes the error of the measured signal, whatever the estimator's model
+    gets wrong."""
 
     measured: bool
     place: int
@@ -122,7 +122,7 @@ class Source(NamedTuple):
 
     @staticmethod
     def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
-        """Of a state by name."""
+        """Source of a state by name."""
         state = states.index(name)
         return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
 
@@ -131,10 +131,10 @@ class Source(NamedTuple):
 class Mode:
     """Options that change the code of a step, beside law and estimator.
 
-    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals
-    at the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
+    `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals at
+    the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
     active at a time. The flags say what has limits (the input itself always may), whether small errors are not
-    integrated, and whether what integrals push is bounded, as some input has no limit.
+    integrated, and whether integral action is bounded, as some input has no limit.
     """
 
     moving: bool = False
@@ -187,7 +187,7 @@ def controller_step(
     """One step of the controller, pure, on any element.
 
     Without an estimator, y is the state of the plant that the law was designed for, (p,); without a measurement (None)
-    the prediction stands for the estimate and for what is measured. The command r is (k,), or of a moving reference
+    the prediction replaces the estimate and the measurement. The command r is (k,), or of a moving reference
     (x_d, u_d), (n + m,). `memory` and `data` are namespaces as `Controller.memory` and `Controller.data` lay them out.
 
     Returns the input (m,), the estimate x(k|k) (n,), and the memory for the next step by name.
@@ -285,15 +285,15 @@ def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
 def _limited(
     tracked: Sequence[Source], y: Any, estimate: Any, r: Any, last: Any, started: Any, *data: Any
 ) -> Any:
-    """The command (k,) within its range, and as near to the last one, at first the positions, as its rate says."""
+    """The command (k,) within its range and its rate limit from the last one, at first from the positions."""
     period, lower, upper, rate = data
     last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
 
 def _wound(places: Sequence[int] | None, integral: Any, point: Any, gain: Any, r: Any, *bound: Any) -> Any:
-    """What integrals push (m,) beyond their bound, see `flexhinf.loop.controller.options`; about a moving reference,
-    which has no `places`, the law needs none of it at rest."""
+    """Integral action (m,) beyond its bound, see `flexhinf.loop.controller.options`; about a moving reference, which
+    has no `places`, the law needs none of it at rest."""
     line, spread, limit = bound
     pushed = gain @ (integral - point[len(point) - len(integral) :])
     if places is not None:
@@ -305,10 +305,10 @@ def _wound(places: Sequence[int] | None, integral: Any, point: Any, gain: Any, r
 def _input(
     bounded: bool, feedback: Any, growth: Any, integral: Any, before: Any, *data: Any
 ) -> tuple[Any, Any, Any]:
-    """The input within its limits, the integrals after anti-windup, and that a step was made.
+    """The input within its limits, the integrals after anti-windup, and the flag that a step was made.
 
-    Behind u*, both limits and the gain of the integrals come, where windup is `bounded`, what integrals push beyond
-    that; and the last input, the period and the largest rate, where that is limited.
+    Behind u*, both limits and the gain of the integrals come, where windup is `bounded`, the integral action beyond its
+    bound; and the last input, the period and the largest rate, where that is limited.
     """
     rest, lower, upper, gain, *bounds = data
     wanted = rest + feedback
@@ -324,7 +324,7 @@ def _input(
 
 
 #: Time constant of the bias that decays, s.
-FADE = 0.5
+BLEND_TIME = 0.5
 
 #: Broyden's steps. One integral needs about five to a relative 1e-12, far from the operating point too.
 STEPS = 10
@@ -346,10 +346,10 @@ def bumpless_transfer(
 ) -> tuple[Any, Any, Any, Any]:
     """The feedback of a sample at which a law may take over.
 
-    Of the law k(x) on the run; `taken` (1,), 1 where a law takes over at this sample, else 0; the law's argument
-    (n + k,) with the integrals as they are and k of it; u_last − u* (m,). Behind these the inverse slope (k, m), see
-    `inverse_slope`; the growth of the integrals since the last sample (k,); the last bias (m,); x* (n + k,); and the
-    fraction of the bias that is left after a period (1,).
+    Arguments: the law k(x) on the run; `taken` (1,), 1 where a law takes over at this sample, else 0; the law's
+    argument (n + k,) with the integrals as they are and k of it; u_last − u* (m,). Behind these the inverse slope
+    (k, m), see `inverse_slope`; the growth of the integrals since the last sample (k,); the last bias (m,); x*
+    (n + k,); and the fraction of the bias that is left after a period (1,).
 
     Returns k with the bias (m,); growth and integrals (k,), the growth zero where a law takes over; the bias (m,).
     """
@@ -380,7 +380,7 @@ def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
 def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:
-    """The better of two, and the inverse slope that explains what the step did (Broyden's good update)."""
+    """The better of two integrals, and the inverse slope that explains the last step (Broyden's good update)."""
     step, rest = trial[trial.shape[0] - errors.shape[0] :] - errors, wanted - value
     did = inverse @ (misfit - rest)
     divisor, size = step @ did, absolute(step) @ absolute(did)
@@ -392,7 +392,7 @@ def _better(
 
 
 def _joined(n: int, *parts: Any) -> tuple[Any, Any, Any, Any]:
-    """What was found where a law takes over, else what was; see `bumpless_transfer`."""
+    """Results of the transfer where a law takes over, else of the law itself; see `bumpless_transfer`."""
     taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay = parts
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]
@@ -407,7 +407,7 @@ def chosen(
     """Which law is active at this sample, and its numbers.
 
     The command r is (k,), or (n + m,) of a moving reference; `places` are those of the tracked states among all states,
-    `active` (L,) is 1 for the law that was active, `started` (1,) 0 at the first sample, which knows no active law.
+    `active` (L,) is 1 for the law that was active, `started` (1,) 0 at the first sample, before which none was.
 
     Returns what is active now (L,); 1 where a law takes over (1,); and of the active law operating point and input,
     gain of the integrals and inverse slope, behind these windup_line and windup_spread where windup is bounded.

@@ -21,9 +21,8 @@ class RestToRest:
     """A motion from `start` to `goal` at rest, of phases of constant jerk (`lengths` in s, `jerks` in unit/s³, (K,)
     each), or its moving average.
 
-    What rounding leaves of the way to the goal is made up for by a scale. `average` is T of the moving average over
-    the last T seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which is constant between the corners
-    of both.
+    A scale corrects rounding, so that the motion ends at the goal. `average` is T of the moving average over the last T
+    seconds, s; none for zero. Its jerk rises by (j(t) − j(t − T))/T, which is constant between the corners of both.
     """
 
     start: float
@@ -168,33 +167,33 @@ class JerkLimited:
         return np.stack(columns, axis=-1) if several else columns[0]
 
 
-def _phases(ways: list[float], limits: list[list[float]]) -> list[Any]:
+def _phases(distances: list[float], limits: list[list[float]]) -> list[Any]:
     """Lengths and jerks of each channel's seven phases.
 
-    ruckig's tolerances are absolute, so it is asked in units of the longest way and of the longest time that one limit
-    alone makes a way take; both are powers of two, so that nothing is rounded.
+    ruckig's tolerances are absolute, so it works in units of the longest distance and of the longest time that one
+    limit alone requires; both are powers of two, so that nothing is rounded.
     """
     from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
-    k, way, bounds = len(ways), np.array(ways), np.array(limits)
-    request, found = InputParameter(k), Trajectory(k)
+    k, distance, bounds = len(distances), np.array(distances), np.array(limits)
+    request, trajectory = InputParameter(k), Trajectory(k)
     with np.errstate(over="ignore", under="ignore", invalid="ignore"):  # refused below
-        length = _power(np.abs(way).max())
-        time = _power(np.max((np.abs(way) / bounds) ** (1.0 / np.array([[1.0], [2.0], [3.0]]))))
+        length = _power(np.abs(distance).max())
+        time = _power(np.max((np.abs(distance) / bounds) ** (1.0 / np.array([[1.0], [2.0], [3.0]]))))
         scaled, jerk = bounds * [[time], [time**2], [time**3]] / length, length / time**3
-    request.target_position = (way / length).tolist()  # from rest at zero
+    request.target_position = (distance / length).tolist()  # from rest at zero
     request.max_velocity, request.max_acceleration, request.max_jerk = scaled.tolist()
     try:
-        result = Ruckig(k).calculate(request, found)
+        result = Ruckig(k).calculate(request, trajectory)
     except RuckigError:
         result = Result.Error
     if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
         raise InvalidInput(
             "No motion was found within the limits.",
-            f"got {result} for ways of {ways} with velocity, acceleration and jerk {limits}",
+            f"got {result} for ways of {distances} with velocity, acceleration and jerk {limits}",
             "limits of a size that fits the way",
         )
-    return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in found.profiles[0]]
+    return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in trajectory.profiles[0]]
 
 
 def _power(value: np.float64) -> np.float64:

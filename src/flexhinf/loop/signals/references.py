@@ -3,8 +3,8 @@
 All take a time (s) or an array of times and return a value for each; `Samples` of several channels return one
 more axis. All but `Samples` are NumPy code with `flexhinf.scalars` pieces, so they can be traced too.
 
-`derivatives` are what a feedforward asks for. They are exact, and those from the right where a signal jumps or
-has a kink: a `Step` has none, a `Sine` starts with its speed, a `Quintic` with its jerk.
+`derivatives` are for feedforward. They are exact, and those from the right where a signal jumps or has a kink: a `Step`
+has none, a `Sine` starts with its speed, a `Quintic` with its jerk.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _stacked(*rows: Any) -> Any:
 
 
 class _Finite:
-    """A signal whose fields are finite numbers; unless it says otherwise it stands still but for jumps."""
+    """Base of signals whose fields are finite numbers; piecewise constant unless the subclass has derivatives."""
 
     #: A short description, with the fields' values in it.
     text: ClassVar[str]
@@ -244,7 +244,7 @@ class Samples:
         return f"{len(self.times)} samples over {self.times[-1] - self.times[0]:g} s"
 
     def __call__(self, t: Any) -> Any:
-        """Between the neighbouring samples."""
+        """The value between the neighbouring samples, by linear interpolation."""
         if self.values.ndim == 1:
             return np.interp(t, self.times, self.values)
         return np.stack([np.interp(t, self.times, column) for column in self.values.T], axis=-1)
@@ -296,7 +296,7 @@ class Moving:
         return f"moving along {signal_name(self.signals)}"
 
     def state(self, t: Any) -> np.ndarray:
-        """x_d, (n,) at a time or (N, n): at the start, what a run begins from without an error."""
+        """x_d, (n,) at a time or (N, n); at the start, the initial state of a run without error."""
         return self._both(t)[0]
 
     def input(self, t: Any) -> np.ndarray:

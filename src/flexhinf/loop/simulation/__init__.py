@@ -1,1 +1,1 @@
-"""A closed loop and its runs: `closed_loop` is the way in, `trajectory` what a run leaves, `metrics` its figures."""
+"""A closed loop and its runs: enter at `closed_loop`; `trajectory` is the result of a run, `metrics` judge it."""

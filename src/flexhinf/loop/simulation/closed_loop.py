@@ -1,4 +1,4 @@
-"""The closed loop of a true plant, which need not be the one the estimator believes in, and a controller.
+"""The closed loop of a controller and a true plant, which need not be the estimator's model.
 
 A true plant that integrates itself is stepped with the controller, one sample at a time.
 """
@@ -56,8 +56,8 @@ class Loop(Summarised):
     Parameters
     ----------
     true_plant : Plant or BlackBox
-        A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as
-        its fastest mode asks for. A black box integrates itself, see `BlackBox`.
+        A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as its
+        fastest mode requires. A black box integrates itself, see `BlackBox`.
     controller : Controller
         Only read: every run has a memory of its own.
     sub_steps : int, optional
@@ -81,15 +81,15 @@ class Loop(Summarised):
         quantisation: Any = None,
         delay: float = 0.0,
     ) -> None:
-        self.true_plant, self.controller, self._given_sub_steps = true_plant, controller, sub_steps
+        self.true_plant, self.controller, self._sub_steps_option = true_plant, controller, sub_steps
         if not isinstance(controller, Controller):
             raise InvalidInput(
                 "The loop needs a controller.",
                 f"expected a Controller, got {type(controller).__name__}",
                 "Controller(solution, estimator, period)",
             )
-        given = sub_steps if sub_steps is not None else 1
-        if isinstance(given, bool) or not isinstance(given, int) or given < 1:
+        count = sub_steps if sub_steps is not None else 1
+        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
             raise InvalidInput(
                 "The number of sub-steps is not usable.",
                 f"expected an integer >= 1, got {value_text(sub_steps)}",
@@ -129,7 +129,7 @@ class Loop(Summarised):
         """The sampled closed loop as a system of python-control (``nlsys`` with ``dt``): commands ``r_…`` and
         disturbances in; measurements ``y_…`` and inputs out.
 
-        The state is that of the plant, then what the controller remembers (`Controller.initial_memory` at the start). A
+        The state is that of the plant, then the controller's memory (`Controller.initial_memory` at the start). A
         period is integrated as in `run`. Needs the extra ``control``.
 
         Raises
@@ -195,9 +195,9 @@ class Loop(Summarised):
         return {**facts, **self.controller.summary()}
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: what the loop is made of, without compiled code."""
-        made = ("true_plant", "controller", "_given_sub_steps", "channel")
-        return {name: vars(self)[name] for name in made}
+        """Parts of the loop for copies and pickles, without compiled code."""
+        names = ("true_plant", "controller", "_sub_steps_option", "channel")
+        return {name: vars(self)[name] for name in names}
 
     # What is run ----------------------------------------------------------------------------------
     @cached_property
@@ -206,19 +206,19 @@ class Loop(Summarised):
         plant, controller = self.true_plant, self.controller
         if not isinstance(plant, Plant):
             return 1
-        if self._given_sub_steps is not None:
-            return self._given_sub_steps
+        if self._sub_steps_option is not None:
+            return self._sub_steps_option
         point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
 
     @cached_property
     def code(self) -> LoopCode:
-        """What of a run on a `Plant` is compiled: the same for all parameters of plant and law."""
+        """The compiled part of a run on a `Plant`: the same for all parameters of plant and law."""
         assert isinstance(self.true_plant, Plant)
         return LoopCode(self.true_plant, self.controller, self.channel, self.sub_steps)
 
     def with_plant(self, plant: Plant | BlackBox) -> Loop:
-        """The same controller, channel and sub-steps round another true plant."""
+        """The same controller, channel and sub-steps with another true plant."""
         if plant is self.true_plant:
             return self
         steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
@@ -288,8 +288,8 @@ class Loop(Summarised):
         noise: Any = None, duration: float = 8.0, initial_state: Any = None, seed: int = 0, initial_input: Any = None,
         *, multi_turn: bool = False,
     ) -> Trajectory:  # fmt: skip
-        """As `run` on a black box (another plant is refused), its samples made when `pacing` says so. What is `stepped`
-        is stepped as it is, instead of the controller. A run that `pacing` ends stops before that sample."""
+        """As `run` on a black box (another plant is refused), with samples timed by `pacing`. `stepped` is a controller
+        to step, as it is, instead of the loop's. A run that `pacing` ends stops before that sample."""
         box, controller, channel = self.true_plant, self.controller, self.channel
         if not isinstance(box, BlackBox):
             raise InvalidInput(
@@ -299,7 +299,7 @@ class Loop(Summarised):
             )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         settings |= {"seed": seed, "sub_steps": 1}
-        drawn = sample_noise(noise, seed, len(times), controller.measured)
+        noise_samples = sample_noise(noise, seed, len(times), controller.measured)
         if stepped is None:
             stepped = controller.fresh()
             stepped.reset(input=initial_input)
@@ -309,9 +309,9 @@ class Loop(Summarised):
         width |= {"estimate": len(controller.states), **({"state": len(box.states)} if box.states else {})}
         recorded = {name: np.full((samples, size), np.nan) for name, size in width.items()}
         recorded |= {"reference": commands, "disturbance": d}
-        told = initial_state is not None or set(controller.states) <= set(box.states)
+        placed = initial_state is not None or set(controller.states) <= set(box.states)
         states = tuple(box.states) or controller.states
-        box.reset(starting_state(initial_state, states, controller) if told else None)
+        box.reset(starting_state(initial_state, states, controller) if placed else None)
         code, last = 0, samples - 1
         for k in range(samples):
             if not pacing.begin(k):
@@ -326,7 +326,7 @@ class Loop(Summarised):
                     f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
                     "output() in the order of the estimator's outputs",
                 )
-            recorded["output"][k] = y = channel.quantised(y + drawn[k])
+            recorded["output"][k] = y = channel.quantised(y + noise_samples[k])
             if not np.all(np.isfinite(y)):
                 code, last = PLANT_FAILED, k
                 break
@@ -355,7 +355,7 @@ class Loop(Summarised):
         *,
         multi_turn: bool = False,
     ) -> PreparedRun:
-        """What `run` would run on a `Plant`, before it is made; arguments as there."""
+        """A run on a `Plant`, prepared but not yet made; arguments as of `run`."""
         run = (reference, disturbance, noise, duration, initial_state, initial_input)
         return self.ensemble(*run, multi_turn=multi_turn).single(seed, self.sub_steps)
 
@@ -373,8 +373,8 @@ class Loop(Summarised):
         kept: Sequence[str] = (),
         instants: Any = (),
     ) -> Ensemble:
-        """What `run` would run, ready to be made of many plants at once (``.run(parameters, seeds)``), of which only
-        numbers are kept.
+        """The same run for many plants at once (``.run(parameters, seeds)``), of which metrics are kept and, unless
+        named, no signals.
 
         Parameters
         ----------
@@ -427,27 +427,27 @@ class Loop(Summarised):
             plant, controller, self.channel, command, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,
             (*common_reductions(pairs), *reductions), tuple(signal_place(plant, controller, name) for name in kept),
-            samples, self._given_sub_steps, settings, initial_state is not None,
+            samples, self._sub_steps_option, settings, initial_state is not None,
         )  # fmt: skip
 
     def _commanded(
         self, reference: Any, disturbance: Any, noise: Any, duration: float, multi_turn: bool
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-        """Times (N,), the command (N, k), and what a trajectory names; what is not named stays at the operating point.
-        A command that does not fit, or leaves the range of its state, is refused."""
+        """Times (N,), the command (N, k), and the trajectory's settings; elements without a command stay at the
+        operating point. A command that does not fit, or leaves the range of its state, is refused."""
         controller, plant = self.controller, self.true_plant
         times = np.arange(sample_count(duration, controller.period)) * controller.period
-        names, given = controller.commanded, reference
+        names, value = controller.commanded, reference
         if reference is None:
-            given = controller.operating_reference
+            value = controller.operating_reference
         elif isinstance(reference, Mapping):
-            given = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
-        commands = sample_signal(given, times, names, "reference")
+            value = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
+        commands = sample_signal(value, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
         limits = next((model.limits for model in models if model.limits), {})
         units = {**plant.units, **models[-1].units}
         if not multi_turn and reference is not None:
-            check_turns(given, commands, names, units)
+            check_turns(value, commands, names, units)
         check_ranges(commands, times, names, limits, units)
         settings = {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),

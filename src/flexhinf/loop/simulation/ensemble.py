@@ -1,4 +1,4 @@
-"""The same run of many plants, each with its own parameters, noise and initial state, of which only numbers are kept.
+"""The same run of many plants, each with its own parameters, noise and initial state, of which only metrics are kept.
 
 The runs go side by side in the lanes of vector registers, on several threads; noise is made and metrics are reduced
 inside the compiled code. Memory grows neither with the plants that have gone nor, unless signals are kept, with the
@@ -58,8 +58,8 @@ Disturbances = Mapping[int, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class EnsemblePlants:
-    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds of the noise, and by buffer what else each
-    has of its own, rows of N."""
+    """N plants: parameters (N, P), Runge–Kutta steps of a sample (N,), seeds of the noise, and in `own`, by buffer,
+    other arrays with one row per plant."""
 
     truth: np.ndarray
     parts: np.ndarray
@@ -70,7 +70,7 @@ class EnsemblePlants:
         return len(self.truth)
 
     def some(self, rows: slice) -> EnsemblePlants:
-        """Some of them."""
+        """The plants in some rows."""
         own = {name: values[rows] for name, values in self.own.items()}
         return EnsemblePlants(self.truth[rows], self.parts[rows], self.seeds[rows], own)
 
@@ -84,9 +84,9 @@ RECORDED = {
 
 @dataclass(frozen=True, eq=False)
 class PreparedRun:
-    """A run before it is made.
+    """A run with all its arrays, ready for the kernel.
 
-    `times` (N,) are in s; `arrays` are what the kernel is given, by buffer (those that the loop does not have are left
+    `times` (N,) are in s; `arrays` are the inputs of the kernel, by buffer (those that the loop does not have are left
     out), `recorded` signals that are known before the run, `parts` Runge–Kutta steps per period, `settings` for the
     trajectory.
     """
@@ -143,7 +143,7 @@ Recorded = namedtuple("Recorded", ("codes", "steps", "remembered", "kept"))
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """A run that can be made of many plants; see `Loop.ensemble`."""
+    """A run to be made of many plants; see `Loop.ensemble`."""
 
     plant: Plant  # the nominal true plant
     controller: Controller
@@ -198,12 +198,12 @@ class Ensemble:
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         threads = THREADS if threads is None else threads
         few = lanes is None and self._few(plants)
-        found = self._alone(plants, threads) if few else self._in_lanes(plants, lanes or LANES, threads)
-        failed = found.codes != 0
-        diverged_at = np.where(failed, found.steps * self.command.period, np.nan)
-        found.remembered[:, failed] = np.nan
+        recorded = self._alone(plants, threads) if few else self._in_lanes(plants, lanes or LANES, threads)
+        failed = recorded.codes != 0
+        diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
+        recorded.remembered[:, failed] = np.nan
         ends = np.cumsum([len(reduction.start) for reduction in self.reductions])[:-1]
-        remembered, results = iter(np.split(found.remembered, ends)), []
+        remembered, results = iter(np.split(recorded.remembered, ends)), []
         for several in (*self.tracking.values(), self.common):
             named = [reduction.result(next(remembered), self.command) for reduction in several]
             results.append({key: np.array(row, dtype=float) for part in named for key, row in part.items()})
@@ -211,8 +211,8 @@ class Ensemble:
                 values[failed] = np.nan
         *by_state, common = results
         return EnsembleResult(
-            found.codes, diverged_at, plants.parts, tuple(self.tracking), dict(zip(self.tracking, by_state)), common,
-            found.kept,
+            recorded.codes, diverged_at, plants.parts, tuple(self.tracking), dict(zip(self.tracking, by_state)), common,
+            recorded.kept,
         )  # fmt: skip
 
     def trajectories(
@@ -224,7 +224,7 @@ class Ensemble:
         *,
         initial_inputs: Any = None,
     ) -> Iterator[Trajectory]:
-        """The same runs with all their signals, a few at a time, for what no reduction says; arguments as for `run`."""
+        """The same runs with all signals, a few at a time, for metrics without a reduction; arguments as for `run`."""
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         disturbances = self._disturbances(plants)
         if self._few(plants):
@@ -242,8 +242,8 @@ class Ensemble:
         times = everything * self.command.period
         for first in range(0, len(plants), THREADS * LANES):
             some = plants.some(slice(first, first + THREADS * LANES))
-            found = whole._in_lanes(some, LANES, THREADS, disturbances)
-            for k, row in enumerate(found.kept):
+            result = whole._in_lanes(some, LANES, THREADS, disturbances)
+            for k, row in enumerate(result.kept):
                 recorded = dict(zip(names, np.split(row, ends, axis=1)))
                 acting = (
                     disturbances[int(some.parts[k])][:, 0, 0] * some.own["load"][k]
@@ -253,8 +253,8 @@ class Ensemble:
                 signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
                 signals |= {"reference": self.commands, "disturbance": acting}
                 yield Trajectory.until(
-                    self.plant, self.controller, times, signals, self._settings(some, k), int(found.codes[k]),
-                    int(found.steps[k]),
+                    self.plant, self.controller, times, signals, self._settings(some, k), int(result.codes[k]),
+                    int(result.steps[k]),
                 )  # fmt: skip
 
     def single(self, seed: int, parts: int) -> PreparedRun:
@@ -280,7 +280,7 @@ class Ensemble:
         own = {**plants.own, "truth": np.column_stack([self.command.period / plants.parts, plants.truth])}
         if "deviation" in self.shared:
             own["key"] = np.array([(0, *seed_key(seed)) for seed in plants.seeds], float).reshape(-1, 3)
-        found = self._room(len(plants))
+        recorded = self._room(len(plants))
         values = self._disturbances(plants) if disturbances is None else disturbances
         for number in np.unique(plants.parts).tolist():
             shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
@@ -288,10 +288,10 @@ class Ensemble:
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
             rest, count = iter(batches), max(1, min(threads, len(batches)))
             with ThreadPoolExecutor(count) as pool:
-                given = (kernel, number, shared, own, rest, found)
-                for work in [pool.submit(self._work, *given) for _ in range(count)]:
+                arguments = (kernel, number, shared, own, rest, recorded)
+                for work in [pool.submit(self._work, *arguments) for _ in range(count)]:
                     work.result()
-        return found
+        return recorded
 
     def _work(
         self,
@@ -300,9 +300,9 @@ class Ensemble:
         shared: Mapping[str, np.ndarray],
         own: Mapping[str, np.ndarray],
         rest: Iterator[np.ndarray],
-        found: Recorded,
+        recorded: Recorded,
     ) -> None:
-        """Batches of rows that no other thread has taken, on arrays of this thread."""
+        """Run batches of plants that no other thread has taken, on arrays of this thread."""
         samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
         start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
         start = {name: column for name, column in start.items() if name not in own}
@@ -329,26 +329,26 @@ class Ensemble:
             run()
             status = run.status
             ends = np.array([status.code, status.step]).reshape(2, -1)
-            found.codes[rows], found.steps[rows] = ends[:, :count]
+            recorded.codes[rows], recorded.steps[rows] = ends[:, :count]
             if "remembered" in arrays:
-                found.remembered[:, rows] = arrays["remembered"][:, :count]
+                recorded.remembered[:, rows] = arrays["remembered"][:, :count]
             if self.kept:
                 kept = arrays["kept"].reshape(samples, len(self.kept), -1)[self.instants]
-                found.kept[rows] = kept[..., :count].transpose(2, 0, 1)
-                for row in rows[found.codes[rows] != 0]:
-                    found.kept[row, self.instants > found.steps[row]] = np.nan
+                recorded.kept[rows] = kept[..., :count].transpose(2, 0, 1)
+                for row in rows[recorded.codes[rows] != 0]:
+                    recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
-        """Each on the kernel of a single run, its signals reduced afterwards."""
-        found, disturbances = self._room(len(plants)), self._disturbances(plants)
+        """Run each plant on the kernel of a single run, and reduce its signals afterwards."""
+        recorded, disturbances = self._room(len(plants)), self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
             runs = pool.map(
                 lambda k: self._prepared(plants, disturbances, k, dict(self.settings)).run(),
                 range(len(plants)),
             )
             for k, (run, code, last) in enumerate(runs):
-                found.codes[k], found.steps[k] = code, last
-                if code == 0 and len(found.remembered):
+                recorded.codes[k], recorded.steps[k] = code, last
+                if code == 0 and len(recorded.remembered):
                     remembered, step = self.remembered.copy(), np.zeros(1)
                     arrays = {
                         name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")
@@ -356,17 +356,17 @@ class Ensemble:
                     arrays |= {**self.shared, "remembered": remembered, "step": step}
                     names = [buffer.name for buffer in self._reducer.program.buffers]
                     self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
-                    found.remembered[:, k] = remembered
+                    recorded.remembered[:, k] = remembered
                 passed = self.instants < len(run.time)
-                found.kept[k, ~passed] = np.nan
+                recorded.kept[k, ~passed] = np.nan
                 for j, (kind, column) in enumerate(self.kept):
-                    found.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
-        return found
+                    recorded.kept[k, passed, j] = run.signals[kind][self.instants[passed], column]
+        return recorded
 
     def _prepared(
         self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
     ) -> PreparedRun:
-        """The k-th run, alone, with what its trajectory names where somebody reads it."""
+        """The k-th run alone, with `settings` for its trajectory."""
         parts, samples = int(plants.parts[k]), self.command.samples
         code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
@@ -402,12 +402,12 @@ class Ensemble:
                 )
         count = len(truth)
 
-        def rows(what: str, given: Any, default: np.ndarray) -> np.ndarray:
+        def rows(what: str, values: Any, default: np.ndarray) -> np.ndarray:
             shape = (count, len(default))
-            if given is None:
+            if values is None:
                 return np.broadcast_to(default, shape)
             return checked_array(
-                f"The {what} do not fit the plants.", given, shape, f"finite numbers of shape {shape}",
+                f"The {what} do not fit the plants.", values, shape, f"finite numbers of shape {shape}",
                 "one row for each plant",
             )  # fmt: skip
 
@@ -431,23 +431,23 @@ class Ensemble:
             parts = np.array([sub_steps(controller.period, mode) for mode in modes.tolist()], dtype=int)
         else:
             parts = np.full(count, self.sub_steps)
-        given = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
-        for seed in given[:1] if np.ndim(seeds) == 0 else given:
+        seed_list = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
+        for seed in seed_list[:1] if np.ndim(seeds) == 0 else seed_list:
             check_seed(seed)
-        if len(given) != count:
+        if len(seed_list) != count:
             raise InvalidInput(
                 "The seeds do not fit the plants.",
-                f"expected {count} integers, got {len(given)}",
+                f"expected {count} integers, got {len(seed_list)}",
                 "one for each plant",
             )
-        return EnsemblePlants(truth, parts, tuple(int(seed) for seed in given), own)
+        return EnsemblePlants(truth, parts, tuple(int(seed) for seed in seed_list), own)
 
     def _disturbances(self, plants: EnsemblePlants) -> Disturbances:
         if self.disturbance is None:
             return {}
-        given = self.disturbance, self.command.period, self.command.samples
+        arguments = self.disturbance, self.command.period, self.command.samples
         return {
-            parts: sample_disturbance(*given, parts, self.plant.disturbances, capacity(parts))
+            parts: sample_disturbance(*arguments, parts, self.plant.disturbances, capacity(parts))
             for parts in np.unique(plants.parts).tolist()
         }
 
@@ -466,22 +466,22 @@ class Ensemble:
     # What is compiled -----------------------------------------------------------------------------
     @cached_property
     def reductions(self) -> tuple[Reduction, ...]:
-        """All of them, in the order of what they remember."""
-        return (*(one for several in self.tracking.values() for one in several), *self.common)
+        """All reductions, in the order of their memories."""
+        return (*(reduction for several in self.tracking.values() for reduction in several), *self.common)
 
     @property
     def remembered(self) -> np.ndarray:
-        """What they remember before the first sample."""
+        """Memory of all reductions before the first sample."""
         return np.array([number for reduction in self.reductions for number in reduction.start])
 
     def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
-        """All steps of so many runs; without a disturbance it serves any number of sub-steps."""
+        """Compiled program of as many runs as lanes; without a disturbance it serves any number of sub-steps."""
         room = 1 if self.disturbance is None else sub_steps
         code = LoopCode(self.plant, self.controller, self.channel, room)
         options = EnsembleOptions(
             "deviation" in self.shared, self.disturbance is not None, self.channel.delay > 0, self.kept
         )
-        updates = tuple(one.code_key for one in self.reductions)
+        updates = tuple(reduction.code_key for reduction in self.reductions)
         return share(
             (*code.key, "ensemble", options, updates, lanes),
             lambda: compile_program(loop_program(code, options, self.reductions), lanes),
@@ -491,7 +491,7 @@ class Ensemble:
     def _reducer(self) -> Kernel:
         sizes = LoopCode(self.plant, self.controller, self.channel, 1).sizes
         return share(
-            ("reductions", sizes, tuple(one.code_key for one in self.reductions)),
+            ("reductions", sizes, tuple(reduction.code_key for reduction in self.reductions)),
             lambda: compile_program(reduction_program(sizes, self.reductions)),
         )
 
@@ -504,7 +504,7 @@ def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, 
 
 
 def tracked_place(plant: Plant, controller: Controller, name: str) -> Place:
-    """As `Trajectory.tracked` finds a tracked state."""
+    """Signal and columns of a tracked state, chosen as in `Trajectory.tracked`."""
     names = _signal_names(plant, controller)
     kind = next((kind for kind in ("state", "output", "estimate") if name in names[kind]), "state")
     return Place(kind, names[kind].index(name), controller.commanded.index(name))
@@ -514,9 +514,9 @@ def signal_place(plant: Plant, controller: Controller, text: str) -> tuple[str, 
     """Kind and column of a signal that is kept, see `Loop.ensemble`."""
     names = _signal_names(plant, controller)
     kind, _, name = text.rpartition(".")
-    for one in [kind] if kind in names else ["state", "output"]:
-        if name in names[one]:
-            return one, names[one].index(name)
+    for candidate in [kind] if kind in names else ["state", "output"]:
+        if name in names[candidate]:
+            return candidate, names[candidate].index(name)
     raise InvalidInput(
         f"There is no signal {text!r}.",
         f"expected states and measured signals out of {[*plant.states, *controller.measured]}",

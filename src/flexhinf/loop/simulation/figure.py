@@ -1,4 +1,4 @@
-"""The figure of a run, which shows itself in a notebook, without pyplot and its global state."""
+"""The plot of a run, which is displayed in a notebook without pyplot and its global state."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """A figure whose value at the end of a notebook's cell is its drawing, as SVG."""
+    """A figure that a notebook displays as SVG at the end of a cell."""
 
     def _repr_svg_(self) -> str:
         text = StringIO()
@@ -29,13 +29,13 @@ class NotebookFigure(Figure):
 
 
 def plot_run(run: Any) -> NotebookFigure:
-    """Of a `Trajectory`: tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
+    """Plot a `Trajectory`: tracked states (or all) with command and estimate above, inputs below; angles in degrees."""
     with mpl.rc_context({"text.parse_math": False}):  # a dollar sign in a name is no formula
         figure = NotebookFigure(figsize=(7.0, 5.0), layout="constrained")
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-        shown = run.judged or run.names["estimate"]
-        for k, name in enumerate(shown):
-            scale, unit = _shown_unit(run, name)
+        names = run.judged or run.names["estimate"]
+        for k, name in enumerate(names):
+            scale, unit = _display_unit(run, name)
             above.plot(run.time, scale * run.tracked(name), f"C{k}", label=_label(name, unit))
             estimate = scale * run.signal("estimate", name)
             above.plot(run.time, estimate, color="0.1", ls="--", lw=0.8, label="estimated")
@@ -45,7 +45,7 @@ def plot_run(run: Any) -> NotebookFigure:
         for name, unit, u in zip(run.names["input"], run.units["input"], run.signals["input"].T):
             below.plot(run.time, u, f"C{run.names['input'].index(name)}", label=_label(name, unit))
         below.set_xlabel("time in s")
-        units = [_shown_unit(run, name)[1] for name in shown]
+        units = [_display_unit(run, name)[1] for name in names]
         for axes, several, what in ((above, units, "states"), (below, run.units["input"], "inputs")):
             axes.set_ylabel(_label(what, ", ".join(dict.fromkeys(unit for unit in several if unit))))
             axes.legend(frameon=False)
@@ -53,11 +53,11 @@ def plot_run(run: Any) -> NotebookFigure:
     return figure
 
 
-def _shown_unit(run: Any, name: str) -> tuple[float, str]:
+def _display_unit(run: Any, name: str) -> tuple[float, str]:
     unit = dict(zip(run.names["estimate"], run.units["estimate"]))[name]
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
 
 
 def _label(name: str, unit: str) -> str:
-    words = name.replace("_", " ")
-    return f"{words} in {unit}" if unit else words
+    text = name.replace("_", " ")
+    return f"{text} in {unit}" if unit else text

@@ -1,7 +1,7 @@
-"""What a run is given, checked before it starts: length, initial state, size of commands; and references, disturbances
+"""Arguments of a run, checked before it starts: length, initial state, size of commands; and references, disturbances
 and noise as arrays, which a kernel takes in.
 
-Noise is made by a counter-based generator, so that any sample, step and channel can ask for its own alone.
+Noise is made by a counter-based generator, so that the noise of any sample, step and channel can be computed alone.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def sample_count(duration: Any, period: float) -> int:
     return round(samples)
 
 
-def starting_state(given: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
+def starting_state(initial: Any, states: Sequence[str], controller: Controller) -> np.ndarray:
     """Initial state (n,) of a plant with these states.
 
     An array has one value per state of the plant, or per state of the plant that the law was designed for (the others
@@ -59,17 +59,17 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
     begins; without an estimator, the law's operating point. Unknown names, another number of values, or values that are
     not finite are refused.
     """
-    if given is None:
+    if initial is None:
         named = {name: value for name, value in _designed_start(controller).items() if name in states}
-    elif isinstance(given, Mapping):
-        named = dict(given)
+    elif isinstance(initial, Mapping):
+        named = dict(initial)
     else:
-        values = real_array(given)
+        values = real_array(initial)
         fitting = [names for names in (states, controller.states) if values.shape == (len(names),)]
         if not fitting:
             raise InvalidInput(
                 "The initial state does not fit the true plant.",
-                f"expected {len(states)} values for {list(states)}, got {value_text(given)}",
+                f"expected {len(states)} values for {list(states)}, got {value_text(initial)}",
                 "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
             )
         named = {name: float(value) for name, value in zip(fitting[0], values)}
@@ -78,7 +78,7 @@ def starting_state(given: Any, states: Sequence[str], controller: Controller) ->
             raise unknown_name(f"There is no state {name!r}.", name, states)
     x = np.array([real_number(named.get(name, 0.0)) for name in states])
     if not np.all(np.isfinite(x)):
-        raise InvalidInput("The initial state is not finite.", f"got {value_text(given)}", "finite numbers")
+        raise InvalidInput("The initial state is not finite.", f"got {value_text(initial)}", "finite numbers")
     return x
 
 
@@ -99,22 +99,22 @@ SAME_START = 1e-6
 
 
 def start_text(
-    plant: Plant | BlackBox, x: np.ndarray, given: bool, controller: Controller, before: np.ndarray
+    plant: Plant | BlackBox, x: np.ndarray, placed: bool, controller: Controller, before: np.ndarray
 ) -> str:
     """Where a run starts, beside where the controller does, and whether the true plant rests there.
 
-    The state x (n,) is that of the run, by the plant's states, which somebody may have `given`; `before` (m,) is the
+    The state x (n,) is that of the run, by the plant's states, which the user may have `placed`; `before` (m,) is the
     input before the first sample.
     """
     own = _designed_start(controller)
     apart = {name: (value, own[name]) for name, value in zip(plant.states, x.tolist()) if name in own}
     name, (value, start) = max(
-        apart.items(), key=lambda one: abs(one[1][0] - one[1][1]), default=("", (0.0, 0.0))
+        apart.items(), key=lambda item: abs(item[1][0] - item[1][1]), default=("", (0.0, 0.0))
     )
     text = STARTED
     if abs(value - start) > SAME_START * max(1.0, abs(start)):
         text = f"{name} = {value:.6g}, the controller starts at {start:.6g}"
-    if given or not isinstance(plant, Plant):
+    if placed or not isinstance(plant, Plant):
         return text
     rates = plant.derivative(x, before)
     worst = int(np.argmax(np.abs(rates)))
@@ -152,7 +152,7 @@ def check_ranges(
 
 
 def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], units: Mapping[str, str]) -> None:
-    """Refuse commands (N, k) beyond 2π rad that somebody wrote as a number: these are degrees more often than turns.
+    """Refuse commands (N, k) beyond 2π rad that are written as a number: these are degrees more often than turns.
 
     Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
     functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
@@ -191,7 +191,7 @@ def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
     if not isinstance(signal, Mapping):
         return signal
     single = {name: part for name, part in signal.items() if name not in groups}
-    return {**{one: part for name, part in signal.items() for one in groups.get(name, ())}, **single}
+    return {**{member: part for name, part in signal.items() for member in groups.get(name, ())}, **single}
 
 
 def sample_signal(
@@ -265,15 +265,15 @@ def sample_disturbance(
     step = period / parts
     starts = (np.arange(samples)[:, None] * period + np.arange(parts)[None, :] * step).ravel()
     times = starts[:, None] + step * np.array([INSIDE, 0.5, 1.0 - INSIDE])[None, :]
-    times, found = times.ravel(), np.zeros((samples, room, 3, len(channels)))
+    times, disturbance = times.ravel(), np.zeros((samples, room, 3, len(channels)))
     if not isinstance(signal, Mapping) or set(signal) - set(channels):
         values = sample_signal(signal, times, channels, "disturbance")
-        found[:, :parts] = values.reshape(samples, parts, 3, len(channels))
-        return found
+        disturbance[:, :parts] = values.reshape(samples, parts, 3, len(channels))
+        return disturbance
     for name in signal:  # one channel at a time: all of them are 0.2 GB for 5 s of seven links
         values = sample_signal(signal[name], times, [name], "disturbance")
-        found[:, :parts, :, tuple(channels).index(name)] = values.reshape(samples, parts, 3)
-    return found
+        disturbance[:, :parts, :, tuple(channels).index(name)] = values.reshape(samples, parts, 3)
+    return disturbance
 
 
 def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
@@ -289,7 +289,7 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
 
 
 def check_seed(seed: Any) -> None:
-    """Refuse what is no integer in 0 … 2⁶⁴ − 1."""
+    """Refuse a seed that is no integer in 0 … 2⁶⁴ − 1."""
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= int(seed) < 2**64:
         raise InvalidInput(
             "The seed is not usable.", f"expected 0 <= integer < 2**64, got {value_text(seed)}", "seed=0"

@@ -1,17 +1,16 @@
 """Metrics of a response: of a step, of tracking, of a load; everything that judges a run uses them.
 
 Functions take arrays of time and of the true position. Reductions compute the metrics of `Trajectory.metrics`, and a
-user's own, while runs go on: they remember a few numbers, which every sample changes, so that nothing of the run is
-stored. Their `update` is traced and compiled like a model: NumPy code on any element, choices by
-`flexhinf.scalars.where`, `maximum` and so on.
+user's own, while runs go on: their memory is a few numbers, which every sample updates, so that no signal is stored.
+Their `update` is traced and compiled like a model: NumPy code on any element, choices by `flexhinf.scalars.where`,
+`maximum` and so on.
 
 `ring_down` has the oscillations in which a loop comes to rest after an impulse, from the recorded runs alone. Near its
-equilibrium a sampled loop obeys z(k+1) = A z(k), with z all that it remembers: states of the plant, estimate,
-inputs. A is the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues
-are the measured decay rates and frequencies, its eigenvectors say how much each of them moves. No model and no
-linearisation of the loop enters, so what it shows is what the loop does: also where dry friction, limits or a filter
-whose gain still settles make it another one than the linear loop. How far the fitted oscillations are from the runs is
-part of the result.
+equilibrium a sampled loop obeys z(k+1) = A z(k), with z its whole state: states of the plant, estimate, inputs. A is
+the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues are the
+measured decay rates and frequencies, its eigenvectors say how much each of them moves. No model and no linearisation of
+the loop enters, so the result holds also where dry friction, limits or a filter whose gain still settles make it
+another one than the linear loop. How far the fitted oscillations are from the runs is part of the result.
 """
 
 from __future__ import annotations
@@ -117,7 +116,7 @@ def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None
 def load_metrics(
     time: np.ndarray, position: np.ndarray, *, command: float, step: float, start: float
 ) -> dict[str, float | None]:
-    """What a disturbance does to a position (N,) that is held at a command from `start` (s, inside the run) on.
+    """Response of a position (N,), held at a command, to a disturbance that begins at `start` (s, inside the run).
 
     The band of 2 % is of the command's step, signed or not; where the command makes none, of a reference step that is
     stated beside the result. A disturbance that starts after the run, and a step without height, are refused.
@@ -159,8 +158,8 @@ LimitCycle = namedtuple("LimitCycle", ("amplitude", "frequency"))
 
 
 def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
-    """What still moves in the last half of a run at rest, of arrays (N,). The frequency is that of whole periods
-    between rises through the middle, with hysteresis."""
+    """Limit cycle in the last half of a run at rest, from arrays (N,). Its frequency is that of whole periods between
+    rises through the middle, with hysteresis."""
     time, position = tail_of(time, REST_TAIL), tail_of(position, REST_TAIL)
     low, high = float(position.min()), float(position.max())
     amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
@@ -188,7 +187,7 @@ def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start:
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What is known of the command before the run, for each of its r channels: the period, s, and the samples of the
+    """Facts about the command, known before the run, for each of its r channels: the period, s, and the samples of the
     run; the command at the first and at the last one; the first sample at which it differs from the first one, 0 where
     none does; and whether it stands still in the last tenth of the run, see `flexhinf.loop.step_shape`."""
 
@@ -201,13 +200,13 @@ class Command:
 
     @classmethod
     def of(cls, commands: np.ndarray, period: float) -> Command:
-        """Of an array (N, r)."""
+        """Facts about a command (N, r)."""
         change = np.argmax(commands != commands[0], axis=0)
         steps = np.all(tail_of(commands) == commands[-1], axis=0)
         return cls(period, len(commands), commands[0], commands[-1], change, steps)
 
     def vector(self) -> np.ndarray:
-        """What a kernel is given of it, (1 + 3r,): the tail, first, last and change."""
+        """Numbers of the command for a kernel, (1 + 3r,): the tail, first, last and change."""
         tail = self.samples - len(
             tail_of(np.empty(self.samples))
         )  # first sample of the last tenth of the run
@@ -237,16 +236,16 @@ class Instant:
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """Numbers about a run that each of its samples changes.
+    """A metric that is computed while a run goes on: a few numbers that every sample updates.
 
     Parameters
     ----------
     start : sequence of float
-        What is remembered before the first sample, (k,).
+        Memory before the first sample, (k,).
     update : callable
-        What is remembered (k,), and an `Instant`, to what is remembered then.
+        Memory (k,) and `Instant` → memory after this sample (k,).
     result : callable
-        What is remembered of N runs at their end, (k, N), and the `Command`, to arrays by name, (N,) or (N, j).
+        Memories (k, N) of N runs at their end, and the `Command` → arrays by name, (N,) or (N, j).
     key : hashable
         Reductions with the same key have the same update. By default the function itself.
     """
@@ -258,13 +257,13 @@ class Reduction:
 
     @property
     def code_key(self) -> Hashable:
-        """What distinguishes the compiled code."""
+        """Key of the compiled code."""
         return (self.update if self.key is None else self.key), len(self.start)
 
 
 @dataclass(frozen=True, eq=False)
 class EnsembleResult:
-    """Numbers of N runs."""
+    """Metrics of N runs."""
 
     #: (N,), 0, or `CONTROL_FAILED` or `PLANT_FAILED` of `program`: whose numbers are no longer finite
     codes: np.ndarray
@@ -295,7 +294,7 @@ class EnsembleResult:
         return {**(self.by_state[name] if name is not None else {}), **self.common}
 
     def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
-        """Those of the k-th run, with None as in `Trajectory.metrics`."""
+        """Metrics of the k-th run, with None as in `Trajectory.metrics`."""
         row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
         known = {key: value for key, value in row.items() if isinstance(value, list) or np.isfinite(value)}
         return {key: known.get(key) if self.completed[k] else None for key in row}
@@ -311,19 +310,19 @@ _STEP_START = (0.0, -np.inf, np.inf, -1.0, 0.0, *(-1.0, 0.0, 0.0) * len(RISE))
 
 
 def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -> Any:
-    """One more sample of a step of this shape: where it begins, where it ends, and its first sample."""
+    """Memory of a step response after one more sample; the shape is where it begins, ends, and its first sample."""
     (_, high, low, outside, before, *crossings), (initial, final, change) = kept, shape
     height, beyond, after = final - initial, position - final, step >= change
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
     band = SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
     outside = where(after, where(abs(beyond) > band, step, outside), outside)
     way = 1.0 + beyond / height
-    found = []
+    rises = []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
         new = where(after, where(sample < -0.5, where(way >= level, 1.0, 0.0), 0.0), 0.0)
-        found += [where(new, step, sample), where(new, way, at), where(new, before, last)]
-    return np.array([initial, high, low, outside, way, *found])
+        rises += [where(new, step, sample), where(new, way, at), where(new, before, last)]
+    return np.array([initial, high, low, outside, way, *rises])
 
 
 def _stepped_metrics(
@@ -378,7 +377,7 @@ def _step(place: Place, kept: Any, now: Instant) -> Any:
 
 
 def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    """NaN where the command is no step, or of no height; infinite where the run does not settle or rise."""
+    """Metrics of a step: NaN where the command has no step, infinite where the run does not settle or rise."""
     height = command.last[place.command] - kept[0]
     values_by_name = _stepped_metrics(kept, height, command.change[place.command], command)
     step = (height != 0.0) & command.steps[place.command]
@@ -417,7 +416,7 @@ def _peak_metric(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
 
 
 def _estimation(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
-    errors = [now.estimate[one] - now.state[other] for one, other in pairs]
+    errors = [now.estimate[i] - now.state[j] for i, j in pairs]
     return np.array([total + error * error for total, error in zip(kept, errors)])
 
 
@@ -446,7 +445,7 @@ Oscillation = namedtuple("Oscillation", ("frequency", "damping", "share"))
 
 @dataclass(frozen=True, eq=False)
 class RingDown:
-    """The oscillations of several runs: of each those that can be seen in its watched signals, the least damped first.
+    """The oscillations of several runs: for each run those visible in its watched signals, the least damped first.
 
     `error` is the largest distance of the fit from any watched signal, relative to its peak: near 0 where the loop is
     as good as linear; infinite without a fit. `rests`: every watched signal is nearly gone in the last tenth of its
@@ -458,28 +457,28 @@ class RingDown:
     rests: bool
 
     def damping_of(self, run: int) -> float:
-        """Smallest damping ratio that is seen in a run; 1 where nothing oscillates, 0 where runs are no decaying
+        """Smallest damping ratio visible in a run; 1 where nothing oscillates, 0 where runs are no decaying
         oscillations and do not come to rest."""
         if not self.error <= FITS and not self.rests:
             return 0.0
-        return min((found.damping for found in self.oscillations[run]), default=1.0)
+        return min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
 
     @property
     def damping(self) -> float:
-        """The smallest of all runs."""
+        """Smallest damping ratio of all runs."""
         return min((self.damping_of(k) for k in range(len(self.oscillations))), default=1.0)
 
     @property
     def worst(self) -> int:
-        """The run in which it is seen."""
+        """The run with the smallest damping ratio."""
         return min(range(len(self.oscillations)), key=self.damping_of)
 
 
 def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], period: float) -> RingDown:
     """The oscillations of several runs of one loop, from just after an impulse on.
 
-    Runs are (N, k) deviations from the equilibrium of all that the loop remembers, one row a sample of the period, s;
-    `watched` are of each run the columns in which oscillations are looked for.
+    Runs are (N, k) deviations of the loop's state from its equilibrium, one row a sample of the period, s; `watched`
+    are of each run the columns in which oscillations are looked for.
     """
     before = np.vstack([run[:-1] for run in runs])
     scale = np.sqrt(np.mean(before**2, axis=0))
@@ -506,7 +505,7 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
             Oscillation(float(frequencies[k]), float(damping_ratio(exponents[k])), float(share[k]))
             for k in np.flatnonzero(lasting & (share >= VISIBLE))
         ]
-        oscillations.append(tuple(sorted(seen, key=lambda one: one.damping)))
+        oscillations.append(tuple(sorted(seen, key=lambda oscillation: oscillation.damping)))
         with np.errstate(over="ignore", invalid="ignore"):
             fitted = np.real((values[None, :] ** np.arange(len(run))[:, None]) @ parts.T)
             distance = float((np.abs(fitted - columns) / peaks).max())

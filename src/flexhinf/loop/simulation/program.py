@@ -1,5 +1,5 @@
-"""The closed loop as a program: measure, control, integrate the true plant, and again; and what lies between a robot
-and its controller: the grain of its sensors, and the delay of its inputs."""
+"""The closed loop as a program: measure, control, integrate the true plant, and again; and the channel between robot
+and controller: quantised sensors and delayed inputs."""
 
 from __future__ import annotations
 
@@ -68,8 +68,8 @@ class Channel:
 
     @staticmethod
     def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
-        """From user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number of
-        periods, at most `LONGEST`; what does not fit is refused."""
+        """Channel from user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number
+        of periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
         late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
@@ -124,7 +124,7 @@ def rk4_function(plant: Plant) -> ca.Function:
 
 
 def measure_function(plant: Plant, controller: Controller, channel: Channel = DIRECT) -> ca.Function:
-    """(x, u, noise, (step, p)) → what the controller is given: outputs, or the states of its plant."""
+    """(x, u, noise, (step, p)) → the controller's measurement: outputs, or the states of its plant."""
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:
@@ -142,7 +142,7 @@ EnsembleOptions = namedtuple("EnsembleOptions", ("noisy", "disturbed", "delayed"
 
 
 class _Buffers(dict[str, Buffer]):
-    """Buffers of a program by name, as they are asked for; those without elements are left out."""
+    """Buffers of a program by name, collected while it is written; those without elements are left out."""
 
     def whole(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
         """All of a buffer of so many elements."""
@@ -164,8 +164,8 @@ def capacity(sub_steps: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class LoopCode:
-    """What of a loop is compiled: no parameter of plant or law, no time and no signal is in it. Loops with the same key
-    share their kernels; plant, controller and channel are those of one of them."""
+    """The compiled part of a loop: no parameter of plant or law, no time and no signal is in it. Loops with the same
+    key share their kernels; plant, controller and channel are those of one of them."""
 
     plant: Plant
     controller: Controller
@@ -184,16 +184,16 @@ class LoopCode:
 
     @cached_property
     def key(self) -> tuple[object, ...]:
-        """What distinguishes the code of two loops."""
+        """Key of the compiled code."""
         return ("loop", self.plant.code_key, self.controller.code_key, self.sizes, self.channel.quanta)
 
     @property
     def program(self) -> Program:
-        """The whole run as it is compiled."""
+        """The program of a whole run."""
         return share((*self.key, "program"), lambda: loop_program(self))
 
     def kernel(self) -> Kernel:
-        """The whole run."""
+        """The compiled program of a whole run."""
         return share((*self.key, "run"), lambda: compile_program(self.program))
 
 
@@ -202,9 +202,9 @@ def loop_program(
 ) -> Program:
     """The program of a run; `steps` samples, `parts` sub-steps each, room for `capacity` of them.
 
-    One run, without options, is given its noise and records all signals. Of many runs noise is made and numbers are
-    reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the same
-    for all lanes; each lane has its own plant, state, noise, and factors of the disturbance.
+    One run, without options, takes its noise as data and records all signals. Of many runs noise is made and numbers
+    are reduced on the way, and nothing is recorded but what is kept: command, data of the law and disturbance are the
+    same for all lanes; each lane has its own plant, state, noise, and factors of the disturbance.
 
     The record of the inputs begins with those that act before the first of the run does, `late` elements of them: what
     acts at a sample is the row that was written a delay ago, so that any delay is data.
@@ -233,10 +233,10 @@ def loop_program(
     if options is None:
         body.append(Copy(x[0], b.row("states", sizes.x, "out")[0]))
     elif options.noisy:
-        key, drawn = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
-        body.append(Normal(step[0], key[0], drawn[0]))
+        key, normal = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
+        body.append(Normal(step[0], key[0], normal[0]))
         deviation = b.whole("deviation", sizes.y, "in", many)
-        body.append(Call(_product_function(sizes.y, 1), (*drawn, *deviation), noise))
+        body.append(Call(_product_function(sizes.y, 1), (*normal, *deviation), noise))
     measure = drop_empty(measure_function(plant, controller, code.channel))
     body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
     if options is not None and options.kept:
@@ -311,8 +311,8 @@ def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Fu
         now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
         if not reductions:
             return step + 1.0
-        remembered = zip(reductions, np.split(kept, np.cumsum([len(one.start) for one in reductions])[:-1]))
-        return np.concatenate([np.asarray(one.update(part, now)) for one, part in remembered]), step + 1.0
+        remembered = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
+        return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in remembered]), step + 1.0
 
     widths = (1, _remembered(reductions), sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

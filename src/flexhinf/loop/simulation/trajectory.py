@@ -1,4 +1,4 @@
-"""What a run leaves behind: labelled signals with units, metrics, and a plot."""
+"""Result of a run: labelled signals with units, metrics, and a plot."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Trajectory(Summarised):
     signals, names, units : dicts
         state, estimate, output, input, reference, disturbance, (N, k) each; and names and units of their columns.
     settings : dict
-        What was run.
+        Arguments of the run.
     judged : tuple of str
         States that metrics and plots are about: the tracked ones, see `Controller.judged`.
     diverged_at, message : float or None, and str
@@ -161,7 +161,7 @@ class Trajectory(Summarised):
 
     def plot(self) -> Figure:
         """Tracked states (or all) with command and estimate above, inputs below, angles in degrees: a figure of
-        matplotlib that shows itself in a notebook and needs no pyplot; `Figure.savefig` writes it."""
+        matplotlib that a notebook displays, without pyplot; `Figure.savefig` writes it."""
         from flexhinf.loop.simulation.figure import plot_run
 
         return plot_run(self)
@@ -212,8 +212,8 @@ class Trajectory(Summarised):
         }  # fmt: skip
         facts["tracked state"] = name
         for key, of in units.items():
-            value, words = metrics[key], key.removesuffix("_percent").removesuffix("_s").replace("_", " ")
-            facts[words] = "none" if value is None else number_text(value, of)
+            value, label = metrics[key], key.removesuffix("_percent").removesuffix("_s").replace("_", " ")
+            facts[label] = "none" if value is None else number_text(value, of)
         return facts
 
     def _repr_html_(self) -> str:
