@@ -13,11 +13,10 @@ holds a goal off its operating point.
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -330,9 +329,12 @@ def model_rows(filter: RecursiveFilter) -> Rows:
     return Rows(key, lambda: trace(once, n + m, size, name="model"), repeated=True)
 
 
-#: One step: input (N, m), the law's argument (N, n + k), and the memory for the next step (N, s), a `Dual` each;
-#: derivatives are by memory (s), measurement (p), command (k) and centre (n + k, m), in this order.
-Stepped = namedtuple("Stepped", ("u", "deviation", "memory"))
+class Stepped(NamedTuple):
+    """One step. Derivatives are by memory (s), measurement (p), command (k) and centre (n + k, m), in this order."""
+
+    u: Dual  # input (N, m)
+    deviation: Dual  # the law's argument (N, n + k)
+    memory: Dual  # for the next step (N, s)
 
 
 class SampledController:

@@ -12,9 +12,9 @@ points of all searches, so that lanes and threads are full. Searches that come t
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,13 @@ NEAR = 0.25
 SEARCH_ROUNDS = 200
 
 
-#: Where a search ended: point (d,) and value, evaluations of all searches, and how many ended at this point.
-Climbed = namedtuple("Climbed", ("point", "value", "evaluations", "together"))
+class Climbed(NamedTuple):
+    """The end of a search from several starts."""
+
+    point: np.ndarray  # (d,)
+    value: float
+    evaluations: int  # of all searches
+    together: int  # searches that ended at this point
 
 
 @dataclass(eq=False)

@@ -22,11 +22,10 @@ no derivatives of the loop by its parameters, then the disturbance for that plan
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -492,8 +491,12 @@ class MovedLaw(Law):
         return self.law.evaluate_law(x + data[-n - m : -m], data[: -n - m]) - data[-m:]
 
 
-#: The plant, a point (d,) of the unit box, its worst disturbance, and the runs of the search over plants.
-WorstGain = namedtuple("WorstGain", ("point", "attained", "runs"))
+class WorstGain(NamedTuple):
+    """The plant with the largest gain, and its worst disturbance."""
+
+    point: np.ndarray  # (d,), the plant in the unit box
+    attained: Attained
+    runs: int  # of the search over plants
 
 
 def worst_gain(

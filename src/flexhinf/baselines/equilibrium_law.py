@@ -17,11 +17,10 @@ Two laws are here: the LQR of a problem's linear part, which has the problem's o
 from __future__ import annotations
 
 import abc
-from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -38,16 +37,17 @@ TORQUES = ("link_torque", "motor_torque")
 COUPLING = 1e-9
 
 
-#: Numbers of n elastic joints at an equilibrium, seen from the link side, SI units: M(q*) and ∂G/∂q, (n, n); of the
-#: springs as they are there K and D; of the motors J and B, the back-EMF's k_t k_b / R included; and the torque per
-#: input, k_t / R, N·m/V, for a voltage, k_t, N·m/A, for a current, 1 for a torque; (n,) each.
-ElasticJoints = namedtuple(
-    "ElasticJoints",
-    (
-        "link_inertia", "gravity_slope", "stiffness", "spring_damping", "motor_inertia", "motor_damping",
-        "torque_per_input",
-    ),
-)  # fmt: skip
+class ElasticJoints(NamedTuple):
+    """Numbers of n elastic joints at an equilibrium, seen from the link side, in SI units; (n,) but for the first
+    two."""
+
+    link_inertia: np.ndarray  # M(q*), (n, n)
+    gravity_slope: np.ndarray  # ∂G/∂q, (n, n)
+    stiffness: np.ndarray  # K of the springs as they are there
+    spring_damping: np.ndarray  # D
+    motor_inertia: np.ndarray  # J
+    motor_damping: np.ndarray  # B, the back-EMF's k_t k_b / R included
+    torque_per_input: np.ndarray  # k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque
 
 
 def check_joints(plant: Plant) -> int:
@@ -299,7 +299,7 @@ class LinearQuadratic(EquilibriumLaw):
     """
 
     gain: Any
-    law_key: ClassVar[Any] = "linear feedback"  # one text for all numbers
+    law_key: ClassVar[str] = "linear feedback"  # one text for all numbers
 
     def __post_init__(self) -> None:
         super().__post_init__()

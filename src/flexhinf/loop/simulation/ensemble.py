@@ -9,12 +9,11 @@ that of a single run, and their signals are reduced afterwards, to the same bits
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -136,9 +135,13 @@ def zeros(size: int) -> np.ndarray:
     return values
 
 
-#: What N runs leave behind: code and last sample of their `Status` (N,), what the reductions remember (k, N), and
-#: signals at some samples (N, T, j), NaN after the last one of a run that failed.
-Recorded = namedtuple("Recorded", ("codes", "steps", "remembered", "kept"))
+class Recorded(NamedTuple):
+    """Records of N runs."""
+
+    codes: np.ndarray  # (N,), of their `Status`
+    steps: np.ndarray  # (N,), the last sample
+    remembered: np.ndarray  # (k, N), memories of the reductions
+    kept: np.ndarray  # (N, T, j), signals at some samples, NaN after the last one of a run that failed
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +201,8 @@ class Ensemble:
         plants = self._plants(parameters, seeds, initial_states, loads, initial_inputs)
         threads = THREADS if threads is None else threads
         few = lanes is None and self._few(plants)
-        recorded = self._alone(plants, threads) if few else self._in_lanes(plants, lanes or LANES, threads)
+        lanes = LANES if lanes is None else lanes
+        recorded = self._alone(plants, threads) if few else self._in_lanes(plants, lanes, threads)
         failed = recorded.codes != 0
         diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
         recorded.remembered[:, failed] = np.nan

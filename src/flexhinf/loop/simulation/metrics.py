@@ -16,11 +16,10 @@ another one than the linear loop. How far the fitted oscillations are from the r
 from __future__ import annotations
 
 import math
-from collections import namedtuple
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -152,9 +151,11 @@ def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
     return float(np.abs(tail_of(position - reference)).max())
 
 
-#: An oscillation that does not die out: half of the distance between its extremes, and its frequency, Hz, None where
-#: there is not one whole period.
-LimitCycle = namedtuple("LimitCycle", ("amplitude", "frequency"))
+class LimitCycle(NamedTuple):
+    """An oscillation that does not die out."""
+
+    amplitude: float  # half of the distance between its extremes
+    frequency: float | None  # Hz; None where there is not one whole period
 
 
 def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
@@ -300,9 +301,13 @@ class EnsembleResult:
         return {key: known.get(key) if self.completed[k] else None for key in row}
 
 
-#: Signal ("state", "output" or "estimate") and column of the true value of a tracked state, and its column of the
-#: command.
-Place = namedtuple("Place", ("kind", "column", "command"))
+class Place(NamedTuple):
+    """Where the true value of a tracked state stands."""
+
+    kind: str  # "state", "output" or "estimate"
+    column: int  # of this signal
+    command: int  # its column of the command
+
 
 #: Initial position, largest and smallest distance beyond the final command, last sample outside of the settling band,
 #: fraction of the step at the sample before; for each level of the rise its sample, and the fraction then and before.
@@ -438,9 +443,12 @@ FITS = 0.1
 LASTING = 2.0
 
 
-#: One decaying oscillation in one run: |log λ| / 2π, Hz; −Re/|·| of its exponent, negative where it grows; and its
-#: amplitude just after the impulse, over the peak of the watched signal in which it is largest.
-Oscillation = namedtuple("Oscillation", ("frequency", "damping", "share"))
+class Oscillation(NamedTuple):
+    """One decaying oscillation in one run."""
+
+    frequency: float  # |log λ| / 2π, Hz
+    damping: float  # −Re/|·| of its exponent, negative where it grows
+    share: float  # its amplitude just after the impulse, over the peak of the watched signal in which it is largest
 
 
 @dataclass(frozen=True, eq=False)

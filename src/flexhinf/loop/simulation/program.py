@@ -3,11 +3,10 @@ and controller: quantised sensors and delayed inputs."""
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -105,10 +104,19 @@ DIRECT = Channel((), 0)
 CONTROL_FAILED, PLANT_FAILED = 1, 2
 
 
-#: Lengths of the buffers of a loop.
-LoopSizes = namedtuple(
-    "LoopSizes", ("x", "u", "y", "r", "d", "memory", "data", "estimate", "parameters", "capacity")
-)
+class LoopSizes(NamedTuple):
+    """Lengths of the buffers of a loop."""
+
+    x: int
+    u: int
+    y: int
+    r: int
+    d: int
+    memory: int
+    data: int
+    estimate: int
+    parameters: int
+    capacity: int
 
 
 def rk4_function(plant: Plant) -> ca.Function:
@@ -136,9 +144,15 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
     return trace(measure, *sizes, name="measure")
 
 
-#: Whether a program of many runs has measurement noise, a disturbance and a delay of the inputs, and which signals it
-#: records at every sample: "state", "output", "estimate" or "input", and the column.
-EnsembleOptions = namedtuple("EnsembleOptions", ("noisy", "disturbed", "delayed", "kept"))
+class EnsembleOptions(NamedTuple):
+    """What a program of many runs contains."""
+
+    noisy: bool  # measurement noise
+    disturbed: bool
+    delayed: bool  # inputs
+    kept: tuple[
+        tuple[str, int], ...
+    ]  # recorded at every sample: "state", "output", "estimate" or "input"; column
 
 
 class _Buffers(dict[str, Buffer]):
