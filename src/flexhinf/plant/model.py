@@ -16,7 +16,7 @@ from typing import Any, Self, cast
 
 import numpy as np
 
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.integration import fastest_modes
 from flexhinf.scalars import (
@@ -73,12 +73,12 @@ class ParameterTable:
             )
         checked = {}
         for name, value in self.values.items():
-            if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
-                raise InvalidInput(
-                    f"The parameter name {name!r} cannot be an attribute.",
-                    "expected a Python identifier without a leading underscore that is no keyword",
-                    "letters, digits and underscores, for example lambda_ for lambda",
-                )
+            refuse_if(
+                not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"),
+                f"The parameter name {name!r} cannot be an attribute.",
+                "expected a Python identifier without a leading underscore that is no keyword",
+                "letters, digits and underscores, for example lambda_ for lambda",
+            )
             array = real_array(value)
             if not np.all(np.isfinite(array)):
                 raise InvalidInput(
@@ -137,12 +137,12 @@ class ParameterTable:
         for name, value in changes.items():
             if name not in self.values:
                 raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
-            if np.shape(value) != self.values[name].shape:
-                raise InvalidInput(
-                    f"The parameter {name!r} has the wrong shape.",
-                    f"expected {self.values[name].shape}, got {np.shape(value)}",
-                    "one number for each nominal number",
-                )
+            refuse_if(
+                np.shape(value) != self.values[name].shape,
+                f"The parameter {name!r} has the wrong shape.",
+                f"expected {self.values[name].shape}, got {np.shape(value)}",
+                "one number for each nominal number",
+            )
         return ParameterTable({**self.values, **changes})
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
@@ -250,12 +250,12 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
             f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
             "the names in states, inputs and disturbances, and NumPy functions on the elements",
         ) from error
-    if signals.ndim != 1:
-        raise InvalidInput(
-            f"{what} does not return a vector.",
-            f"expected one axis, got shape {signals.shape}",
-            "np.array([...]) of the elements",
-        )
+    refuse_if(
+        signals.ndim != 1,
+        f"{what} does not return a vector.",
+        f"expected one axis, got shape {signals.shape}",
+        "np.array([...]) of the elements",
+    )
     return signals
 
 
@@ -327,28 +327,28 @@ class Model(Summarised):
             object.__setattr__(self, kind, names)
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
-        if not self.states or not self.inputs:
-            raise InvalidInput(
-                "A plant needs at least one state and one input.",
-                f"got {len(self.states)} states and {len(self.inputs)} inputs",
-                "states=(...), inputs=(...)",
-            )
+        refuse_if(
+            not self.states or not self.inputs,
+            "A plant needs at least one state and one input.",
+            f"got {len(self.states)} states and {len(self.inputs)} inputs",
+            "states=(...), inputs=(...)",
+        )
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
-        if self.traced_flow.size1_out(0) != len(self.states):
-            raise InvalidInput(
-                "flow(x, u, d, p) returns the wrong number of derivatives.",
-                f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
-                "one derivative per state, in the order of states",
-            )
+        refuse_if(
+            self.traced_flow.size1_out(0) != len(self.states),
+            "flow(x, u, d, p) returns the wrong number of derivatives.",
+            f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
+            "one derivative per state, in the order of states",
+        )
         measured = self.traced_output.size1_out(0)
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
-        if len(self.outputs) != measured:
-            raise InvalidInput(
-                "output(x, u, p) and the names of the outputs disagree.",
-                f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
-                "one name per signal",
-            )
+        refuse_if(
+            len(self.outputs) != measured,
+            "output(x, u, p) and the names of the outputs disagree.",
+            f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
+            "one name per signal",
+        )
 
     @property
     def n(self) -> int:
@@ -398,12 +398,12 @@ class Model(Summarised):
         text = serial([pack(array) for array in arguments], self._flow_text(*arguments))
         if text == vars(self).get("_checked"):  # as it was when it was traced: half the work of a trace
             return
-        if digest(self._trace_flow()) != self._content[0]:
-            raise InvalidInput(
-                "flow(x, u, d, p) computes something else than when its plant was built.",
-                "expected the same operations and constants: a global or an attribute that it reads has changed",
-                "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
-            )
+        refuse_if(
+            digest(self._trace_flow()) != self._content[0],
+            "flow(x, u, d, p) computes something else than when its plant was built.",
+            "expected the same operations and constants: a global or an attribute that it reads has changed",
+            "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
+        )
         vars(self)["_checked"] = text
 
     def with_parameters(self, **changes: Any) -> Self:
@@ -476,10 +476,12 @@ class Model(Summarised):
         worst = int(np.argmax(np.abs(rate)))
         finite = np.isfinite(rate).all()
         largest = EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if finite else -1.0
-        if not abs(rate[worst]) <= largest:
-            raise InvalidInput(
-                what, f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}", advice
-            )
+        refuse_if(
+            not abs(rate[worst]) <= largest,
+            what,
+            f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}",
+            advice,
+        )
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
@@ -555,12 +557,12 @@ class Model(Summarised):
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
         points = self._points(x, u, d)
         count = max(map(len, points)) if all(map(len, points)) else 0
-        if any(len(rows) not in (1, count) for rows in points):
-            raise InvalidInput(
-                "The numbers of points differ.",
-                f"got {[len(rows) for rows in points]} rows of x, u and d",
-                "a row for each point, or one for all",
-            )
+        refuse_if(
+            any(len(rows) not in (1, count) for rows in points),
+            "The numbers of points differ.",
+            f"got {[len(rows) for rows in points]} rows of x, u and d",
+            "a row for each point, or one for all",
+        )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))

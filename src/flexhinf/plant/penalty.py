@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import has_a_name
 from flexhinf.plant.polynomial_plant import checked_r2
 from flexhinf.validation import checked_array, checked_names, real_array, value_text
@@ -65,12 +65,12 @@ class Penalty:
                     f"{np.abs(values).max():g}, or leave the weight out",
                 )
         effort = real_array(self.effort)
-        if not np.all(np.isfinite(effort)) or effort.ndim > 2:
-            raise InvalidInput(
-                "The effort penalty R2 is not made of finite numbers.",
-                f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
-                "a positive number, for example effort=10",
-            )
+        refuse_if(
+            not np.all(np.isfinite(effort)) or effort.ndim > 2,
+            "The effort penalty R2 is not made of finite numbers.",
+            f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
+            "a positive number, for example effort=10",
+        )
 
     def __copy__(self) -> Penalty:
         return Penalty(self.states, self.effort)
@@ -80,12 +80,12 @@ class Penalty:
 
     def __getstate__(self) -> dict[str, Any]:
         """For a pickle: code is found again by its name."""
-        if callable(self.states) and not has_a_name(self.states):
-            raise InvalidInput(
-                "A penalty of code without a name cannot be pickled.",
-                f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
-                "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
-            )
+        refuse_if(
+            callable(self.states) and not has_a_name(self.states),
+            "A penalty of code without a name cannot be pickled.",
+            f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
+            "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
+        )
         return {"states": self.states, "effort": self.effort}
 
     @staticmethod
@@ -106,12 +106,12 @@ class Penalty:
         for name, weight in self.states.items():
             stem = name.removesuffix("_integral")
             members = groups.get(name) or [f"{m}_integral" for m in groups.get(stem, ())]
-            if members and np.ndim(weight) and np.shape(weight) != (len(members),):
-                raise InvalidInput(
-                    f"The weights of {name!r} do not fit its signals.",
-                    f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
-                    "a number for all of them",
-                )
+            refuse_if(
+                members and np.ndim(weight) and np.shape(weight) != (len(members),),
+                f"The weights of {name!r} do not fit its signals.",
+                f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
+                "a number for all of them",
+            )
             weights.update(zip(members, weight if np.ndim(weight) else [weight] * len(members)))
             if not members and stem not in groups:
                 singles[name] = weight
@@ -123,12 +123,12 @@ class Penalty:
         matrix = (
             np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort) if effort.ndim < 2 else effort
         )
-        if matrix.shape != (inputs, inputs):
-            raise InvalidInput(
-                "The effort penalty R2 has the wrong shape.",
-                f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
-                "a number, one number per input, or a matrix",
-            )
+        refuse_if(
+            matrix.shape != (inputs, inputs),
+            "The effort penalty R2 has the wrong shape.",
+            f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
+            "a number, one number per input, or a matrix",
+        )
         return checked_r2(matrix, 1e-9, 1e-12)
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:

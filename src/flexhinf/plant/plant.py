@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
 from flexhinf.plant.penalty import Penalty
@@ -82,34 +82,34 @@ class GeneralisedPlant(Summarised):
     equilibrium: tuple[Any, Any] | None = None
 
     def __post_init__(self) -> None:
-        if self.command not in ("disturbance", None):
-            raise InvalidInput(
-                "The command can enter the synthesis in one way only.",
-                f"expected command='disturbance' or None, got {self.command!r}",
-                "command='disturbance' for the paper's problem",
-            )
+        refuse_if(
+            self.command not in ("disturbance", None),
+            "The command can enter the synthesis in one way only.",
+            f"expected command='disturbance' or None, got {self.command!r}",
+            "command='disturbance' for the paper's problem",
+        )
         for name in self.integrate:
             self.plant.index(name)
         distinct("Of the integrated states", self.integrate)
-        if self.command and not self.integrate:
-            raise InvalidInput(
-                "The command enters through the integral of the tracking error, and no state is integrated.",
-                "expected integrate=(...) with command='disturbance', got integrate=()",
-                "integrate=('link_position',)",
-            )
+        refuse_if(
+            self.command and not self.integrate,
+            "The command enters through the integral of the tracking error, and no state is integrated.",
+            "expected integrate=(...) with command='disturbance', got integrate=()",
+            "integrate=('link_position',)",
+        )
         channels = self.disturbances
         if channels is None:
             channels = () if self.command else self.plant.disturbances
         channels = (channels,) if isinstance(channels, str) else tuple(channels)
         unknown = [name for name in channels if name not in self.plant.disturbances]
-        if unknown or not (channels or self.command) or len(set(channels)) != len(channels):
-            raise InvalidInput(
-                f"There is no disturbance {unknown[0]!r}."
-                if unknown
-                else "The disturbances are none, or repeat.",
-                f"expected distinct names out of {list(self.plant.disturbances)}, got {list(channels)}",
-                "disturbances=(...), or command='disturbance'",
-            )
+        refuse_if(
+            unknown or not (channels or self.command) or len(set(channels)) != len(channels),
+            f"There is no disturbance {unknown[0]!r}."
+            if unknown
+            else "The disturbances are none, or repeat.",
+            f"expected distinct names out of {list(self.plant.disturbances)}, got {list(channels)}",
+            "disturbances=(...), or command='disturbance'",
+        )
         object.__setattr__(self, "disturbances", channels)
         self.penalty.r2(len(self.plant.inputs))
         self.plant.check_equilibrium(
@@ -120,12 +120,12 @@ class GeneralisedPlant(Summarised):
         table = self.plant.parameters
         origin = np.zeros(len(self.state_names))
         offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
-        if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
-            raise InvalidInput(
-                "The penalty h(x) is not zero at the operating point.",
-                f"expected a vector with h(0) = 0, got {offset.tolist()}",
-                "a penalty on deviations from the operating point",
-            )
+        refuse_if(
+            offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE),
+            "The penalty h(x) is not zero at the operating point.",
+            f"expected a vector with h(0) = 0, got {offset.tolist()}",
+            "a penalty on deviations from the operating point",
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
@@ -153,13 +153,13 @@ class GeneralisedPlant(Summarised):
         if self.equilibrium is not None:
             x, u = read_only(tuple(map(real_array, self.equilibrium)))
             shapes = (self.plant.n,), (len(self.plant.inputs),)
-            if self.pose is not None or (x.shape, u.shape) != shapes:
-                raise InvalidInput(
-                    "The operating point does not fit the plant.",
-                    f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
-                    f"pose={self.pose!r}",
-                    "either pose or equilibrium",
-                )
+            refuse_if(
+                self.pose is not None or (x.shape, u.shape) != shapes,
+                "The operating point does not fit the plant.",
+                f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
+                f"pose={self.pose!r}",
+                "either pose or equilibrium",
+            )
             object.__setattr__(self, "equilibrium", (x, u))
             return x, u
         if self.pose is None:
@@ -238,12 +238,12 @@ class GeneralisedPlant(Summarised):
         h = self.penalty.states
         if not callable(h) or isinstance(h, StoredCode):
             return
-        if digest(self._trace_penalty()) != digest(self._penalty_code.function):
-            raise InvalidInput(
-                "The penalty h(x, p) computes something else than when its problem was built.",
-                "expected the same operations and constants: a global or an attribute that it reads has changed",
-                "build the problem anew: plant.with_objective(...)",
-            )
+        refuse_if(
+            digest(self._trace_penalty()) != digest(self._penalty_code.function),
+            "The penalty h(x, p) computes something else than when its problem was built.",
+            "expected the same operations and constants: a global or an attribute that it reads has changed",
+            "build the problem anew: plant.with_objective(...)",
+        )
 
     def expand(self, degree: int) -> PolynomialPlant:
         """Exact Taylor expansion about the operating point, at the nominal parameters.
@@ -308,12 +308,12 @@ class GeneralisedPlant(Summarised):
     def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
         points = np.atleast_2d(np.asarray(x, dtype=float))
-        if points.ndim != 2 or points.shape[1] != len(self.state_names):
-            raise InvalidInput(
-                "The points do not fit the problem.",
-                f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
-                "deviations from the operating point, integrals of the error included",
-            )
+        refuse_if(
+            points.ndim != 2 or points.shape[1] != len(self.state_names),
+            "The points do not fit the problem.",
+            f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
+            "deviations from the operating point, integrals of the error included",
+        )
         count, n = points.shape
         if not count:  # to CasADi, a matrix without columns is a zero
             f, g1, g2, h = self.fields(np.zeros((1, n)))
@@ -381,12 +381,12 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
     come in the order of the joints, or by `names`. One signal may have one column per joint.
     """
     if isinstance(signals, Mapping):
-        if not names or set(signals) != set(names):
-            raise InvalidInput(
-                "The signals by name are not those of the joints.",
-                f"expected one for each of {list(names)}, got {list(signals)}",
-                "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
-            )
+        refuse_if(
+            not names or set(signals) != set(names),
+            "The signals by name are not those of the joints.",
+            f"expected one for each of {list(names)}, got {list(signals)}",
+            "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
+        )
         signals = [signals[name] for name in names]
     several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
     columns = [np.zeros((order + 1, len(times), 0))]
@@ -407,12 +407,12 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
             ) from error
     motion = np.concatenate(columns, axis=2)
     count = motion.shape[2]
-    if count == 0 or (names and count != len(names)):
-        raise InvalidInput(
-            "The number of signals is not that of the joints.",
-            f"expected one for each of {list(names) or 'the joints'}, got {count}",
-            "one signal per joint",
-        )
+    refuse_if(
+        count == 0 or (names and count != len(names)),
+        "The number of signals is not that of the joints.",
+        f"expected one for each of {list(names) or 'the joints'}, got {count}",
+        "one signal per joint",
+    )
     return motion
 
 
@@ -468,30 +468,32 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
         If it is no linear system in continuous time, or has no such inputs.
     """
     package = python_control()
-    if not isinstance(system, package.StateSpace | package.TransferFunction) or system.isdtime(strict=True):
-        raise InvalidInput(
-            "The system cannot become a plant.",
-            "expected a linear system in continuous time, got "
-            f"{type(system).__name__} with dt={getattr(system, 'dt', None)}",
-            "control.ss(A, B, C, D); a nonlinear plant is a function, see flexhinf.Plant",
-        )
+    refuse_if(
+        not isinstance(system, package.StateSpace | package.TransferFunction) or system.isdtime(strict=True),
+        "The system cannot become a plant.",
+        "expected a linear system in continuous time, got "
+        f"{type(system).__name__} with dt={getattr(system, 'dt', None)}",
+        "control.ss(A, B, C, D); a nonlinear plant is a function, see flexhinf.Plant",
+    )
     linear = package.ss(system)
     labels = list(linear.input_labels)
     chosen = labels if inputs is None else list(inputs)
-    if not set(chosen) <= set(labels) or not chosen:
-        raise InvalidInput(
-            "The system has no such inputs.", f"expected some of {labels}, got {chosen}", str(labels[:1])
-        )
+    refuse_if(
+        not set(chosen) <= set(labels) or not chosen,
+        "The system has no such inputs.",
+        f"expected some of {labels}, got {chosen}",
+        str(labels[:1]),
+    )
     places = [labels.index(name) for name in chosen]
     others = [k for k, name in enumerate(labels) if name not in chosen]
     a, b, c, d = (np.asarray(m, dtype=float) for m in (linear.A, linear.B, linear.C, linear.D))
     disturbances = tuple(labels[k] for k in others)
-    if d[:, others].any():
-        raise InvalidInput(
-            "A disturbance acts on a measurement directly.",
-            f"expected D = 0 for {list(disturbances)}",
-            "measurement noise is the loop's; other disturbances act through a state",
-        )
+    refuse_if(
+        d[:, others].any(),
+        "A disturbance acts on a measurement directly.",
+        f"expected D = 0 for {list(disturbances)}",
+        "measurement noise is the loop's; other disturbances act through a state",
+    )
     point = (np.zeros(size) for size in (len(a), len(chosen), len(c)))
     return _linear_plant(
         (a, b[:, places], b[:, others], c, d[:, places], *point), tuple(linear.state_labels), tuple(chosen),

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
@@ -46,12 +46,12 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
         )
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
-    if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
-        raise InvalidInput(
-            "R2, the effort penalty, is not symmetric positive definite.",
-            f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
-            "every input needs a positive price, for example effort=10",
-        )
+    refuse_if(
+        not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0,
+        "R2, the effort penalty, is not symmetric positive definite.",
+        f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
+        "every input needs a positive price, for example effort=10",
+    )
     return half
 
 
@@ -71,12 +71,12 @@ def parts_from_input(name: str, coefficients: Any, n: int) -> dict[int, np.ndarr
 
 def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[int, np.ndarray]:
     """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient."""
-    if not isinstance(coefficients, Mapping) or not coefficients:
-        raise InvalidInput(
-            f"{name} is not a mapping of monomials.",
-            f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
-            "keys are tuples of exponents, one per state",
-        )
+    refuse_if(
+        not isinstance(coefficients, Mapping) or not coefficients,
+        f"{name} is not a mapping of monomials.",
+        f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
+        "keys are tuples of exponents, one per state",
+    )
     values = [real_array(value) for value in coefficients.values()]
     shape = values[0].shape
     parts: dict[int, np.ndarray] = {}
@@ -113,11 +113,9 @@ def checked_parts(
     name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
 ) -> dict[int, np.ndarray]:
     """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest."""
-    if not parts:
-        raise InvalidInput(f"{name} has no coefficients.", "expected at least one degree", "give zeros")
+    refuse_if(not parts, f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]
-    if n < 1:
-        raise InvalidInput("The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
+    refuse_if(n < 1, "The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
     zero = np.zeros((*lead, basis.count(n, lowest)))
@@ -125,16 +123,18 @@ def checked_parts(
         part = np.ascontiguousarray(real_array(coefficients))
         sizes = ("any" if size is None else size for size in (lead if fits else shape))
         expected = (*sizes, basis.count(n, degree))
-        if not fits or part.shape != expected:
-            raise InvalidInput(
-                f"{name} does not fit the plant (n = {n} states).",
-                f"expected shape {expected} at degree {degree}, got {part.shape}",
-                "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
-            )
-        if not np.isfinite(part).all():
-            raise InvalidInput(
-                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
-            )
+        refuse_if(
+            not fits or part.shape != expected,
+            f"{name} does not fit the plant (n = {n} states).",
+            f"expected shape {expected} at degree {degree}, got {part.shape}",
+            "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
+        )
+        refuse_if(
+            not np.isfinite(part).all(),
+            f"{name} has a coefficient that is not finite.",
+            f"at degree {degree}",
+            "check the parameters",
+        )
         if degree == lowest or part.any():
             checked[degree] = part
     return checked
@@ -288,12 +288,12 @@ class PolynomialPlant(Summarised):
         ):
             own = [f"{letter}{i + 1}" for i in range(count)]
             names.append(checked_names(f"The {kind}s", own if stated is None else stated))
-            if len(names[-1]) != count:
-                raise InvalidInput(
-                    f"The number of {kind} names is not the number of {kind}s.",
-                    f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
-                    f"one name per {kind}, in the order of {letter}",
-                )
+            refuse_if(
+                len(names[-1]) != count,
+                f"The number of {kind} names is not the number of {kind}s.",
+                f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
+                f"one name per {kind}, in the order of {letter}",
+            )
             distinct(f"The {kind}", names[-1])
             what, advice = (
                 f"The operating point does not fit the plant's {kind}s.",
@@ -335,12 +335,12 @@ class PolynomialPlant(Summarised):
         InvalidInput
             Wrong shapes, and as `PolynomialPlant`.
         """
-        if not (len(f) and len(g1) and len(g2) and len(h)):
-            raise InvalidInput(
-                "A field has no Kronecker coefficients.",
-                f"expected at least one matrix of each, got {len(f)}, {len(g1)}, {len(g2)}, {len(h)} of f, g1, g2, h",
-                "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
-            )
+        refuse_if(
+            not (len(f) and len(g1) and len(g2) and len(h)),
+            "A field has no Kronecker coefficients.",
+            f"expected at least one matrix of each, got {len(f)}, {len(g1)}, {len(g2)}, {len(h)} of f, g1, g2, h",
+            "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
+        )
         n = np.shape(f[0])[0] if np.ndim(f[0]) == 2 or hasattr(f[0], "tocoo") else 0
         if n == 0:
             raise InvalidInput(
@@ -500,13 +500,13 @@ def _check_everywhere(plant: Any) -> None:
     terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
     bent = ca.vertcat(ca.vec(ca.densify(slope)), decides)
     bad = [name for j, name in enumerate(names) if nonzero(ca.jacobian(bent, inputs[j]), z, terms_of).any()]
-    if bad:
-        raise InvalidInput(
-            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
-            f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
-            "away from the point",
-            "the nonlinear actuator as states of its own, with the new command as input",
-        )
+    refuse_if(
+        bad,
+        "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
+        f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
+        "away from the point",
+        "the nonlinear actuator as states of its own, with the new command as input",
+    )
 
 
 def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:
@@ -544,22 +544,22 @@ def expand_control_affine(
     """
     point = [np.atleast_1d(np.asarray(a, dtype=float)) for a in (x0, u0, d0)]
     n, m, md = map(len, point)
-    if degree < 1:
-        raise InvalidInput(
-            "The degree of the expansion cannot be used.",
-            f"expected >= 1, got {value_text(degree)}",
-            "for example 3",
-        )
+    refuse_if(
+        degree < 1,
+        "The degree of the expansion cannot be used.",
+        f"expected >= 1, got {value_text(degree)}",
+        "for example 3",
+    )
     inner = max(degree, 2)
     x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])
     with np.errstate(all="ignore"):
         result = np.asarray(flow(x, u, d, parameters), dtype=object)
-    if result.shape != (n,):
-        raise InvalidInput(
-            "The flow does not return one derivative per state.",
-            f"expected shape ({n},), got {result.shape}",
-            "np.array([...]) of the n derivatives, in the order of the states",
-        )
+    refuse_if(
+        result.shape != (n,),
+        "The flow does not return one derivative per state.",
+        f"expected shape ({n},), got {result.shape}",
+        "np.array([...]) of the n derivatives, in the order of the states",
+    )
     rows, monomials, values = terms(result, n + m + md, inner)
     _check_finite(rows, values, result.shape, "flow")
     owner, place = (part[monomials] for part in _sorted_out(n, m + md, inner))

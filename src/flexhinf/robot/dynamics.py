@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.validation import HUGE, checked_array, checked_name, distinct, real_array, value_text
 
 #: Three elements.
@@ -190,34 +190,36 @@ class Joint:
 
     def __post_init__(self) -> None:
         checked_name("a joint", self.name, without=",=")
-        if self.name == "world" or self.name == "integral" or self.name.endswith("_integral"):
-            raise InvalidInput(
-                f"The joint name {self.name!r} has another meaning.",
-                "expected neither 'world' (the base) nor an ending 'integral' (the integral of an error)",
-                "another name",
-            )
-        if self.kind not in KINDS:
-            raise InvalidInput(
-                f"The joint {self.name!r} is of an unknown kind.",
-                f"expected one of {list(KINDS)}, got {self.kind!r}",
-                "merge fixed joints into their links; a planar or floating base is not supported",
-            )
+        refuse_if(
+            self.name == "world" or self.name == "integral" or self.name.endswith("_integral"),
+            f"The joint name {self.name!r} has another meaning.",
+            "expected neither 'world' (the base) nor an ending 'integral' (the integral of an error)",
+            "another name",
+        )
+        refuse_if(
+            self.kind not in KINDS,
+            f"The joint {self.name!r} is of an unknown kind.",
+            f"expected one of {list(KINDS)}, got {self.kind!r}",
+            "merge fixed joints into their links; a planar or floating base is not supported",
+        )
         what = f"The axis of joint {self.name!r} is no vector."
         axis = checked_array(what, self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE)
         length = float(np.linalg.norm(axis))
-        if not length > 1.0 / HUGE:
-            raise InvalidInput(
-                f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
-            )
+        refuse_if(
+            not length > 1.0 / HUGE,
+            f"The axis of joint {self.name!r} has no direction.",
+            f"got {list(self.axis)}",
+            "[0, 0, 1]",
+        )
         object.__setattr__(self, "axis", tuple(_snap(float(a) / length) for a in self.axis))
         if self.limits is not None:
             limits = real_array(self.limits)
-            if limits.shape != (2,) or not limits[0] < limits[1]:
-                raise InvalidInput(
-                    f"The limits of joint {self.name!r} leave no room.",
-                    f"expected lower < upper, got {value_text(self.limits)}",
-                    "limits = [lower, upper] in rad (m for a prismatic joint)",
-                )
+            refuse_if(
+                limits.shape != (2,) or not limits[0] < limits[1],
+                f"The limits of joint {self.name!r} leave no room.",
+                f"expected lower < upper, got {value_text(self.limits)}",
+                "limits = [lower, upper] in rad (m for a prismatic joint)",
+            )
             object.__setattr__(self, "limits", tuple(limits.tolist()))
 
     @property
@@ -253,18 +255,17 @@ class Tree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = self.names
-        if not names:
-            raise InvalidInput(
-                "There are no joints.", "expected one at least, got none", "a joint for each link"
-            )
+        refuse_if(
+            not names, "There are no joints.", "expected one at least, got none", "a joint for each link"
+        )
         distinct("The joint", names)
         for place, joint in enumerate(self.joints):
-            if joint.parent not in (None, "world", *names[:place]):
-                raise InvalidInput(
-                    f"The joint {joint.name!r} hangs on {joint.parent!r}, which is no joint before it.",
-                    f"expected 'world' or one of {list(names[:place])}",
-                    "parents before their children; leave out parent for a chain",
-                )
+            refuse_if(
+                joint.parent not in (None, "world", *names[:place]),
+                f"The joint {joint.name!r} hangs on {joint.parent!r}, which is no joint before it.",
+                f"expected 'world' or one of {list(names[:place])}",
+                "parents before their children; leave out parent for a chain",
+            )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -35,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import pose_values
 from flexhinf.robot.parameters import TURNING, Stated, per_joint
@@ -69,12 +69,12 @@ def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot
     for name in sorted(requested):
         if name not in EXTRAS:
             raise unknown_name(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
-        if EXTRAS[name] not in stated:
-            raise InvalidInput(
-                f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
-                f"expected it beside {sorted(stated)}",
-                f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
-            )
+        refuse_if(
+            EXTRAS[name] not in stated,
+            f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
+            f"expected it beside {sorted(stated)}",
+            f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
+        )
     return tuple(name for name in EXTRAS if name in requested)
 
 
@@ -397,12 +397,12 @@ class InverseFlow:
 
     def __post_init__(self) -> None:
         for name in self.extras:
-            if name not in MODELLED:
-                raise InvalidInput(
-                    f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
-                    f"expected extras out of {list(MODELLED)}, got {list(self.extras)}",
-                    f"the feedforward without {name!r}; the law feeds back what it leaves",
-                )
+            refuse_if(
+                name not in MODELLED,
+                f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
+                f"expected extras out of {list(MODELLED)}, got {list(self.extras)}",
+                f"the feedforward without {name!r}; the law feeds back what it leaves",
+            )
 
     def __call__(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """State (4n,) and input (n,) from link positions and four derivatives, (n,) each."""

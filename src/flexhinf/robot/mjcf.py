@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
 from flexhinf.robot.urdf import MOST_LINKS, RigidArm, locked_joints, moved
@@ -70,10 +70,12 @@ def read_mjcf(
                 REFUSED[element.tag],
             )
     bodies = sum(1 for _ in root.iter("body"))
-    if bodies > MOST_LINKS:
-        raise InvalidInput(
-            "There are too many bodies.", f"expected at most {MOST_LINKS}, got {bodies}", "one robot"
-        )
+    refuse_if(
+        bodies > MOST_LINKS,
+        "There are too many bodies.",
+        f"expected at most {MOST_LINKS}, got {bodies}",
+        "one robot",
+    )
     kept = _kept(root)
     with _refused_by_mujoco():
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
@@ -157,18 +159,22 @@ def _check(spec: Any) -> None:
     }  # fmt: skip
     for key in (key for key, acts in changed.items() if acts):
         raise InvalidInput(f"<compiler {key}> is not read.", "it changes masses", "inertials as they are")
-    if spec.option.density != 0.0 or spec.option.viscosity != 0.0:
-        raise InvalidInput("<option> has a medium.", "expected density and viscosity 0", "a robot in air")
+    refuse_if(
+        spec.option.density != 0.0 or spec.option.viscosity != 0.0,
+        "<option> has a medium.",
+        "expected density and viscosity 0",
+        "a robot in air",
+    )
     for kind, named in (("joint", spec.joints), ("body", [body for body in spec.bodies[1:] if body.name])):
         for part in named:
             checked_name(f"a {kind}", part.name, spaces=True)
     for body in spec.bodies[1:]:
-        if len(body.joints) > 1:
-            raise InvalidInput(
-                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
-                "expected at most one joint for each body: a link between two joints has a mass",
-                "a body for each joint, with what moves there",
-            )
+        refuse_if(
+            len(body.joints) > 1,
+            f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
+            "expected at most one joint for each body: a link between two joints has a mass",
+            "a body for each joint, with what moves there",
+        )
     parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
@@ -184,30 +190,30 @@ def _check(spec: Any) -> None:
             low, high = getattr(part, f"{key}range", (0.0, 0.0))
             switch = getattr(part, f"{key}limited", 0)
             acts = switch == 1 or (switch == 2 and compiler.autolimits and (low or high))
-            if acts and not low < high:
-                raise InvalidInput(
-                    f"the {key}range of {where} is none.",
-                    f"expected two ends in order, got {low:g} to {high:g}",
-                    f'{key}range="-1 1"',
-                )
-    for where, joint in parts:
-        if joint.type.name not in KINDS:
-            raise InvalidInput(
-                f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
-                "expected hinge or slide",
-                "a robot on a fixed base with joints of one degree of freedom",
+            refuse_if(
+                acts and not low < high,
+                f"the {key}range of {where} is none.",
+                f"expected two ends in order, got {low:g} to {high:g}",
+                f'{key}range="-1 1"',
             )
+    for where, joint in parts:
+        refuse_if(
+            joint.type.name not in KINDS,
+            f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
+            "expected hinge or slide",
+            "a robot on a fixed base with joints of one degree of freedom",
+        )
 
 
 def _check_couplings(root: Element, moving: set[str]) -> None:
     for element in (element for group in root.findall("equality") for element in group):
         locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
-        if not locked and element.get("active", "true") != "false":
-            raise InvalidInput(
-                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
-                "expected a tree of independent joints",
-                "lock the joints that it couples: locked={'finger': 0.0}",
-            )
+        refuse_if(
+            not locked and element.get("active", "true") != "false",
+            f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
+            "expected a tree of independent joints",
+            "lock the joints that it couples: locked={'finger': 0.0}",
+        )
     tendons = [element for group in root.findall("tendon") for element in group]
     for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
         acting = [
@@ -298,12 +304,12 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
     """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
-    if not np.all(np.abs(position) <= HUGE):
-        raise InvalidInput(
-            "a body is out of all proportion.",
-            f"expected at most {HUGE:g} m, got {position.tolist()}",
-            "metres",
-        )
+    refuse_if(
+        not np.all(np.abs(position) <= HUGE),
+        "a body is out of all proportion.",
+        f"expected at most {HUGE:g} m, got {position.tolist()}",
+        "metres",
+    )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))

@@ -22,7 +22,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import matrix_of
 from flexhinf.robot.elastic import EXTRAS, checked_extras, torque_per_input
@@ -47,14 +47,13 @@ FRAME, SWITCH = 1.0 / 30.0, 1e-4
 
 def check_display() -> None:
     """Refuse, before any work, a view where there is no display."""
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        raise InvalidInput(
-            "There is no display to show the robot on.",
-            "expected DISPLAY or WAYLAND_DISPLAY to name one, got neither",
-            "--record arm.gif, which needs none; or run it where there is a screen",
-        )
+    refuse_if(
+        sys.platform.startswith("linux")
+        and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")),
+        "There is no display to show the robot on.",
+        "expected DISPLAY or WAYLAND_DISPLAY to name one, got neither",
+        "--record arm.gif, which needs none; or run it where there is a screen",
+    )
 
 
 class MuJoCoView:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import Joint, Tree
 from flexhinf.robot.elastic import CONSTANTS, SPRING
@@ -48,23 +48,23 @@ class Link:
     def __post_init__(self) -> None:
         for name, length in (("centre_of_mass", 3), ("inertia", 6)):
             value = tuple(getattr(self, name))
-            if len(value) != length:
-                raise InvalidInput(
-                    f"The {name.replace('_', ' ')} of a link is incomplete.",
-                    f"expected {length} numbers, got {len(value)}",
-                    "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
-                )
+            refuse_if(
+                len(value) != length,
+                f"The {name.replace('_', ' ')} of a link is incomplete.",
+                f"expected {length} numbers, got {len(value)}",
+                "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
+            )
             object.__setattr__(self, name, value)
         checked_positive("The mass of a link", value_of(self.mass), "kg", "its mass")
         xx, xy, xz, yy, yz, zz = map(value_of, self.inertia)
         moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
-            raise InvalidInput(
-                "The inertia of a link is that of no rigid body.",
-                "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
-                f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
-                "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
-            )
+        refuse_if(
+            not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK),
+            "The inertia of a link is that of no rigid body.",
+            "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
+            f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
+            "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
+        )
 
 
 @dataclass(frozen=True)
@@ -136,39 +136,39 @@ class ElasticJoint:
 
     def __post_init__(self) -> None:
         twisting = [name for name in SPRING if getattr(self, name) is not None]
-        if self.stiffness is None and twisting:
-            raise InvalidInput(
-                "A rigid joint has no spring.",
-                f"expected no number of a spring, got {twisting}",
-                "its stiffness; or leave them out",
-            )
-        if (self.motor_inertia is None) == (self.rotor_inertia is None):
-            raise InvalidInput(
-                "The inertia on the motor side must be stated once.",
-                "expected motor_inertia (reflected to the link side, N² J_m) or rotor_inertia with gear_ratio, got "
-                + ("neither" if self.motor_inertia is None else "both"),
-                "one of them; the rotor's inertia is never part of the link's",
-            )
+        refuse_if(
+            self.stiffness is None and twisting,
+            "A rigid joint has no spring.",
+            f"expected no number of a spring, got {twisting}",
+            "its stiffness; or leave them out",
+        )
+        refuse_if(
+            (self.motor_inertia is None) == (self.rotor_inertia is None),
+            "The inertia on the motor side must be stated once.",
+            "expected motor_inertia (reflected to the link side, N² J_m) or rotor_inertia with gear_ratio, got "
+            + ("neither" if self.motor_inertia is None else "both"),
+            "one of them; the rotor's inertia is never part of the link's",
+        )
         if self.rotor_inertia is not None and self.gear_ratio is None:
             raise InvalidInput(
                 "A rotor inertia needs its gear ratio.",
                 f"expected gear_ratio beside rotor_inertia = {value_of(self.rotor_inertia):g} kg·m², got none",
                 "gear_ratio = 1 for a direct drive; or motor_inertia, reflected to the link side",
             )
-        if self.hub_inertia is not None and self.rotor_inertia is None:
-            raise InvalidInput(
-                "A hub inertia is added to a reflected rotor inertia.",
-                "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
-                "add it to motor_inertia",
-            )
+        refuse_if(
+            self.hub_inertia is not None and self.rotor_inertia is None,
+            "A hub inertia is added to a reflected rotor inertia.",
+            "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
+            "add it to motor_inertia",
+        )
         stated = tuple(name for name in CONSTANTS["voltage"] if getattr(self, name) is not None)
-        if stated not in CONSTANTS.values():
-            raise InvalidInput(
-                "A motor is stated in part.",
-                "expected resistance, torque_constant and back_emf_constant (voltage driven), torque_constant alone "
-                f"(current driven) or none (torque driven), got {list(stated)}",
-                "the missing numbers from its data sheet",
-            )
+        refuse_if(
+            stated not in CONSTANTS.values(),
+            "A motor is stated in part.",
+            "expected resistance, torque_constant and back_emf_constant (voltage driven), torque_constant alone "
+            f"(current driven) or none (torque driven), got {list(stated)}",
+            "the missing numbers from its data sheet",
+        )
         if self.inductance is not None and self.drive == "current":
             raise InvalidInput(
                 "A motor whose input is its current has no use for an inductance.",
@@ -216,13 +216,13 @@ def assembled(
     InvalidInput
         If the parts do not fit each other, are driven in different ways, or do not make a robot.
     """
-    if not len(joints) == len(links) == len(elastic):
-        raise InvalidInput(
-            f"The parts of the robot {name!r} do not fit each other.",
-            f"expected one link and one elastic joint per joint, got {len(joints)} joints, {len(links)} links and "
-            f"{len(elastic)} elastic joints",
-            "one of each",
-        )
+    refuse_if(
+        not len(joints) == len(links) == len(elastic),
+        f"The parts of the robot {name!r} do not fit each other.",
+        f"expected one link and one elastic joint per joint, got {len(joints)} joints, {len(links)} links and "
+        f"{len(elastic)} elastic joints",
+        "one of each",
+    )
     parameters = [_parameter("gravity", gravity, "gravity")]
     for joint, link, spring in zip(joints, links, elastic):
         numbers: dict[str, Any] = {"mass": link.mass}
@@ -235,13 +235,13 @@ def assembled(
         ]
     direction: Any = tuple(down)
     drives = {joint.name: spring.drive for joint, spring in zip(joints, elastic)}
-    if len(set(drives.values())) > 1:
-        raise InvalidInput(
-            f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
-            f"expected the same motor constants for all joints, got {drives}",
-            "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
-            "(currents), or none (torques)",
-        )
+    refuse_if(
+        len(set(drives.values())) > 1,
+        f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
+        f"expected the same motor constants for all joints, got {drives}",
+        "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
+        "(currents), or none (torques)",
+    )
     rigid = tuple(joint.name for joint, spring in zip(joints, elastic) if spring.stiffness is None)
     return Robot(
         name,
@@ -263,18 +263,18 @@ def single_link_robot(
     **settings: Any,
 ) -> Robot:
     """A robot of a single link about a horizontal axis, in closed form; position zero hangs. It cannot slide."""
-    if joint.slides:
-        raise InvalidInput(
-            f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",
-            "expected a revolute joint, got a prismatic one",
-            "mass, centre_of_mass and inertia of the link",
-        )
-    if elastic.stiffness is None:
-        raise InvalidInput(
-            f"The only joint of the robot {name!r} is rigid.",
-            "expected an elastic joint, got none",
-            "[joint.spring] with stiffness = … (N·m/rad)",
-        )
+    refuse_if(
+        joint.slides,
+        f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",
+        "expected a revolute joint, got a prismatic one",
+        "mass, centre_of_mass and inertia of the link",
+    )
+    refuse_if(
+        elastic.stiffness is None,
+        f"The only joint of the robot {name!r} is rigid.",
+        "expected an elastic joint, got none",
+        "[joint.spring] with stiffness = … (N·m/rad)",
+    )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
     numbers |= vars(elastic)
     parameters = [_parameter(name, number, name) for name, number in numbers.items() if number is not None]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
@@ -70,12 +70,12 @@ def check_plausible(robot: Robot, file: str) -> Robot:
 
 def check_angles(where: str, angles: tuple[float, ...]) -> None:
     """Refuse roll, pitch and yaw of more than a turn."""
-    if max(map(abs, angles), default=0.0) > 2.0 * np.pi * (1.0 + 1e-6):
-        raise InvalidInput(
-            f"{where}: roll, pitch and yaw turn by more than once around.",
-            f"expected angles in rad within ±2π, got {list(angles)}; were degrees meant?",
-            f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {list(angles)}°",
-        )
+    refuse_if(
+        max(map(abs, angles), default=0.0) > 2.0 * np.pi * (1.0 + 1e-6),
+        f"{where}: roll, pitch and yaw turn by more than once around.",
+        f"expected angles in rad within ±2π, got {list(angles)}; were degrees meant?",
+        f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {list(angles)}°",
+    )
 
 
 def check_fast(robot: Robot, period: float) -> None:
@@ -110,12 +110,12 @@ def check_delay(robot: Robot, delay: float) -> None:
     held = _mass_matrix(robot, p)[np.ix_(robot.layout.elastic, robot.layout.elastic)]
     squares = np.linalg.eigvals(np.linalg.solve(held, np.diag(np.atleast_1d(p.stiffness))))
     longest = 2.0 * np.pi / float(np.sqrt(squares.real.min()))
-    if delay > longest:
-        raise InvalidInput(
-            "The delay of the inputs is out of proportion to the robot.",
-            f"expected at most {longest:.3g} s, a period of the lowest vibration with held motors, got {delay:g} s",
-            f"--delay {delay:g}ms, if milliseconds were meant",
-        )
+    refuse_if(
+        delay > longest,
+        "The delay of the inputs is out of proportion to the robot.",
+        f"expected at most {longest:.3g} s, a period of the lowest vibration with held motors, got {delay:g} s",
+        f"--delay {delay:g}ms, if milliseconds were meant",
+    )
 
 
 def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:

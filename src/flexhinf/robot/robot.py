@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
 from flexhinf.robot.arm import Links, Pendulum
@@ -96,23 +96,23 @@ class Robot(Summarised):
         checked_name("a robot", self.name, spaces=True)
         checked_text(f"the description of the robot {self.name!r}", self.description)
         object.__setattr__(self, "parameters", tuple(self.parameters))
-        if not set(self.rigid) < set(self.joint_names):
-            raise InvalidInput(
-                f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",
-                f"expected some of {list(self.joint_names)}, got {list(self.rigid)}",
-                "the stiffness of one joint at least: a stiff spring is nearly rigid",
-            )
+        refuse_if(
+            not set(self.rigid) < set(self.joint_names),
+            f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",
+            f"expected some of {list(self.joint_names)}, got {list(self.rigid)}",
+            "the stiffness of one joint at least: a stiff spring is nearly rigid",
+        )
         object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         names = [parameter.name for parameter in self.parameters]
         driven = required_of_drive(self.drive, names, self.joint_names, self.rigid)
         required = (*self.links.required(), *driven)
         missing = [name for name in required if name not in names]
-        if missing or len(set(names)) != len(names):
-            raise InvalidInput(
-                f"The robot {self.name!r} does not have the parameters of its model.",
-                f"expected each of {list(required)} once, got {names}",
-                f"add {missing}" if missing else "each name once",
-            )
+        refuse_if(
+            missing or len(set(names)) != len(names),
+            f"The robot {self.name!r} does not have the parameters of its model.",
+            f"expected each of {list(required)} once, got {names}",
+            f"add {missing}" if missing else "each name once",
+        )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
         home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
         object.__setattr__(self, "home", tuple(home.tolist()))
@@ -313,12 +313,12 @@ class Robot(Summarised):
                 )
             arrays.append(array)
         counts = {len(array) for array in arrays if array.ndim == 2} or {1}
-        if len(counts) > 1:
-            raise InvalidInput(
-                "The motion's derivatives have different numbers of times.",
-                f"expected one, got {[array.shape for array in arrays]}",
-                "a row per time",
-            )
+        refuse_if(
+            len(counts) > 1,
+            "The motion's derivatives have different numbers of times.",
+            f"expected one, got {[array.shape for array in arrays]}",
+            "a row per time",
+        )
         count = counts.pop()
         if not count:
             return np.zeros((0, self.layout.mechanical)), np.zeros((0, len(joints)))
@@ -338,12 +338,12 @@ class Robot(Summarised):
         They are the coordinates in which the robot is n chains of four integrators. The state of a robot with rigid
         joints, whose accelerations depend on the input, does not give them.
         """
-        if self.rigid:
-            raise InvalidInput(
-                "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
-                f"expected elastic joints only, got the rigid {list(self.rigid)}",
-                "a law without exact linearisation",
-            )
+        refuse_if(
+            self.rigid,
+            "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
+            f"expected elastic joints only, got the rigid {list(self.rigid)}",
+            "a law without exact linearisation",
+        )
         q, dq, theta, dtheta = self.layout.split(x)
         spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
         ddq = self.links.accelerations(q, dq, spring, p)
@@ -392,12 +392,12 @@ class Robot(Summarised):
         chosen = self.penalty if penalty is None else penalty
         if self.penalty is not None and not isinstance(chosen, Penalty):
             chosen = replace(self.penalty, states=chosen)
-        if chosen is None:
-            raise InvalidInput(
-                f"The robot {self.name!r} states no penalty of its own.",
-                "expected penalty=..., got none",
-                "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
-            )
+        refuse_if(
+            chosen is None,
+            f"The robot {self.name!r} states no penalty of its own.",
+            "expected penalty=..., got none",
+            "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
+        )
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
         weights = Penalty.of(chosen).expanded(plant.groups)
@@ -424,19 +424,19 @@ class Robot(Summarised):
         """
         if not isinstance(signs, Mapping):
             names = [parameter.name for parameter in self.uncertain]
-            if len(signs) != len(names):
-                raise InvalidInput(
-                    "A corner needs one sign per uncertain parameter.",
-                    f"expected one for each of {names}, got {len(signs)}",
-                    "−1, 0 or 1 for each",
-                )
+            refuse_if(
+                len(signs) != len(names),
+                "A corner needs one sign per uncertain parameter.",
+                f"expected one for each of {names}, got {len(signs)}",
+                "−1, 0 or 1 for each",
+            )
             signs = dict(zip(names, signs, strict=True))
         for name, sign in signs.items():
-            if not -1.0 <= sign <= 1.0:
-                raise InvalidInput(
-                    f"The sign for {self[name].name!r} leaves its tolerance.",
-                    f"expected −1 to 1, got {sign!r}",
-                    "−1, 0 or 1",
-                )
+            refuse_if(
+                not -1.0 <= sign <= 1.0,
+                f"The sign for {self[name].name!r} leaves its tolerance.",
+                f"expected −1 to 1, got {sign!r}",
+                "−1, 0 or 1",
+            )
             self[name]  # refuses an unknown one
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

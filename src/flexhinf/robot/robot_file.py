@@ -8,7 +8,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from flexhinf.errors import InvalidInput, located
+from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import Joint, Placement, Tree
@@ -63,27 +63,28 @@ def load_robot(
     check_selection(joints, locked)
     path = _existing(source)
     if path.suffix.lower() == ".toml":
-        if elastic is not None:
-            raise InvalidInput(
-                "A robot file holds the elastic data itself.",
-                f"expected elastic=... beside a URDF, got it beside {path.name!r}",
-                "load_robot('arm.toml'), or urdf = '…' in that file",
-            )
+        refuse_if(
+            elastic is not None,
+            "A robot file holds the elastic data itself.",
+            f"expected elastic=... beside a URDF, got it beside {path.name!r}",
+            "load_robot('arm.toml'), or urdf = '…' in that file",
+        )
         parts = PartsReader(path)
         rigid = [parts.table[key] for key in ("urdf", "mjcf") if key in parts.table]
-        if len(rigid) > 1:
-            raise InvalidInput(f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them")
+        refuse_if(
+            len(rigid) > 1, f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them"
+        )
         if rigid:
             return parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
         return parts.whole_robot(joints, locked, payload)
     if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
         robot = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
-        if not isinstance(robot, Robot):
-            raise InvalidInput(
-                f"The reader of {path.suffix!r} files makes no robot.",
-                f"expected a flexhinf.Robot, got {type(robot).__name__}",
-                "the package that states this reader, corrected",
-            )
+        refuse_if(
+            not isinstance(robot, Robot),
+            f"The reader of {path.suffix!r} files makes no robot.",
+            f"expected a flexhinf.Robot, got {type(robot).__name__}",
+            "the package that states this reader, corrected",
+        )
         return robot
     if elastic is None:
         raise InvalidInput(
@@ -97,12 +98,12 @@ def load_robot(
 def format_reader(suffix: str) -> Callable[..., Robot] | None:
     """The reader that an installed package states for files of an ending, called as `load_robot`; None without one."""
     points = entry_points(group=FORMATS, name=suffix.lower().removeprefix("."))
-    if len(points) > 1:
-        raise InvalidInput(
-            f"Several packages read {suffix!r} files.",
-            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
-            "one of these packages uninstalled",
-        )
+    refuse_if(
+        len(points) > 1,
+        f"Several packages read {suffix!r} files.",
+        f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
+        "one of these packages uninstalled",
+    )
     for point in points:
         try:
             return point.load()
@@ -167,12 +168,12 @@ class PartsReader:
     ) -> Robot:
         """The robot of a TOML file that states its links too."""
         table, file = self.table, self.file
-        if chosen is not None or locked or "joints" in table or table["locked"]:
-            raise InvalidInput(
-                f"{file}: joints are chosen or locked in a URDF only.",
-                "expected neither joints nor locked without urdf",
-                "leave the joint out of the file",
-            )
+        refuse_if(
+            chosen is not None or locked or "joints" in table or table["locked"],
+            f"{file}: joints are chosen or locked in a URDF only.",
+            "expected neither joints nor locked without urdf",
+            "leave the joint out of the file",
+        )
         joints = []
         for row in table["joint"]:
             angles = tuple(row.get("rpy", (0.0, 0.0, 0.0)))
@@ -284,12 +285,12 @@ class PartsReader:
         """
         names, count = robot.joint_names, len(robot.joint_names)
         rows = loads if isinstance(loads, (list, tuple)) else [loads]
-        if loads is not None and not all(isinstance(row, (str, Payload)) for row in rows):
-            raise InvalidInput(
-                "The payload is none.",
-                f"expected text, a Payload or several, got {value_text(loads)}",
-                "payload='0..3kg@hand'",
-            )
+        refuse_if(
+            loads is not None and not all(isinstance(row, (str, Payload)) for row in rows),
+            "The payload is none.",
+            f"expected text, a Payload or several, got {value_text(loads)}",
+            "payload='0..3kg@hand'",
+        )
         payloads = [
             row if isinstance(row, Payload) else payload_from_text(row) for row in rows if row is not None
         ]
@@ -310,12 +311,12 @@ class PartsReader:
         for payload in payloads if isinstance(robot.links, Pendulum) else ():
             # A link that states no frame of its own carries on the line from its axis to its centre of mass.
             beside = [x.value for x in (payload.centre_of_mass or ())[1:]]
-            if any(beside):
-                raise InvalidInput(
-                    f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
-                    f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
-                    "mass, centre_of_mass and inertia of the link instead of axis_inertia",
-                )
+            refuse_if(
+                any(beside),
+                f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
+                f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
+                "mass, centre_of_mass and inertia of the link instead of axis_inertia",
+            )
         added = [number for load, frame in zip(payloads, places) for number in load.parameters(frame, count)]
         scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
         stated = {row["name"]: row.get("link", {}) for row in self.table["joint"]}
@@ -359,14 +360,14 @@ class PartsReader:
     # Parts ----------------------------------------------------------------------------------------
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
-            if row["rigid"] == ("spring" in row):
-                raise InvalidInput(
-                    "It is rigid and has a 'spring'."
-                    if row["rigid"]
-                    else "It has no 'spring', and is not declared rigid.",
-                    "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
-                    "one of the two",
-                )
+            refuse_if(
+                row["rigid"] == ("spring" in row),
+                "It is rigid and has a 'spring'."
+                if row["rigid"]
+                else "It has no 'spring', and is not declared rigid.",
+                "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
+                "one of the two",
+            )
             stated = {**row.get("spring", {}), **row["motor"]}
             numbers = {key: self._number(value, key, row["name"]) for key, value in stated.items()}
             for quantity, value in (motor or {}).items():
@@ -378,12 +379,12 @@ class PartsReader:
             return ElasticJoint(**numbers)
 
     def _link(self, row: Any) -> Any:
-        if "link" not in row:
-            raise InvalidInput(
-                f"{self.file}: the joint {row['name']!r} has no link.",
-                "expected [joint.link], or urdf = '…' at the top of the file",
-                "mass, centre_of_mass and inertia",
-            )
+        refuse_if(
+            "link" not in row,
+            f"{self.file}: the joint {row['name']!r} has no link.",
+            "expected [joint.link], or urdf = '…' at the top of the file",
+            "mass, centre_of_mass and inertia",
+        )
         stated, name = row["link"], row["name"]
         with located(f"{self.file}: joint {name!r}"):
             if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
@@ -391,12 +392,12 @@ class PartsReader:
                 return SingleLink(numbers.pop("axis_inertia"), **numbers)
             whole = ("mass", "centre_of_mass", "inertia")
             missing = [key for key in whole if key not in stated]
-            if missing or len(stated) > len(whole):
-                raise InvalidInput(
-                    "A link is stated in part, or twice.",
-                    f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
-                    f"add {missing}" if missing else "one of the two ways",
-                )
+            refuse_if(
+                missing or len(stated) > len(whole),
+                "A link is stated in part, or twice.",
+                f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
+                f"add {missing}" if missing else "one of the two ways",
+            )
             six = stated["inertia"]
             moments = [
                 Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
@@ -408,12 +409,12 @@ class PartsReader:
     # Payload --------------------------------------------------------------------------------------
     def _payload(self, table: Mapping[str, Any]) -> Payload:
         shapes = {kind: table[kind] for kind in ("inertia", *SHAPES) if kind in table}
-        if len(shapes) > 1:
-            raise InvalidInput(
-                f"{self.file}: a payload has two shapes.",
-                f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
-                "one of them",
-            )
+        refuse_if(
+            len(shapes) > 1,
+            f"{self.file}: a payload has two shapes.",
+            f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
+            "one of them",
+        )
         mass = self._number(table["mass"], "mass")
         centre = (
             self._number(table["centre_of_mass"], "centre_of_mass") if "centre_of_mass" in table else None

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.dynamics import KINDS
 from flexhinf.robot.elastic import DRIVES, SPRING
 from flexhinf.robot.parameters import INERTIA, QUANTITIES, Stated, measured, respelled
@@ -46,8 +46,7 @@ class RobotFileWarning(UserWarning):
 
 def ask(what: str, found: str, advice: str, wrong: bool = False) -> None:
     """Warn of a number that is probably not what was meant; refuse it where it is surely wrong."""
-    if wrong:
-        raise InvalidInput(what, found, advice)
+    refuse_if(wrong, what, found, advice)
     warnings.warn(f"{what}\n  found: {found}\n  try:   {advice}", RobotFileWarning, stacklevel=3)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.plant.penalty import unknown_weight
 from flexhinf.robot.elastic import Layout, spring_torque
@@ -83,12 +83,12 @@ def expanded(
     }
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
     unknown = [name for name in requested if name not in known]
-    if unknown or not requested:
-        raise InvalidInput(
-            f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
-            f"expected one or more of {list(known)}, got {list(requested)}",
-            "measured=('link_position',)",
-        )
+    refuse_if(
+        unknown or not requested,
+        f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
+        f"expected one or more of {list(known)}, got {list(requested)}",
+        "measured=('link_position',)",
+    )
     singles = tuple(name for part in requested for name in known[part])
     distinct("Of the measured signals", singles)
     return singles
