@@ -39,9 +39,8 @@ class Plant(Model):
         See `GeneralisedPlant` for the arguments. The name of a group stands for all
         its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
-        weights = Penalty.of(penalty).expanded(self.groups)
         channels = None if disturbances is None else self.expanded(disturbances)
-        return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, equilibrium)
+        return GeneralisedPlant(self, Penalty.of(penalty).expanded(self.groups), self.expanded(integrate), command, channels, pose, equilibrium)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -118,8 +117,7 @@ class GeneralisedPlant(Summarised):
             "pose=(...): the equilibrium at that pose is computed",
         )
         table = self.plant.parameters
-        origin = np.zeros(len(self.state_names))
-        offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
+        offset = np.asarray(self.penalty_output(np.zeros(len(self.state_names)), table.named(table.vector())), dtype=float)
         refuse_if(
             offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE),
             "The penalty h(x) is not zero at the operating point.",
@@ -203,13 +201,11 @@ class GeneralisedPlant(Summarised):
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
         n, commands = self.plant.n, len(self.integrate) if self.command else 0
         channels = {name: d[commands + place] for place, name in enumerate(self.disturbances or ())}
-        torques = np.array([channels.get(name, 0.0) for name in self.plant.disturbances])
-        rates = self.plant.evaluate_flow(x[:n], u, torques, self.plant.parameters.flat(p))
-        errors = [
+        rates = self.plant.evaluate_flow(x[:n], u, np.array([channels.get(name, 0.0) for name in self.plant.disturbances]), self.plant.parameters.flat(p))
+        return np.array([*rates, *[
             x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
             for place, i in enumerate(map(self.plant.index, self.integrate))
-        ]
-        return np.array([*rates, *errors])
+        ]])
 
     def penalty_output(self, x: Any, p: Any) -> Any:
         """h(x) on any element; x is the deviation from the operating point, integrals included.
@@ -337,9 +333,8 @@ def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.nda
         for name in [name for name in pose if name not in names]:
             raise unknown_name(f"The pose names {name!r}.", name, names)
         pose = [pose.get(name, 0.0) for name in names]
-    expected = f"{len(names)} finite values for {list(names)}"
     what, advice = f"The pose does not fit the {owner}.", "one value per name, rad (m where it slides)"
-    return checked_array(what, pose, (len(names),), expected, advice)
+    return checked_array(what, pose, (len(names),), f"{len(names)} finite values for {list(names)}", advice)
 
 
 def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -393,8 +388,7 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
     parts: list[Any] = list(signals) if several else [signals]
     for signal in parts:
         if hasattr(signal, "derivatives"):
-            rows = np.asarray(signal.derivatives(times, order), dtype=float)
-            columns.append(rows.reshape(order + 1, len(times), -1))
+            columns.append(np.asarray(signal.derivatives(times, order), dtype=float).reshape(order + 1, len(times), -1))
             continue
         columns.append(np.zeros((order + 1, len(times), 1)))
         try:
@@ -436,11 +430,9 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
     """
     a, b, g, c = plant.linearise(x, u)
     x, u = real_array(x), real_array(u)
-    advice = "robot.operating_point(pose), or operating_point and operating_input of a problem"
-    plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", advice)
+    plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", "robot.operating_point(pose), or operating_point and operating_input of a problem")
     output, slope = plant.output_at(x, u)
-    kept = {name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")}
-    return _linear_plant((a, b, g, c, slope, x, u, output), plant.states, plant.inputs, **kept)
+    return _linear_plant((a, b, g, c, slope, x, u, output), plant.states, plant.inputs, **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")})
 
 
 def _linear_plant(

@@ -118,11 +118,9 @@ def checked_parts(
     refuse_if(n < 1, "The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
-    zero = np.zeros((*lead, basis.count(n, lowest)))
-    for degree, coefficients in sorted({lowest: zero, **parts}.items()):
+    for degree, coefficients in sorted({lowest: np.zeros((*lead, basis.count(n, lowest))), **parts}.items()):
         part = np.ascontiguousarray(real_array(coefficients))
-        sizes = ("any" if size is None else size for size in (lead if fits else shape))
-        expected = (*sizes, basis.count(n, degree))
+        expected = (*("any" if size is None else size for size in (lead if fits else shape)), basis.count(n, degree))
         refuse_if(
             not fits or part.shape != expected,
             f"{name} does not fit the plant (n = {n} states).",
@@ -255,7 +253,7 @@ class PolynomialPlant(Summarised):
     ) -> None:
         first = next(iter(f), None) if isinstance(f, Mapping) else None
         n = max(1, len(first)) if isinstance(first, tuple) else 1
-        plant = PolynomialPlant.from_parts(
+        vars(self).update(vars(PolynomialPlant.from_parts(
             n,
             parts_from_mapping("f", f, n, 1),
             parts_from_input("g1", g1, n),
@@ -266,8 +264,7 @@ class PolynomialPlant(Summarised):
             operating_point,
             input_names,
             operating_input,
-        )
-        vars(self).update(vars(plant))
+        )))
 
     @classmethod
     def from_parts(
@@ -374,13 +371,12 @@ class PolynomialPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Sizes and highest degrees of the fields, for ``repr``."""
-        degrees = (f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h"))
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
             "disturbances": str(self.size[1]),
             "penalised outputs": str(self.size[3]),
-            "degrees": ", ".join(degrees),
+            "degrees": ", ".join((f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h"))),
         }
 
     def expand(self, degree: int) -> PolynomialPlant:

@@ -120,8 +120,7 @@ class Pendulum(JointTree):
         """
         mass, length = float(p.mass), float(p.length)
         about = float(p.link_inertia) - 0.5 * mass * length**2
-        six = [[about, 0.0, 0.0, about, 0.0, about]]
-        return self.tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array(six)
+        return self.tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array([[about, 0.0, 0.0, about, 0.0, about]])
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ class Arm(JointTree):
     """
 
     tree: Tree
-    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    down: Sequence[float] = (0.0, 0.0, -1.0)
 
     def __post_init__(self) -> None:
         vector = real_array(self.down)
@@ -175,9 +174,8 @@ class Arm(JointTree):
                     [values.get(name, 0.0) for name in self._names(row, f"payload_{quantity}", components)]
                     for quantity, components in (("centre_of_mass", VECTOR), ("inertia_per_mass", INERTIA))
                 )
-                link = float(mass[i]), centre[i].copy(), matrix_of(inertia[i])
                 mass[i], centre[i], whole = lumped(
-                    [link, (load, np.array(place), load * matrix_of(per_mass))]
+                    [(float(mass[i]), centre[i].copy(), matrix_of(inertia[i])), (load, np.array(place), load * matrix_of(per_mass))]
                 )
                 inertia[i] = six_of(whole)
         return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
@@ -193,8 +191,7 @@ class Arm(JointTree):
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
         """q̈1, (n,) of any element; `armature` as for `forward_dynamics`."""
-        bodies = bodies_of(*self.rigid(p))
-        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p), armature))
+        return np.array(forward_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, torque, self.fall(p), armature))
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
@@ -276,14 +273,12 @@ class Payload:
                 Parameter("", x, source="assumption: where the link is drawn to end") for x in frame.tip
             ]
         place = np.array(frame.placement.translation) + turn @ [entry.value for entry in centre]
-        six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
         numbers = {"mass": self.mass}
         for axis, value in zip(VECTOR, place):
-            tolerance = max(entry.tolerance for entry in centre)
             numbers[f"centre_of_mass_{axis}"] = Parameter(
-                "", float(value), tolerance, source=centre[0].source
+                "", float(value), max(entry.tolerance for entry in centre), source=centre[0].source
             )
-        for axes, value in zip(INERTIA, six):
+        for axes, value in zip(INERTIA, six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)):
             if value:
                 numbers[f"inertia_per_mass_{axes}"] = Parameter("", value, source=self.mass.source)
         return [
@@ -338,9 +333,8 @@ def payload_from_text(text: str) -> Payload:
             "0..3kg@hand, or 0..3kg@hand:0,0,0.1",
         ) from None
     source, ends = "option --payload", (numbers[0], numbers[-1]) if len(numbers) > 1 else None
-    mass = Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source)
     offset = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
-    return Payload(mass, link, offset)
+    return Payload(Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source), link, offset)
 
 
 def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
@@ -407,8 +401,7 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
         for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded))
     )
     p = robot.plant_parameters()
-    each = torque_per_input(robot.drive, SimpleNamespace(**p))
-    per_input = np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
+    per_input = np.broadcast_to(np.asarray(torque_per_input(robot.drive, SimpleNamespace(**p)), dtype=float), len(robot.joint_names))
     extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T

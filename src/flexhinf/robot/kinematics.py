@@ -55,8 +55,7 @@ def check_reference(
         for name, value in (("duration", duration), ("period", period))
     )
     times = np.append(np.arange(0.0, duration, period), duration)
-    quantities = ("link_position", "link_velocity", DRIVES[robot.drive])
-    names, rates, motors = (signal_names(quantity, robot.joint_names) for quantity in quantities)
+    names, rates, motors = (signal_names(quantity, robot.joint_names) for quantity in ("link_position", "link_velocity", DRIVES[robot.drive]))
     if isinstance(signals, Mapping):
         full = dict(zip(robot.joint_names, names))
         signals = {full.get(name, name): signal for name, signal in signals.items()}
@@ -66,8 +65,7 @@ def check_reference(
     order = 4 if effort is not None else 1 if np.isfinite(fastest).any() else 0
     motion = motion_of(signals, times, order, names)
     low, high = position_ranges(robot)
-    outside = (motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0])
-    for row, joint in np.argwhere(outside)[:1].tolist():
+    for row, joint in np.argwhere((motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0]))[:1].tolist():
         raise InvalidInput(
             f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
             f"expected {low[joint]:g} to {high[joint]:g} {'m' if robot.links.slides[joint] else 'rad'}, got "
@@ -110,9 +108,8 @@ def check_holding(
     an error, by the number of the joint: where its limit is stated, and what a larger limit is called.
     """
     x, u = robot.operating_point(pose)
-    motors = signal_names(DRIVES[robot.drive], robot.joint_names)
     stated = robot.effort_limits if limit is None else limit
-    limits = checked_limits("The efforts", stated, robot.joint_names, motors)
+    limits = checked_limits("The efforts", stated, robot.joint_names, signal_names(DRIVES[robot.drive], robot.joint_names))
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
         unit = UNITS[DRIVES[robot.drive]][robot.links.slides[worst]]
@@ -160,8 +157,7 @@ def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[
         base, at = (np.eye(3), np.zeros(3)) if parent < 0 else (turns[parent], places[parent])
         turns[i] = base @ np.asarray(frame.rotation, dtype=float)
         places[i] = at + base @ np.asarray(frame.translation, dtype=float)
-    own = np.array([np.asarray(joint.alignment, dtype=float).T for joint in tree.joints])
-    return turns @ own, places
+    return turns @ np.array([np.asarray(joint.alignment, dtype=float).T for joint in tree.joints]), places
 
 
 def position_of(
@@ -230,8 +226,7 @@ def pose_at(
     pose = np.clip(best.x, low, high)
 
     def values(q: np.ndarray) -> np.ndarray:
-        step = 1e-6 * np.eye(len(q))
-        return np.linalg.svd(np.array([(at(q + e) - at(q - e)) / 2e-6 for e in step]).T, compute_uv=False)
+        return np.linalg.svd(np.array([(at(q + e) - at(q - e)) / 2e-6 for e in (1e-6 * np.eye(len(q)))]).T, compute_uv=False)
 
     # Over the smallest singular value that is not zero at poses in general.
     typical = np.max([values(pose + rng.uniform(-1.0, 1.0, n)) for _ in range(8)], axis=0)
@@ -250,6 +245,5 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     lines = []
     for i in range(len(tree)):
         carried = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
-        end = places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)
-        lines.append(np.array([places[i], *(carried or [end])]))
+        lines.append(np.array([places[i], *(carried or [places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)])]))
     return tuple(lines)

@@ -14,8 +14,8 @@ from flexhinf.plant import Parameters
 from flexhinf.robot.arm import Pendulum
 from flexhinf.robot.dynamics import bodies_of, mass_matrix, matrix_of
 from flexhinf.robot.parameters import per_joint
+from flexhinf.robot.parts import ask
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import ask
 
 DEGREES = 180.0 / np.pi
 
@@ -68,23 +68,12 @@ def check_plausible(robot: Robot, file: str) -> Robot:
     return robot
 
 
-def check_angles(where: str, angles: tuple[float, ...]) -> None:
-    """Refuse roll, pitch and yaw of more than a turn."""
-    refuse_if(
-        max(map(abs, angles), default=0.0) > 2.0 * np.pi * (1.0 + 1e-6),
-        f"{where}: roll, pitch and yaw turn by more than once around.",
-        f"expected angles in rad within ±2π, got {list(angles)}; were degrees meant?",
-        f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {list(angles)}°",
-    )
-
-
 def check_fast(robot: Robot, period: float) -> None:
     """Refuse springs that vibrate so fast that a loop with this sampling period, s, neither sees nor damps them."""
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
     root, elastic = np.sqrt(stiffness), robot.layout.elastic
-    moved = _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
-    inverse = np.linalg.inv(moved)[np.ix_(elastic, elastic)] + np.diag(1.0 / motors[elastic])
+    inverse = np.linalg.inv(_mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic)))))[np.ix_(elastic, elastic)] + np.diag(1.0 / motors[elastic])
     squares, vectors = np.linalg.eigh(
         root[:, None] * inverse * root
     )  # energies of the springs, all else free
@@ -120,8 +109,7 @@ def check_delay(robot: Robot, delay: float) -> None:
 
 def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
     tree, masses, centres, inertias = robot.links.rigid(p)
-    bodies = bodies_of(tree, masses, centres, inertias)
-    return np.array(mass_matrix(tree, bodies, np.asarray(robot.home)), dtype=float)
+    return np.array(mass_matrix(tree, bodies_of(tree, masses, centres, inertias), np.asarray(robot.home)), dtype=float)
 
 
 def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
@@ -137,11 +125,10 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
             )
     massless = isinstance(robot.links, Pendulum) and robot.nominal["mass"] == 0.0
     for joint, mass, centre, inertia in zip(tree.joints, masses, centres, inertias):
-        places = (
+        for what, vector in (
             ("place of joint", joint.placement.translation),
             ("centre of mass of the link behind joint", centre),
-        )
-        for what, vector in places:
+        ):
             length = float(np.linalg.norm(vector))
             if length > LENGTH[0]:
                 ask(
@@ -167,8 +154,7 @@ def _check_load(robot: Robot, p: Parameters, file: str) -> None:
     nominal, gravity, tree = robot.nominal, robot.nominal["gravity"], robot.links.rigid(p)[0]
     n = len(tree)
     poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]
-    torques = [np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses]
-    weights = np.max(torques, axis=0)  # largest |G| of each joint, N·m or N
+    weights = np.max([np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses], axis=0)  # largest |G| of each joint, N·m or N
     if abs(gravity) > GRAVITY:
         ask(
             f"{file}: gravity is stronger than on any planet.",

@@ -8,16 +8,26 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import Joint, Placement, Tree
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
-from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot, value_of
-from flexhinf.robot.plausibility import check_angles, check_plausible
+from flexhinf.robot.parts import (
+    NESTING,
+    ElasticJoint,
+    Link,
+    RobotFile,
+    SingleLink,
+    assembled,
+    single_link_robot,
+    value_of,
+)
+from flexhinf.robot.plausibility import DEGREES, check_plausible
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import NESTING, RobotFile
 from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
@@ -70,7 +80,7 @@ def load_robot(
             "load_robot('arm.toml'), or urdf = '…' in that file",
         )
         parts = PartsReader(path)
-        rigid = [parts.table[key] for key in ("urdf", "mjcf") if key in parts.table]
+        rigid = [parts.root[key] for key in ("urdf", "mjcf") if key in parts.root]
         refuse_if(
             len(rigid) > 1, f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them"
         )
@@ -137,29 +147,29 @@ def _existing(source: str | Path) -> Path:
     )
 
 
-class PartsReader:
+class PartsReader(RobotFile):
     """Makes a robot of one file; a number takes its tolerance from itself, else its joint, else the whole file."""
 
     def __init__(self, path: Path) -> None:
-        self.file = path.name
         try:
             data = read_toml(path)
         except InvalidInput as error:
             if "joint" not in error.found and "overwrite" not in error.found:
                 raise
             raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
-        rows = data.get("joint")
-        if isinstance(rows, list) and len(rows) > MOST_JOINTS:
-            raise InvalidInput(
-                f"{path.name}: there are too many joints.",
-                f"expected at most {MOST_JOINTS}, got {len(rows)}",
-                "one robot",
-            )
-        self._file = RobotFile(data, path.name)
-        self.table = self._file.root
-        self.name = self.table["name"] or path.stem
-        self._stated: dict[str | None, dict[str, float]] = {None: self.table["tolerances"]}
-        self._stated |= {row["name"]: row["tolerances"] for row in self.table["joint"]}
+        count = len(data["joint"]) if isinstance(data.get("joint"), list) else 0
+        refuse_if(
+            count > MOST_JOINTS,
+            f"{path.name}: there are too many joints.",
+            f"expected at most {MOST_JOINTS}, got {count}",
+            "one robot",
+        )
+        super().__init__(data, path.name)
+        self.name = self.root["name"] or path.stem
+        self._stated: dict[str | None, dict[str, float]] = {
+            None: self.root["tolerances"],
+            **{row["name"]: row["tolerances"] for row in self.root["joint"]},
+        }
         self._used: set[tuple[str | None, str]] = set()
 
     # Robots ---------------------------------------------------------------------------------------
@@ -167,7 +177,7 @@ class PartsReader:
         self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
     ) -> Robot:
         """The robot of a TOML file that states its links too."""
-        table, file = self.table, self.file
+        table, file = self.root, self.file
         refuse_if(
             chosen is not None or locked or "joints" in table or table["locked"],
             f"{file}: joints are chosen or locked in a URDF only.",
@@ -176,12 +186,16 @@ class PartsReader:
         )
         joints = []
         for row in table["joint"]:
-            angles = tuple(row.get("rpy", (0.0, 0.0, 0.0)))
-            check_angles(f"{file}: joint {row['name']!r}", angles)
+            angles = row.get("rpy", [0.0, 0.0, 0.0])
+            refuse_if(
+                max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6),
+                f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
+                f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
+                f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
+            )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
-                place = Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles)
-                joints.append(Joint(row["name"], placement=place, **stated))
+                joints.append(Joint(row["name"], placement=Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles), **stated))
         links = [self._link(row) for row in table["joint"]]
         springs = [self._elastic(row) for row in table["joint"]]
         settings = self._settings(table["joint"])
@@ -203,39 +217,38 @@ class PartsReader:
             x, y, z = (2.0 * value_of(x) for x in centre)
             frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
         carriers = set(Tree(tuple(joints)).parents)
-        tips = [joint.name for i, joint in enumerate(joints) if i not in carriers]
-        return self._finished(robot, frames, tips, payload)
+        return self._finished(robot, frames, [joint.name for i, joint in enumerate(joints) if i not in carriers], payload)
 
     def robot_with(
         self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
     ) -> Robot:
         """The robot whose links another file states."""
-        table, file = self.table, self.file
+        table, file = self.root, self.file
         rows = {row["name"]: row for row in table["joint"]}
         for row in table["joint"]:
-            twice = [key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if key in row]
-            if twice:
+            for key in [key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if key in row]:
                 raise InvalidInput(
-                    f"{file}: the joint {row['name']!r} states {twice[0]!r}, which the URDF states too.",
-                    f"expected name, spring, motor (and limits) only, got {twice}",
+                    f"{file}: the joint {row['name']!r} states {key!r}, which the URDF states too.",
+                    f"expected name, spring, motor (and limits) only, got {list(row)}",
                     f"leave it out; {rigid.name} decides",
                 )
-        chosen = chosen if chosen is not None else table.get("joints")
-        still = {**table["locked"], **(locked or {})}
         root = read_xml(rigid)
         read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
         with located(rigid.name):
-            arm = read(root, chosen, still)
+            arm = read(
+                root,
+                table.get("joints") if chosen is None else chosen,
+                {**table["locked"], **(locked or {})},
+            )
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:
             raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
-        missing = [name for name in names if name not in rows]
-        if missing:
+        for name in [name for name in names if name not in rows]:
             raise InvalidInput(
-                f"{file}: the joint {missing[0]!r} of {rigid.name} has no stiffness.",
-                f"expected a [[joint]] for each of {names}, missing: {missing}",
-                "add it, or lock the joint: locked = {" + f"{missing[0]} = 0.0" + "}",
+                f"{file}: the joint {name!r} of {rigid.name} has no stiffness.",
+                f"expected a [[joint]] for each of {names}, got {list(rows)}",
+                f"add it, or lock the joint: locked = {{{name} = 0.0}}",
             )
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
@@ -255,8 +268,7 @@ class PartsReader:
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
         settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
-        robot = assembled(self.name, placed, links, springs, **settings)
-        return self._finished(robot, arm.frames, arm.tips, payload)
+        return self._finished(assembled(self.name, placed, links, springs, **settings), arm.frames, arm.tips, payload)
 
     def _settings(
         self,
@@ -266,7 +278,7 @@ class PartsReader:
         efforts: Sequence[float] | None = None,
         speeds: Sequence[float] | None = None,
     ) -> dict[str, Any]:
-        table, nothing = self.table, [None] * len(rows)
+        table, nothing = self.root, [None] * len(rows)
         settings = {key: table.get(key) for key in ("home", "description")}
         if "penalty" in table:
             settings["penalty"] = Penalty(table["penalty"]["weights"], effort=table["penalty"]["effort"])
@@ -291,11 +303,11 @@ class PartsReader:
             f"expected text, a Payload or several, got {value_text(loads)}",
             "payload='0..3kg@hand'",
         )
-        payloads = [
-            row if isinstance(row, Payload) else payload_from_text(row) for row in rows if row is not None
-        ]
-        if loads is None:
-            payloads = [self._payload(row) for row in self.table["payload"]]
+        payloads = (
+            [self._payload(row) for row in self.root["payload"]]
+            if loads is None
+            else [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
+        )
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
@@ -319,12 +331,11 @@ class PartsReader:
             )
         added = [number for load, frame in zip(payloads, places) for number in load.parameters(frame, count)]
         scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
-        stated = {row["name"]: row.get("link", {}) for row in self.table["joint"]}
+        stated = {row["name"]: row.get("link", {}) for row in self.root["joint"]}
         for joint in names:
             link = stated.get(joint, {})
-            if "tolerance" in link.get("inertia", {}) or "axis_inertia" in link:
-                continue
-            if tolerance := self._tolerance(joint, "inertia"):
+            own = "tolerance" in link.get("inertia", {}) or "axis_inertia" in link
+            if not own and (tolerance := self._tolerance(joint, "inertia")):
                 label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
@@ -339,7 +350,7 @@ class PartsReader:
                     f"expected keys out of {known}, got {key!r}",
                     f"state {key!r} with its value first, or leave out its tolerance",
                 )
-        return self._file.check_units(check_plausible(robot, self.file))
+        return self.check_units(check_plausible(robot, self.file))
 
     # Numbers --------------------------------------------------------------------------------------
     def _tolerance(self, joint: str, quantity: str) -> float:
@@ -368,14 +379,12 @@ class PartsReader:
                 "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                 "one of the two",
             )
-            stated = {**row.get("spring", {}), **row["motor"]}
-            numbers = {key: self._number(value, key, row["name"]) for key, value in stated.items()}
+            numbers = {key: self._number(value, key, row["name"]) for key, value in {**row.get("spring", {}), **row["motor"]}.items()}
             for quantity, value in (motor or {}).items():
                 if quantity not in numbers and not (
                     quantity == "motor_inertia" and "rotor_inertia" in numbers
                 ):
-                    tolerance = self._tolerance(row["name"], quantity)
-                    numbers[quantity] = Parameter(quantity, value, tolerance, source=source)
+                    numbers[quantity] = Parameter(quantity, value, self._tolerance(row["name"], quantity), source=source)
             return ElasticJoint(**numbers)
 
     def _link(self, row: Any) -> Any:
@@ -421,10 +430,11 @@ class PartsReader:
         )
         per_mass: tuple[float, ...] = (0.0,) * 6
         for kind, sizes in shapes.items():
-            if isinstance(sizes, dict):
-                per_mass = tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
-            else:
-                per_mass = inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
+            per_mass = (
+                tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
+                if isinstance(sizes, dict)
+                else inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
+            )
         with located(f"{self.file}: payload"):
             return Payload(mass, table.get("at", ""), centre, per_mass)
 
