@@ -61,7 +61,9 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
     stages = [first, run.call(flow, run.call(_Ahead((step * NODES[1],)), x, first), *held)]
     for before, node in pairwise(NODES[1:]):
         part = node**2 / (2.0 * before)
-        stages.append(run.call(flow, run.call(_Ahead((step * (node - part), step * part)), x, first, stages[-1]), *held))
+        stages.append(
+            run.call(flow, run.call(_Ahead((step * (node - part), step * part)), x, first, stages[-1]), *held)
+        )
     return run.call(_Ahead(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
 
 

@@ -56,7 +56,12 @@ class Parameters:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copy, pickle and notebooks ask for such names
             raise AttributeError(name)
-        raise unknown_name(f"The model reads a parameter that it does not have: {name!r}.", name, sorted(self.__dict__), AS_STATED)
+        raise unknown_name(
+            f"The model reads a parameter that it does not have: {name!r}.",
+            name,
+            sorted(self.__dict__),
+            AS_STATED,
+        )
 
 
 @dataclass(frozen=True)
@@ -459,7 +464,13 @@ class Model(Summarised):
             return python_control().nlsys(rates, measured, **names)
         x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         a, b, g, c = self.linearise(x, u)
-        return python_control().ss(a, np.hstack([b, g]), c, np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))]), **names)
+        return python_control().ss(
+            a,
+            np.hstack([b, g]),
+            c,
+            np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))]),
+            **names,
+        )
 
     def output_at(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Y at (x, u), and ∂y/∂u there, exactly."""
@@ -472,7 +483,9 @@ class Model(Summarised):
         """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
         rate = self.derivative(x, u)
         worst = int(np.argmax(np.abs(rate)))
-        largest = EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if np.isfinite(rate).all() else -1.0
+        largest = (
+            EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if np.isfinite(rate).all() else -1.0
+        )
         refuse_if(
             not abs(rate[worst]) <= largest,
             what,
@@ -563,7 +576,12 @@ class Model(Summarised):
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
-        result = np.asarray(self.traced_flow(*columns, np.broadcast_to(self.parameters.vector(), (count, self.parameters.size)).T), dtype=float).T
+        result = np.asarray(
+            self.traced_flow(
+                *columns, np.broadcast_to(self.parameters.vector(), (count, self.parameters.size)).T
+            ),
+            dtype=float,
+        ).T
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
     def linearise(
@@ -571,7 +589,10 @@ class Model(Summarised):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default."""
         points = [rows[0] for rows in self._points(x, u, d, single=True)]
-        a, b, g, c = (np.asarray(matrix, dtype=float) for matrix in self.traced_jacobians(*points, self.parameters.vector()))
+        a, b, g, c = (
+            np.asarray(matrix, dtype=float)
+            for matrix in self.traced_jacobians(*points, self.parameters.vector())
+        )
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:

@@ -40,7 +40,15 @@ class Plant(Model):
         its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
         channels = None if disturbances is None else self.expanded(disturbances)
-        return GeneralisedPlant(self, Penalty.of(penalty).expanded(self.groups), self.expanded(integrate), command, channels, pose, equilibrium)
+        return GeneralisedPlant(
+            self,
+            Penalty.of(penalty).expanded(self.groups),
+            self.expanded(integrate),
+            command,
+            channels,
+            pose,
+            equilibrium,
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,7 +125,9 @@ class GeneralisedPlant(Summarised):
             "pose=(...): the equilibrium at that pose is computed",
         )
         table = self.plant.parameters
-        offset = np.asarray(self.penalty_output(np.zeros(len(self.state_names)), table.named(table.vector())), dtype=float)
+        offset = np.asarray(
+            self.penalty_output(np.zeros(len(self.state_names)), table.named(table.vector())), dtype=float
+        )
         refuse_if(
             offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE),
             "The penalty h(x) is not zero at the operating point.",
@@ -201,11 +211,21 @@ class GeneralisedPlant(Summarised):
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
         n, commands = self.plant.n, len(self.integrate) if self.command else 0
         channels = {name: d[commands + place] for place, name in enumerate(self.disturbances or ())}
-        rates = self.plant.evaluate_flow(x[:n], u, np.array([channels.get(name, 0.0) for name in self.plant.disturbances]), self.plant.parameters.flat(p))
-        return np.array([*rates, *[
-            x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
-            for place, i in enumerate(map(self.plant.index, self.integrate))
-        ]])
+        rates = self.plant.evaluate_flow(
+            x[:n],
+            u,
+            np.array([channels.get(name, 0.0) for name in self.plant.disturbances]),
+            self.plant.parameters.flat(p),
+        )
+        return np.array(
+            [
+                *rates,
+                *[
+                    x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
+                    for place, i in enumerate(map(self.plant.index, self.integrate))
+                ],
+            ]
+        )
 
     def penalty_output(self, x: Any, p: Any) -> Any:
         """h(x) on any element; x is the deviation from the operating point, integrals included.
@@ -388,7 +408,9 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
     parts: list[Any] = list(signals) if several else [signals]
     for signal in parts:
         if hasattr(signal, "derivatives"):
-            columns.append(np.asarray(signal.derivatives(times, order), dtype=float).reshape(order + 1, len(times), -1))
+            columns.append(
+                np.asarray(signal.derivatives(times, order), dtype=float).reshape(order + 1, len(times), -1)
+            )
             continue
         columns.append(np.zeros((order + 1, len(times), 1)))
         try:
@@ -430,9 +452,19 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
     """
     a, b, g, c = plant.linearise(x, u)
     x, u = real_array(x), real_array(u)
-    plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", "robot.operating_point(pose), or operating_point and operating_input of a problem")
+    plant.check_equilibrium(
+        x,
+        u,
+        "A plant is linearised at an equilibrium.",
+        "robot.operating_point(pose), or operating_point and operating_input of a problem",
+    )
     output, slope = plant.output_at(x, u)
-    return _linear_plant((a, b, g, c, slope, x, u, output), plant.states, plant.inputs, **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")})
+    return _linear_plant(
+        (a, b, g, c, slope, x, u, output),
+        plant.states,
+        plant.inputs,
+        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")},
+    )
 
 
 def _linear_plant(

@@ -120,7 +120,10 @@ def checked_parts(
     checked: dict[int, np.ndarray] = {}
     for degree, coefficients in sorted({lowest: np.zeros((*lead, basis.count(n, lowest))), **parts}.items()):
         part = np.ascontiguousarray(real_array(coefficients))
-        expected = (*("any" if size is None else size for size in (lead if fits else shape)), basis.count(n, degree))
+        expected = (
+            *("any" if size is None else size for size in (lead if fits else shape)),
+            basis.count(n, degree),
+        )
         refuse_if(
             not fits or part.shape != expected,
             f"{name} does not fit the plant (n = {n} states).",
@@ -253,18 +256,22 @@ class PolynomialPlant(Summarised):
     ) -> None:
         first = next(iter(f), None) if isinstance(f, Mapping) else None
         n = max(1, len(first)) if isinstance(first, tuple) else 1
-        vars(self).update(vars(PolynomialPlant.from_parts(
-            n,
-            parts_from_mapping("f", f, n, 1),
-            parts_from_input("g1", g1, n),
-            parts_from_input("g2", g2, n),
-            parts_from_mapping("h", h, n, 1),
-            r2,
-            state_names,
-            operating_point,
-            input_names,
-            operating_input,
-        )))
+        vars(self).update(
+            vars(
+                PolynomialPlant.from_parts(
+                    n,
+                    parts_from_mapping("f", f, n, 1),
+                    parts_from_input("g1", g1, n),
+                    parts_from_input("g2", g2, n),
+                    parts_from_mapping("h", h, n, 1),
+                    r2,
+                    state_names,
+                    operating_point,
+                    input_names,
+                    operating_input,
+                )
+            )
+        )
 
     @classmethod
     def from_parts(
@@ -376,7 +383,9 @@ class PolynomialPlant(Summarised):
             "inputs": names_text(self.input_names),
             "disturbances": str(self.size[1]),
             "penalised outputs": str(self.size[3]),
-            "degrees": ", ".join((f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h"))),
+            "degrees": ", ".join(
+                f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h")
+            ),
         }
 
     def expand(self, degree: int) -> PolynomialPlant:

@@ -120,7 +120,12 @@ class Pendulum(JointTree):
         """
         mass, length = float(p.mass), float(p.length)
         about = float(p.link_inertia) - 0.5 * mass * length**2
-        return self.tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array([[about, 0.0, 0.0, about, 0.0, about]])
+        return (
+            self.tree,
+            np.array([2.0 * mass or 1.0]),
+            np.array([[0.5 * length, 0.0, 0.0]]),
+            np.array([[about, 0.0, 0.0, about, 0.0, about]]),
+        )
 
 
 @dataclass(frozen=True)
@@ -175,7 +180,10 @@ class Arm(JointTree):
                     for quantity, components in (("centre_of_mass", VECTOR), ("inertia_per_mass", INERTIA))
                 )
                 mass[i], centre[i], whole = lumped(
-                    [(float(mass[i]), centre[i].copy(), matrix_of(inertia[i])), (load, np.array(place), load * matrix_of(per_mass))]
+                    [
+                        (float(mass[i]), centre[i].copy(), matrix_of(inertia[i])),
+                        (load, np.array(place), load * matrix_of(per_mass)),
+                    ]
                 )
                 inertia[i] = six_of(whole)
         return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
@@ -191,7 +199,9 @@ class Arm(JointTree):
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
         """q̈1, (n,) of any element; `armature` as for `forward_dynamics`."""
-        return np.array(forward_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, torque, self.fall(p), armature))
+        return np.array(
+            forward_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, torque, self.fall(p), armature)
+        )
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
@@ -334,7 +344,9 @@ def payload_from_text(text: str) -> Payload:
         ) from None
     source, ends = "option --payload", (numbers[0], numbers[-1]) if len(numbers) > 1 else None
     offset = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
-    return Payload(Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source), link, offset)
+    return Payload(
+        Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source), link, offset
+    )
 
 
 def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:
@@ -401,7 +413,9 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
         for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded))
     )
     p = robot.plant_parameters()
-    per_input = np.broadcast_to(np.asarray(torque_per_input(robot.drive, SimpleNamespace(**p)), dtype=float), len(robot.joint_names))
+    per_input = np.broadcast_to(
+        np.asarray(torque_per_input(robot.drive, SimpleNamespace(**p)), dtype=float), len(robot.joint_names)
+    )
     extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T

@@ -159,7 +159,10 @@ class Placement:
 
     def then(self, other: Placement) -> Placement:
         """The place, in this one's parent, of a frame that is at `other` in this one."""
-        return Placement(_snapped(product(self.rotation, other.rotation)), _floats(add(self.translation, apply(self.rotation, other.translation))))
+        return Placement(
+            _snapped(product(self.rotation, other.rotation)),
+            _floats(add(self.translation, apply(self.rotation, other.translation))),
+        )
 
 
 @dataclass(frozen=True)
@@ -201,7 +204,9 @@ class Joint:
             f"expected one of {list(KINDS)}, got {self.kind!r}",
             "merge fixed joints into their links; a planar or floating base is not supported",
         )
-        axis = checked_array(f"The axis of joint {self.name!r} is no vector.", self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE)
+        axis = checked_array(
+            f"The axis of joint {self.name!r} is no vector.", self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE
+        )
         length = float(np.linalg.norm(axis))
         refuse_if(
             not length > 1.0 / HUGE,
@@ -429,7 +434,9 @@ def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
         moved[i] = Body(0.0, (hx, hy, 0.0), ((minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
         if tree.parents[i] >= 0:
             part = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
-            moved[tree.parents[i]] = joined(moved[tree.parents[i]], seen_by_parent(part, Frame(*tree.aligned[i])))
+            moved[tree.parents[i]] = joined(
+                moved[tree.parents[i]], seen_by_parent(part, Frame(*tree.aligned[i]))
+            )
     return moved
 
 

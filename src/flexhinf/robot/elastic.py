@@ -167,7 +167,11 @@ def required_of_drive(
         raise unknown_name("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
     required, count = [], len(joints)
     for joint in joints:
-        inertia = ("rotor_inertia", "gear_ratio") if (per_joint("rotor_inertia", joint, count) in names) else ("motor_inertia",)
+        inertia = (
+            ("rotor_inertia", "gear_ratio")
+            if (per_joint("rotor_inertia", joint, count) in names)
+            else ("motor_inertia",)
+        )
         quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *CONSTANTS[drive])
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
@@ -235,7 +239,9 @@ class Layout:
         """The layout of the named states: a joint without a motor's position is rigid."""
         joints = [name.removeprefix("link_position") for name in states if name.startswith("link_position")]
         joints = [joint for joint in joints if not joint.endswith("_integral")]
-        return Layout(len(joints), tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states))
+        return Layout(
+            len(joints), tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
+        )
 
     @property
     def elastic(self) -> list[int]:
@@ -350,7 +356,9 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             unit, size = text.unit, TURNING[text.unit.lower()]
         got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
         # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        degrees = (not isinstance(text, Stated) and not slides and abs(value) > TURN) and low <= np.deg2rad(value) <= high
+        degrees = (not isinstance(text, Stated) and not slides and abs(value) > TURN) and low <= np.deg2rad(
+            value
+        ) <= high
         what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
         if limits is None:
             what = f"The pose turns joint {joint!r} by {got}, more than once around."

@@ -55,7 +55,10 @@ def check_reference(
         for name, value in (("duration", duration), ("period", period))
     )
     times = np.append(np.arange(0.0, duration, period), duration)
-    names, rates, motors = (signal_names(quantity, robot.joint_names) for quantity in ("link_position", "link_velocity", DRIVES[robot.drive]))
+    names, rates, motors = (
+        signal_names(quantity, robot.joint_names)
+        for quantity in ("link_position", "link_velocity", DRIVES[robot.drive])
+    )
     if isinstance(signals, Mapping):
         full = dict(zip(robot.joint_names, names))
         signals = {full.get(name, name): signal for name, signal in signals.items()}
@@ -65,7 +68,9 @@ def check_reference(
     order = 4 if effort is not None else 1 if np.isfinite(fastest).any() else 0
     motion = motion_of(signals, times, order, names)
     low, high = position_ranges(robot)
-    for row, joint in np.argwhere((motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0]))[:1].tolist():
+    for row, joint in np.argwhere((motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0]))[
+        :1
+    ].tolist():
         raise InvalidInput(
             f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
             f"expected {low[joint]:g} to {high[joint]:g} {'m' if robot.links.slides[joint] else 'rad'}, got "
@@ -109,7 +114,9 @@ def check_holding(
     """
     x, u = robot.operating_point(pose)
     stated = robot.effort_limits if limit is None else limit
-    limits = checked_limits("The efforts", stated, robot.joint_names, signal_names(DRIVES[robot.drive], robot.joint_names))
+    limits = checked_limits(
+        "The efforts", stated, robot.joint_names, signal_names(DRIVES[robot.drive], robot.joint_names)
+    )
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
         unit = UNITS[DRIVES[robot.drive]][robot.links.slides[worst]]
@@ -226,7 +233,9 @@ def pose_at(
     pose = np.clip(best.x, low, high)
 
     def values(q: np.ndarray) -> np.ndarray:
-        return np.linalg.svd(np.array([(at(q + e) - at(q - e)) / 2e-6 for e in (1e-6 * np.eye(len(q)))]).T, compute_uv=False)
+        return np.linalg.svd(
+            np.array([(at(q + e) - at(q - e)) / 2e-6 for e in (1e-6 * np.eye(len(q)))]).T, compute_uv=False
+        )
 
     # Over the smallest singular value that is not zero at poses in general.
     typical = np.max([values(pose + rng.uniform(-1.0, 1.0, n)) for _ in range(8)], axis=0)
@@ -245,5 +254,9 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     lines = []
     for i in range(len(tree)):
         carried = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
-        lines.append(np.array([places[i], *(carried or [places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)])]))
+        lines.append(
+            np.array(
+                [places[i], *(carried or [places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)])]
+            )
+        )
     return tuple(lines)

@@ -273,7 +273,14 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             anchor = model.jnt_pos[j].tolist()
             place = place.then(Placement(translation=tuple(anchor)))
             place = place.then(moved(kind, axis, -float(model.qpos0[j])))
-            carrier, place = arm.add_joint(carrier, joint, "continuous" if kind == "revolute" and limits is None else kind, axis, place, limits)
+            carrier, place = arm.add_joint(
+                carrier,
+                joint,
+                "continuous" if kind == "revolute" and limits is None else kind,
+                axis,
+                place,
+                limits,
+            )
             if joint not in arm.locked:
                 arm.efforts.append(_effort(model, j))
                 columns = {
@@ -285,7 +292,13 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))
         if carrier is not None:
-            arm.add_body(carrier, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]), place.then(_placement(model.body_ipos[k], model.body_iquat[k])))
+            arm.add_body(
+                carrier,
+                name,
+                float(model.body_mass[k]),
+                np.diag(model.body_inertia[k]),
+                place.then(_placement(model.body_ipos[k], model.body_iquat[k])),
+            )
             if name:
                 arm.frames[name] = Frame(arm.joints[carrier].name, place)
     gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)
@@ -324,7 +337,11 @@ def _effort(model: Any, joint: int) -> float:
         if model.actuator_forcelimited[k]:
             total += gear * float(np.abs(model.actuator_forcerange[k]).max())
         elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
-            total += gear * abs(float(model.actuator_gainprm[k, 0])) * float(np.abs(model.actuator_ctrlrange[k]).max())
+            total += (
+                gear
+                * abs(float(model.actuator_gainprm[k, 0]))
+                * float(np.abs(model.actuator_ctrlrange[k]).max())
+            )
         else:
             total = np.inf
     own = float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else np.inf

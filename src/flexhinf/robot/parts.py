@@ -284,9 +284,13 @@ def single_link_robot(
     )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
     numbers |= vars(elastic)
-    return Robot(name, tuple(
-        _parameter(name, number, name) for name, number in numbers.items() if number is not None
-    ), links=Pendulum(Tree((Joint(joint.name, limits=joint.limits),))), drive=elastic.drive, **settings)
+    return Robot(
+        name,
+        tuple(_parameter(name, number, name) for name, number in numbers.items() if number is not None),
+        links=Pendulum(Tree((Joint(joint.name, limits=joint.limits),))),
+        drive=elastic.drive,
+        **settings,
+    )
 
 
 def _parameter(label: str, number: Number, quantity: str, slides: bool = False) -> Parameter:
@@ -477,7 +481,10 @@ def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> f
 def _list(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
     if not isinstance(value, list) or (key.size and len(value) != key.size):
         text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
-        raise Unusable(f"a list of {key.size} numbers" if key.size else "a list of one number for each joint", f"[{', '.join([text] * (key.size or 1))}]" if text else "")
+        raise Unusable(
+            f"a list of {key.size} numbers" if key.size else "a list of one number for each joint",
+            f"[{', '.join([text] * (key.size or 1))}]" if text else "",
+        )
     return [_number(file, entry, key, place) for entry in value]
 
 

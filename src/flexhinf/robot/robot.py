@@ -104,7 +104,10 @@ class Robot(Summarised):
         )
         object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         names = [parameter.name for parameter in self.parameters]
-        required = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names, self.rigid))
+        required = (
+            *self.links.required(),
+            *required_of_drive(self.drive, names, self.joint_names, self.rigid),
+        )
         missing = [name for name in required if name not in names]
         refuse_if(
             missing or len(set(names)) != len(names),
@@ -113,10 +116,16 @@ class Robot(Summarised):
             f"add {missing}" if missing else "each name once",
         )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
-        object.__setattr__(self, "home", tuple(checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name).tolist()))
+        object.__setattr__(
+            self,
+            "home",
+            tuple(checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name).tolist()),
+        )
         for kind in ("effort_limits", "speed_limits"):
             what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"
-            object.__setattr__(self, kind, tuple(checked_limits(what, getattr(self, kind), self.joint_names).tolist()))
+            object.__setattr__(
+                self, kind, tuple(checked_limits(what, getattr(self, kind), self.joint_names).tolist())
+            )
 
     # Numbers --------------------------------------------------------------------------------------
     @property
@@ -156,7 +165,12 @@ class Robot(Summarised):
         """The same robot with other nominal values; unknown names raise InvalidInput."""
         for name in values:
             self[name]
-        return replace(self, parameters=tuple(replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters))
+        return replace(
+            self,
+            parameters=tuple(
+                replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters
+            ),
+        )
 
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
@@ -170,7 +184,11 @@ class Robot(Summarised):
         values = self.nominal if values is None else values
         columns = reflected(values, self.drive, self.joint_names, self.rigid)
         single = isinstance(self.links, Pendulum)
-        return PlantValues(self.links.packed(values) | {name: column[0] if single else np.array(column) for name, column in columns.items()}, values)
+        return PlantValues(
+            self.links.packed(values)
+            | {name: column[0] if single else np.array(column) for name, column in columns.items()},
+            values,
+        )
 
     # Plants ---------------------------------------------------------------------------------------
     def plant(
@@ -224,7 +242,11 @@ class Robot(Summarised):
             outputs=sensors,
             units=units_of(joints, self.links.slides, self.plant_parameters()),
             groups={name: names_of(name, joints, self.rigid) for name in UNITS if len(joints) > 1},
-            limits={name: ends for name, ends in zip(signal_names("link_position", joints), self.links.limits) if ends is not None},
+            limits={
+                name: ends
+                for name, ends in zip(signal_names("link_position", joints), self.links.limits)
+                if ends is not None
+            },
             engaged=self.layout.engaged if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
         )
@@ -290,7 +312,9 @@ class Robot(Summarised):
         is modelled; others are refused by name.
         """
         table = ParameterTable(self.plant_parameters())
-        flow = InverseFlow(self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout.rigid)
+        flow = InverseFlow(
+            self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout.rigid
+        )
         joints, arrays = self.joint_names, []
         for name, value in zip(ORDERS, (q, dq, ddq, dddq, ddddq)):
             array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
@@ -339,7 +363,12 @@ class Robot(Summarised):
         q, dq, theta, dtheta = self.layout.split(x)
         spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
         ddq = self.links.accelerations(q, dq, spring, p)
-        return q, dq, ddq, derivative(self.links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p), 1)
+        return (
+            q,
+            dq,
+            ddq,
+            derivative(self.links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p), 1),
+        )
 
     def problem(
         self,
@@ -393,7 +422,9 @@ class Robot(Summarised):
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
         weights = Penalty.of(chosen).expanded(plant.groups)
         weights = robot_penalty(weights, self.joint_names, states, plant.groups, self.layout)
-        return plant.with_objective(weights, command, integrate, None, disturbances, self.operating_point(pose, extras))
+        return plant.with_objective(
+            weights, command, integrate, None, disturbances, self.operating_point(pose, extras)
+        )
 
     # Tolerances -----------------------------------------------------------------------------------
     @cached_property
@@ -403,7 +434,9 @@ class Robot(Summarised):
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        return self.plant_parameters({**self.nominal, **{p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}})
+        return self.plant_parameters(
+            {**self.nominal, **{p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}}
+        )
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.

@@ -195,7 +195,11 @@ class PartsReader(RobotFile):
             )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
-                joints.append(Joint(row["name"], placement=Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles), **stated))
+                joints.append(
+                    Joint(
+                        row["name"], placement=Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles), **stated
+                    )
+                )
         links = [self._link(row) for row in table["joint"]]
         springs = [self._elastic(row) for row in table["joint"]]
         settings = self._settings(table["joint"])
@@ -217,7 +221,9 @@ class PartsReader(RobotFile):
             x, y, z = (2.0 * value_of(x) for x in centre)
             frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
         carriers = set(Tree(tuple(joints)).parents)
-        return self._finished(robot, frames, [joint.name for i, joint in enumerate(joints) if i not in carriers], payload)
+        return self._finished(
+            robot, frames, [joint.name for i, joint in enumerate(joints) if i not in carriers], payload
+        )
 
     def robot_with(
         self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
@@ -268,7 +274,9 @@ class PartsReader(RobotFile):
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
         settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
-        return self._finished(assembled(self.name, placed, links, springs, **settings), arm.frames, arm.tips, payload)
+        return self._finished(
+            assembled(self.name, placed, links, springs, **settings), arm.frames, arm.tips, payload
+        )
 
     def _settings(
         self,
@@ -379,12 +387,17 @@ class PartsReader(RobotFile):
                 "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
                 "one of the two",
             )
-            numbers = {key: self._number(value, key, row["name"]) for key, value in {**row.get("spring", {}), **row["motor"]}.items()}
+            numbers = {
+                key: self._number(value, key, row["name"])
+                for key, value in {**row.get("spring", {}), **row["motor"]}.items()
+            }
             for quantity, value in (motor or {}).items():
                 if quantity not in numbers and not (
                     quantity == "motor_inertia" and "rotor_inertia" in numbers
                 ):
-                    numbers[quantity] = Parameter(quantity, value, self._tolerance(row["name"], quantity), source=source)
+                    numbers[quantity] = Parameter(
+                        quantity, value, self._tolerance(row["name"], quantity), source=source
+                    )
             return ElasticJoint(**numbers)
 
     def _link(self, row: Any) -> Any:

@@ -55,7 +55,11 @@ OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_
 
 def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
     """One name per joint that has this signal as a state or a torque of its own."""
-    return tuple(name for name, joint in zip(signal_names(quantity, joints), joints) if joint not in rigid or quantity not in OF_SPRINGS)
+    return tuple(
+        name
+        for name, joint in zip(signal_names(quantity, joints), joints)
+        if joint not in rigid or quantity not in OF_SPRINGS
+    )
 
 
 def units_of(
@@ -167,4 +171,9 @@ def robot_penalty(
         return penalty
     weights = dict(penalty.states)
     torques, rates = (tuple(float(weights.pop(name, 0.0)) for name in names) for names in named)
-    return replace(penalty, states=WeightedStatesAndTorques(tuple(replace(penalty, states=weights).weights(states).tolist()), torques, rates, layout))
+    return replace(
+        penalty,
+        states=WeightedStatesAndTorques(
+            tuple(replace(penalty, states=weights).weights(states).tolist()), torques, rates, layout
+        ),
+    )

@@ -107,7 +107,9 @@ class RigidArm:
                     "a position that the joint can have",
                 )
             return carrier, place.then(moved(kind, axis, value))
-        self.joints.append(Joint(name, kind, axis, place, limits, "world" if carrier is None else self.joints[carrier].name))
+        self.joints.append(
+            Joint(name, kind, axis, place, limits, "world" if carrier is None else self.joints[carrier].name)
+        )
         self._bodies.append([])
         return len(self.joints) - 1, Placement()
 
@@ -360,7 +362,13 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
         "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
         "the missing one; or no <inertial> for a link without mass",
     )
-    arm.add_body(carrier, link, mass, matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA]), place.then(_origin(link, inertial)))
+    arm.add_body(
+        carrier,
+        link,
+        mass,
+        matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA]),
+        place.then(_origin(link, inertial)),
+    )
 
 
 # Joints of URDF and MJCF --------------------------------------------------------------------------
