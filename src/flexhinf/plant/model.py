@@ -38,6 +38,7 @@ from flexhinf.validation import (
     checked_text,
     distinct,
     extra_package,
+    one_of,
     read_only,
     real_array,
     unknown_name,
@@ -139,8 +140,7 @@ class ParameterTable:
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
         """A copy with some values changed: known names, the same shapes, finite numbers."""
         for name, value in changes.items():
-            if name not in self.values:
-                raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
+            one_of(f"There is no parameter {name!r}.", name, self.values, AS_STATED)
             refuse_if(
                 np.shape(value) != self.values[name].shape,
                 f"The parameter {name!r} has the wrong shape.",
@@ -365,14 +365,13 @@ class Model(Summarised):
 
     def index(self, name: str) -> int:
         """Place of a state in x, by name."""
-        if name not in self.states:
-            raise unknown_name(f"There is no state {name!r}.", name, self.states)
+        one_of(f"There is no state {name!r}.", name, self.states)
         return tuple(self.states).index(name)
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
-        groups = (self.groups.get(name, (name,)) for name in checked_names("The signals", names))
-        return tuple(single for group in groups for single in group)
+        asked = checked_names("The signals", names)
+        return tuple(single for name in asked for single in self.groups.get(name, (name,)))
 
     @property
     def code_key(self) -> tuple[object, ...]:
@@ -382,9 +381,8 @@ class Model(Summarised):
         one function that reads a changed constant has another key when its plant is built anew.
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
-        names = (self.states, self.inputs, self.disturbances, self.outputs)
         arrest = () if self.arrest is None else (digest(self.traced_arrest),)
-        return (*self._content, *arrest, *names, shapes)
+        return (*self._content, *arrest, self.states, self.inputs, self.disturbances, self.outputs, shapes)
 
     @cached_property
     def _content(self) -> tuple[str, str]:
@@ -495,9 +493,14 @@ class Model(Summarised):
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
-        facts = {kind: names_text(getattr(self, kind)) for kind in ("states", "inputs", "disturbances")}
-        named = {"measured": self.outputs, "parameters": tuple(self.parameters.values)}
-        return facts | {name: names_text(names) for name, names in named.items()}
+        named = {
+            "states": self.states,
+            "inputs": self.inputs,
+            "disturbances": self.disturbances,
+            "measured": self.outputs,
+            "parameters": self.parameters.names,
+        }
+        return {name: names_text(names) for name, names in named.items()}
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
@@ -576,12 +579,8 @@ class Model(Summarised):
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
-        result = np.asarray(
-            self.traced_flow(
-                *columns, np.broadcast_to(self.parameters.vector(), (count, self.parameters.size)).T
-            ),
-            dtype=float,
-        ).T
+        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
+        result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
     def linearise(

@@ -79,7 +79,6 @@ class Penalty:
         return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
 
     def __getstate__(self) -> dict[str, Any]:
-        """For a pickle: code is found again by its name."""
         refuse_if(
             callable(self.states) and not has_a_name(self.states),
             "A penalty of code without a name cannot be pickled.",

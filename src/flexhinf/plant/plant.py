@@ -198,13 +198,9 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
@@ -217,24 +213,19 @@ class GeneralisedPlant(Summarised):
             np.array([channels.get(name, 0.0) for name in self.plant.disturbances]),
             self.plant.parameters.flat(p),
         )
-        return np.array(
-            [
-                *rates,
-                *[
-                    x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
-                    for place, i in enumerate(map(self.plant.index, self.integrate))
-                ],
-            ]
-        )
+        errors = [
+            x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
+            for place, i in enumerate(map(self.plant.index, self.integrate))
+        ]
+        return np.array([*rates, *errors])
 
     def penalty_output(self, x: Any, p: Any) -> Any:
         """h(x) on any element; x is the deviation from the operating point, integrals included.
 
         A function h is evaluated like the plant's code: on numbers and symbols by its trace.
         """
-        h = None
-        if callable(self.penalty.states):
-            h = self._penalty_code.evaluate(x, self.plant.parameters.flat(p))
+        traced = self._penalty_code if callable(self.penalty.states) else None
+        h = None if traced is None else traced.evaluate(x, self.plant.parameters.flat(p))
         return self.penalty.evaluate(x, self.state_names, p) if h is None else h
 
     @cached_property
@@ -252,10 +243,9 @@ class GeneralisedPlant(Summarised):
         """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`."""
         self.plant.check_unchanged()
         h = self.penalty.states
-        if not callable(h) or isinstance(h, StoredCode):
-            return
+        traced = callable(h) and not isinstance(h, StoredCode)
         refuse_if(
-            digest(self._trace_penalty()) != digest(self._penalty_code.function),
+            traced and digest(self._trace_penalty()) != digest(self._penalty_code.function),
             "The penalty h(x, p) computes something else than when its problem was built.",
             "expected the same operations and constants: a global or an attribute that it reads has changed",
             "build the problem anew: plant.with_objective(...)",
@@ -274,8 +264,7 @@ class GeneralisedPlant(Summarised):
         return last[1]
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: without the last expansion, which may be large."""
-        return {name: value for name, value in vars(self).items() if name != "_expansion"}
+        return {name: value for name, value in vars(self).items() if name != "_expansion"}  # it may be large
 
     @cached_property
     def _traced_fields(self) -> Any:

@@ -256,22 +256,19 @@ class PolynomialPlant(Summarised):
     ) -> None:
         first = next(iter(f), None) if isinstance(f, Mapping) else None
         n = max(1, len(first)) if isinstance(first, tuple) else 1
-        vars(self).update(
-            vars(
-                PolynomialPlant.from_parts(
-                    n,
-                    parts_from_mapping("f", f, n, 1),
-                    parts_from_input("g1", g1, n),
-                    parts_from_input("g2", g2, n),
-                    parts_from_mapping("h", h, n, 1),
-                    r2,
-                    state_names,
-                    operating_point,
-                    input_names,
-                    operating_input,
-                )
-            )
+        plant = PolynomialPlant.from_parts(
+            n,
+            parts_from_mapping("f", f, n, 1),
+            parts_from_input("g1", g1, n),
+            parts_from_input("g2", g2, n),
+            parts_from_mapping("h", h, n, 1),
+            r2,
+            state_names,
+            operating_point,
+            input_names,
+            operating_input,
         )
+        vars(self).update(vars(plant))
 
     @classmethod
     def from_parts(
@@ -367,8 +364,7 @@ class PolynomialPlant(Summarised):
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore attributes with read-only arrays, which copies share."""
-        vars(self).update(read_only(state))
+        vars(self).update(read_only(state))  # copies share their arrays
 
     @property
     def size(self) -> tuple[int, int, int, int]:

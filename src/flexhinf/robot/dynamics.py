@@ -381,7 +381,6 @@ class Frame(NamedTuple):
 
 
 def _to_parent(frame: Frame, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-    """A force and a moment about the frame's origin, as seen from the parent's."""
     turned = apply(frame.rotation, force)
     return turned, add(apply(frame.rotation, moment), cross(frame.translation, turned))
 

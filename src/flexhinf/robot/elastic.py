@@ -40,7 +40,7 @@ from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import pose_values
 from flexhinf.robot.parameters import TURNING, Stated, per_joint
 from flexhinf.scalars import clip, derivative, series, trace
-from flexhinf.validation import unknown_name
+from flexhinf.validation import one_of
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -67,8 +67,7 @@ def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot
     requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
-        if name not in EXTRAS:
-            raise unknown_name(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
+        one_of(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
         refuse_if(
             EXTRAS[name] not in stated,
             f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
@@ -163,8 +162,7 @@ def required_of_drive(
     drive: str, names: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> list[str]:
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways."""
-    if drive not in DRIVES:
-        raise unknown_name("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
+    one_of("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
     required, count = [], len(joints)
     for joint in joints:
         inertia = (

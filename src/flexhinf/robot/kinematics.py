@@ -20,7 +20,7 @@ from flexhinf.robot.elastic import DRIVES
 from flexhinf.robot.parameters import checked_limits
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.validation import HUGE, checked_array, checked_positive, unknown_name
+from flexhinf.validation import HUGE, checked_array, checked_positive, one_of
 
 
 def position_ranges(robot: Robot) -> np.ndarray:
@@ -172,8 +172,7 @@ def position_of(
 ) -> np.ndarray:
     """Where a point is in the world (3,), m, at joint positions (n,): `offset` (m) in the frame of a link, the last."""
     names = robot.joint_names
-    if link is not None and link not in names:
-        raise unknown_name("There is no such link.", link, names, repr(names[-1]))
+    one_of("There is no such link.", names[-1] if link is None else link, names, repr(names[-1]))
     turns, places = link_frames(robot, positions)
     k = names.index(link or names[-1])
     return places[k] + turns[k] @ np.asarray(offset, dtype=float)

@@ -151,7 +151,6 @@ def _pruned(element: Element) -> Element:
 
 
 def _check(spec: Any) -> None:
-    """Refuse names that cannot be shown, and elements that change masses or act on links."""
     compiler = spec.compiler
     changed = {
         "boundmass": compiler.boundmass > 0.0, "boundinertia": compiler.boundinertia > 0.0,
@@ -314,7 +313,6 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 
 
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
-    """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
     refuse_if(
         not np.all(np.abs(position) <= HUGE),
         "a body is out of all proportion.",

@@ -131,7 +131,6 @@ class MuJoCoView:
             viewer.sync()
 
     def _lines(self, larger: float) -> tuple[np.ndarray, ...]:
-        """The arm with its links turned by so many times their spring's wind-up."""
         n = len(self._robot.joint_names)
         x = self._robot.layout.whole(self._state)
         return skeleton(self._robot, x[:n] + larger * (x[2 * n : 3 * n] - x[:n]))

@@ -73,12 +73,10 @@ def check_fast(robot: Robot, period: float) -> None:
     p = Parameters(robot.plant_parameters())
     stiffness, motors = np.atleast_1d(p.stiffness), np.atleast_1d(p.motor_inertia)
     root, elastic = np.sqrt(stiffness), robot.layout.elastic
-    inverse = np.linalg.inv(
-        _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
-    )[np.ix_(elastic, elastic)] + np.diag(1.0 / motors[elastic])
-    squares, vectors = np.linalg.eigh(
-        root[:, None] * inverse * root
-    )  # energies of the springs, all else free
+    moved = _mass_matrix(robot, p) + np.diag(robot.layout.motors(motors, np.zeros(len(elastic))))
+    inverse = np.linalg.inv(moved)[np.ix_(elastic, elastic)] + np.diag(1.0 / motors[elastic])
+    # Energies of the springs, all else free.
+    squares, vectors = np.linalg.eigh(root[:, None] * inverse * root)
     frequency = float(np.sqrt(squares[-1]))
     if frequency * period <= FASTEST:
         return
@@ -110,10 +108,8 @@ def check_delay(robot: Robot, delay: float) -> None:
 
 
 def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
-    tree, masses, centres, inertias = robot.links.rigid(p)
-    return np.array(
-        mass_matrix(tree, bodies_of(tree, masses, centres, inertias), np.asarray(robot.home)), dtype=float
-    )
+    tree, *numbers = robot.links.rigid(p)
+    return np.array(mass_matrix(tree, bodies_of(tree, *numbers), np.asarray(robot.home)), dtype=float)
 
 
 def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
@@ -158,9 +154,10 @@ def _check_load(robot: Robot, p: Parameters, file: str) -> None:
     nominal, gravity, tree = robot.nominal, robot.nominal["gravity"], robot.links.rigid(p)[0]
     n = len(tree)
     poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]
-    weights = np.max(
-        [np.abs(np.array(robot.links.gravity_torque(pose, p), dtype=float)) for pose in poses], axis=0
-    )  # largest |G| of each joint, N·m or N
+    # Largest |G| of each joint, N·m or N.
+    weights = np.abs([np.array(robot.links.gravity_torque(pose, p), dtype=float) for pose in poses]).max(
+        axis=0
+    )
     if abs(gravity) > GRAVITY:
         ask(
             f"{file}: gravity is stronger than on any planet.",

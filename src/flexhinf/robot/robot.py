@@ -253,8 +253,9 @@ class Robot(Summarised):
         return built[key]
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: without plants, which are built again where they are needed."""
-        return {name: value for name, value in vars(self).items() if name != "_plants"}
+        return {
+            name: value for name, value in vars(self).items() if name != "_plants"
+        }  # they are built again
 
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
@@ -363,12 +364,8 @@ class Robot(Summarised):
         q, dq, theta, dtheta = self.layout.split(x)
         spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
         ddq = self.links.accelerations(q, dq, spring, p)
-        return (
-            q,
-            dq,
-            ddq,
-            derivative(self.links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p), 1),
-        )
+        moved = self.links.accelerations(series(q, dq), series(dq, ddq), series(spring, rate), p)
+        return q, dq, ddq, derivative(moved, 1)
 
     def problem(
         self,
@@ -456,9 +453,8 @@ class Robot(Summarised):
         for name, sign in signs.items():
             refuse_if(
                 not -1.0 <= sign <= 1.0,
-                f"The sign for {self[name].name!r} leaves its tolerance.",
+                f"The sign for {self[name].name!r} leaves its tolerance.",  # refuses an unknown one
                 f"expected −1 to 1, got {sign!r}",
                 "−1, 0 or 1",
             )
-            self[name]  # refuses an unknown one
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

@@ -171,9 +171,5 @@ def robot_penalty(
         return penalty
     weights = dict(penalty.states)
     torques, rates = (tuple(float(weights.pop(name, 0.0)) for name in names) for names in named)
-    return replace(
-        penalty,
-        states=WeightedStatesAndTorques(
-            tuple(replace(penalty, states=weights).weights(states).tolist()), torques, rates, layout
-        ),
-    )
+    kept = replace(penalty, states=weights).weights(states)
+    return replace(penalty, states=WeightedStatesAndTorques(tuple(kept.tolist()), torques, rates, layout))

@@ -21,8 +21,8 @@ from flexhinf.validation import (
     HUGE,
     checked_name,
     distinct,
+    one_of,
     real_number,
-    unknown_name,
     value_text,
 )
 
@@ -206,9 +206,10 @@ def read_urdf(
             if link not in behind:
                 arm.tips.append(link)
         ahead += [(after, carrier, place) for after in reversed(behind.get(link, []))]
-    for joint in arm.joints:
-        arm.efforts.append(_largest(joint.name, elements[joint.name], "effort"))
-        arm.speeds.append(_largest(joint.name, elements[joint.name], "velocity"))
+    arm.efforts, arm.speeds = (
+        [_largest(joint.name, elements[joint.name], key) for joint in arm.joints]
+        for key in ("effort", "velocity")
+    )
     return arm.merge()
 
 
@@ -234,7 +235,6 @@ def _link_at(joint: Element, end: str) -> str:
 
 
 def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[Any, str]:
-    """The joints behind each link, and the link that no joint carries."""
     behind: dict[str, list[str]] = {}
     for name, element in joints.items():
         for end in ("parent", "child"):
@@ -264,7 +264,6 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
 
 
 def _check_element(name: str, element: Element) -> None:
-    """Refuse elements of the link or the joint `name` that are ambiguous or probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
@@ -405,8 +404,7 @@ def locked_joints(
     check_selection(joints, locked)
     still = dict(locked or {})
     for name in (*(joints or ()), *still):
-        if name not in movable:
-            raise unknown_name(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
+        one_of(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
     if joints is not None:
         for name in [name for name in joints if name in still]:
             raise InvalidInput(
