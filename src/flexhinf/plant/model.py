@@ -72,10 +72,12 @@ class ParameterTable:
     values: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.values, Mapping):
-            raise InvalidInput(
-                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
-            )
+        refuse_if(
+            not isinstance(self.values, Mapping),
+            "The parameters are not named.",
+            f"expected a mapping, got {type(self.values).__name__}",
+            "{'mass': 1.0}",
+        )
         checked = {}
         for name, value in self.values.items():
             refuse_if(

@@ -47,23 +47,23 @@ class Penalty:
             checked_names("The weighted states", named)
         elif not callable(self.states):
             rows = real_array(self.states)
-            if rows.ndim not in (1, 2):
-                raise InvalidInput(
-                    "The penalty is not made of weights.",
-                    f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
-                    "{'link_position': 60.0}",
-                )
+            refuse_if(
+                rows.ndim not in (1, 2),
+                "The penalty is not made of weights.",
+                f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
+                "{'link_position': 60.0}",
+            )
             named = {k + 1: weight for k, weight in enumerate(self.states)} if rows.ndim == 1 else {}
             if not isinstance(self.states, (list, tuple, np.ndarray)):
                 object.__setattr__(self, "states", rows)
         for name, weight in named.items():
             values = np.atleast_1d(real_array(weight))
-            if np.any(values < 0.0):  # what is no number is refused where the names are known
-                raise InvalidInput(
-                    f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
-                    f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
-                    f"{np.abs(values).max():g}, or leave the weight out",
-                )
+            refuse_if(
+                np.any(values < 0.0),  # what is no number is refused where the names are known
+                f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
+                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
+                f"{np.abs(values).max(initial=0.0):g}, or leave the weight out",
+            )
         effort = real_array(self.effort)
         refuse_if(
             not np.all(np.isfinite(effort)) or effort.ndim > 2,

@@ -60,12 +60,12 @@ def parts_from_input(name: str, coefficients: Any, n: int) -> dict[int, np.ndarr
     if isinstance(coefficients, Mapping):
         return parts_from_mapping(name, coefficients, n, 2)
     matrix = real_array(coefficients)
-    if matrix.ndim != 2:
-        raise InvalidInput(
-            f"{name} is not a matrix.",
-            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
-            f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
-        )
+    refuse_if(
+        matrix.ndim != 2,
+        f"{name} is not a matrix.",
+        f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
+        f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
+    )
     return {0: matrix[:, :, None]}
 
 
@@ -82,27 +82,27 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
     parts: dict[int, np.ndarray] = {}
     for key, value in zip(coefficients, values, strict=True):
         whole = isinstance(key, tuple) and not any(isinstance(entry, bool) for entry in key)
-        if not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key):
-            raise InvalidInput(
-                f"A key of {name} is not an exponent vector.",
-                f"expected {n} integers ≥ 0, got {value_text(key)}",
-                "(2, 0, 1) stands for x1² x3",
-            )
-        if value.shape != shape or value.ndim != axes:
-            raise InvalidInput(
-                f"The coefficients of {name} have different or wrong shapes.",
-                f"expected numbers on {axes} axes, shape {shape} as in the first entry, got "
-                f"shape {value.shape}: {value_text(coefficients[key], 60)} at {key}",
-                f"one array per monomial, as many rows as {name} has",
-            )
+        refuse_if(
+            not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key),
+            f"A key of {name} is not an exponent vector.",
+            f"expected {n} integers ≥ 0, got {value_text(key)}",
+            "(2, 0, 1) stands for x1² x3",
+        )
+        refuse_if(
+            value.shape != shape or value.ndim != axes,
+            f"The coefficients of {name} have different or wrong shapes.",
+            f"expected numbers on {axes} axes, shape {shape} as in the first entry, got shape {value.shape} at "
+            f"{value_text(key)}",
+            f"one array per monomial, as many rows as {name} has",
+        )
         degree = int(sum(key))
-        if degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST:
-            raise InvalidInput(
-                f"A monomial of {name} has too high a degree.",
-                f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
-                f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
-                "a lower degree: V of degree d takes f through degree d − 1",
-            )
+        refuse_if(
+            degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST,
+            f"A monomial of {name} has too high a degree.",
+            f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
+            f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
+            "a lower degree: V of degree d takes f through degree d − 1",
+        )
         part = parts.setdefault(degree, np.zeros((*shape, basis.count(n, degree))))
         variables = np.repeat(np.arange(n), [int(exponent) for exponent in key])
         part[..., basis.rank(n, variables[None])[0]] = value
@@ -343,10 +343,9 @@ class PolynomialPlant(Summarised):
             "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
         )
         n = np.shape(f[0])[0] if np.ndim(f[0]) == 2 or hasattr(f[0], "tocoo") else 0
-        if n == 0:
-            raise InvalidInput(
-                "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
-            )
+        refuse_if(
+            n == 0, "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
+        )
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
             columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1

@@ -42,9 +42,10 @@ from flexhinf.validation import HUGE, checked_array, real_array, value_text, wit
 
 
 class JointTree:
-    """Joints of a robot's links: names, which of them slide, and ranges (rad, m)."""
+    """Joints of a robot's links: names, which of them slide, ranges (rad, m); and the direction of free fall."""
 
     tree: Tree
+    down: Any
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -61,6 +62,10 @@ class JointTree:
         """Range of each joint, rad or m."""
         return tuple(joint.limits for joint in self.tree.joints)
 
+    def fall(self, p: Any) -> tuple[Any, ...]:
+        """Acceleration of free fall, m/s²: in the world's frame, of a `Pendulum` in that of `rigid`."""
+        return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
+
 
 @dataclass(frozen=True)
 class Pendulum(JointTree):
@@ -70,7 +75,7 @@ class Pendulum(JointTree):
     """
 
     tree: Tree = field(default_factory=lambda: Tree((Joint("joint"),)))
-    down: ClassVar[tuple[float, float, float]] = (1.0, 0.0, 0.0)  # of free fall, in the frame of `rigid`
+    down: ClassVar[Any] = (1.0, 0.0, 0.0)  # of free fall, in the frame of `rigid`
 
     def required(self) -> tuple[str, ...]:
         """Names of the parameters that the link must have."""
@@ -107,10 +112,6 @@ class Pendulum(JointTree):
     def gravity_torque(self, q: Any, p: Any) -> Any:
         """M g l sin q1, (1,), N·m, of any element."""
         return p.mass * p.gravity * p.length * np.sin(np.asarray(q))
-
-    def fall(self, p: Any) -> tuple[Any, ...]:
-        """Acceleration of free fall in the frame of `rigid`, m/s²."""
-        return (p.gravity, 0.0, 0.0)
 
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
         """A rigid link that moves alike, about z with x pointing down: tree, mass, centre of mass, inertia.
@@ -159,8 +160,11 @@ class Arm(JointTree):
         """Names of the parameters that the links must have."""
         names = ["gravity"]
         for joint in self.tree.names:
-            names.append(per_joint("mass", joint, len(self.tree)))
-            names += self._names(joint, "centre_of_mass", VECTOR) + self._names(joint, "inertia", INERTIA)
+            names += [
+                per_joint("mass", joint, len(self.tree)),
+                *self._names(joint, "centre_of_mass", VECTOR),
+                *self._names(joint, "inertia", INERTIA),
+            ]
         return tuple(names)
 
     def packed(self, values: Mapping[str, float]) -> dict[str, Any]:
@@ -189,10 +193,6 @@ class Arm(JointTree):
         return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
 
     # Dynamics -------------------------------------------------------------------------------------
-    def fall(self, p: Any) -> tuple[Any, ...]:
-        """Acceleration of free fall in the world's frame, m/s²."""
-        return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
-
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
         """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of the links, for other tools."""
         return self.tree, p.mass, p.centre_of_mass, p.inertia
@@ -344,9 +344,8 @@ def payload_from_text(text: str) -> Payload:
         ) from None
     source, ends = "option --payload", (numbers[0], numbers[-1]) if len(numbers) > 1 else None
     offset = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
-    return Payload(
-        Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source), link, offset
-    )
+    mass = Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source)
+    return Payload(mass, link, offset)
 
 
 def payload_ends(uncertain: Sequence[Parameter]) -> list[dict[str, float]]:

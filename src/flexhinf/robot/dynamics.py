@@ -130,19 +130,17 @@ SNAP = 1e-15
 #: What is expected of a vector.
 NUMBERS_TEXT = f"three numbers of at most {HUGE:g}"
 
-Rows = tuple[tuple[float, float, float], ...]
-
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a frame is in its parent's frame.
+    """Where a frame is in its parent's frame, of any element.
 
     `rotation` takes components in this frame to components in the parent's; `translation` is this frame's origin in the
     parent's frame, m.
     """
 
-    rotation: Rows = IDENTITY  # type: ignore[assignment]
-    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: Matrix = IDENTITY
+    translation: Vector = ZERO
 
     @staticmethod
     def of(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
@@ -159,10 +157,8 @@ class Placement:
 
     def then(self, other: Placement) -> Placement:
         """The place, in this one's parent, of a frame that is at `other` in this one."""
-        return Placement(
-            _snapped(product(self.rotation, other.rotation)),
-            _floats(add(self.translation, apply(self.rotation, other.translation))),
-        )
+        moved = add(self.translation, apply(self.rotation, other.translation))
+        return Placement(_snapped(product(self.rotation, other.rotation)), tuple(map(float, moved)))
 
 
 @dataclass(frozen=True)
@@ -231,7 +227,7 @@ class Joint:
         return self.kind == "prismatic"
 
     @cached_property
-    def alignment(self) -> Rows:
+    def alignment(self) -> Matrix:
         """Rotation whose third column is the axis: from the aligned frame to the link's."""
         a = self.axis
         k = int(np.argmax(np.abs(a)))
@@ -288,8 +284,8 @@ class Tree:
         )
 
     @cached_property
-    def aligned(self) -> tuple[tuple[Matrix, Vector], ...]:
-        """Rotation and translation of each aligned frame at position zero, in its parent's aligned frame."""
+    def aligned(self) -> tuple[Placement, ...]:
+        """Place of each aligned frame at position zero, in its parent's aligned frame."""
         places = []
         for joint, parent in zip(self.joints, self.parents):
             place = joint.placement
@@ -297,7 +293,7 @@ class Tree:
             if parent >= 0:
                 back = transpose(self.joints[parent].alignment)
                 rotation, translation = product(back, rotation), apply(back, translation)
-            places.append((_snapped(rotation), _floats(translation)))
+            places.append(Placement(_snapped(rotation), tuple(map(float, translation))))
         return tuple(places)
 
 
@@ -306,13 +302,8 @@ def _snap(value: float) -> float:
     return float(nearest) if abs(value - nearest) < SNAP else value
 
 
-def _floats(vector: Vector) -> tuple[float, float, float]:
-    x, y, z = map(float, vector)
-    return x, y, z
-
-
-def _snapped(rotation: Matrix) -> Rows:
-    return tuple(tuple(_snap(float(entry)) for entry in row) for row in rotation)  # type: ignore[return-value]
+def _snapped(rotation: Matrix) -> Matrix:
+    return tuple(tuple(_snap(float(entry)) for entry in row) for row in rotation)
 
 
 class Body(NamedTuple):
@@ -373,27 +364,22 @@ def six_of(matrix: np.ndarray) -> list[float]:
     return [float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
 
 
-class Frame(NamedTuple):
-    """Where an aligned frame is in its parent's: rotation of components to the parent's, and translation in it."""
-
-    rotation: Matrix
-    translation: Vector
-
-
-def _to_parent(frame: Frame, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+def _to_parent(frame: Placement, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
     turned = apply(frame.rotation, force)
     return turned, add(apply(frame.rotation, moment), cross(frame.translation, turned))
 
 
-def frames_of(tree: Tree, q: Any) -> list[Frame]:
-    """Frames at the joint positions q (n,)."""
+def frames_of(tree: Tree, q: Any) -> list[Placement]:
+    """Places of the aligned frames in their parents' at the joint positions q (n,)."""
     frames = []
-    for i, (joint, (rotation, translation)) in enumerate(zip(tree.joints, tree.aligned)):
+    for i, (joint, place) in enumerate(zip(tree.joints, tree.aligned)):
+        rotation, translation = place.rotation, place.translation
         if joint.slides:
-            frames.append(Frame(rotation, add(translation, scaled(q[i], tuple(row[2] for row in rotation)))))
+            translation = add(translation, scaled(q[i], tuple(row[2] for row in rotation)))
         else:
             s, c = np.sin(q[i]), np.cos(q[i])
-            frames.append(Frame(product(rotation, ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))), translation))
+            rotation = product(rotation, ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        frames.append(Placement(rotation, translation))
     return frames
 
 
@@ -404,7 +390,7 @@ def joined(own: Body, other: Body) -> Body:
     )
 
 
-def seen_by_parent(body: Body, frame: Frame) -> Body:
+def seen_by_parent(body: Body, frame: Placement) -> Body:
     """The body about the parent's origin: h + m r, and I − [h][r] − [r][h + m r]."""
     r, h = frame.translation, apply(frame.rotation, body.moment)
     moment = add(h, scaled(body.mass, r))
@@ -433,9 +419,7 @@ def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
         moved[i] = Body(0.0, (hx, hy, 0.0), ((minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
         if tree.parents[i] >= 0:
             part = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
-            moved[tree.parents[i]] = joined(
-                moved[tree.parents[i]], seen_by_parent(part, Frame(*tree.aligned[i]))
-            )
+            moved[tree.parents[i]] = joined(moved[tree.parents[i]], seen_by_parent(part, tree.aligned[i]))
     return moved
 
 

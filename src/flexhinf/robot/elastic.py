@@ -189,13 +189,14 @@ def reflected(
         return values[name] if default is None else values.get(name, default)
 
     dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
-    packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
-    packed |= {quantity: [] for quantity in CONSTANTS[drive]}
-    packed |= {
-        quantity: []
+    stated = [
+        quantity
         for quantity in OPTIONAL
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
         or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
+    ]
+    packed: dict[str, list[float]] = {
+        quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
     }
     for joint in joints:
         ratio = of("gear_ratio", joint, 1.0)

@@ -177,12 +177,13 @@ def _check(spec: Any) -> None:
     parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
-            if np.any(np.asarray(getattr(part, key, 0.0)) != 0.0):
-                raise InvalidInput(
-                    f"{where} has {key}.",
-                    f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}",
-                    f"leave out {key}",
-                )
+            value = np.asarray(getattr(part, key, 0.0))
+            refuse_if(
+                np.any(value != 0.0),
+                f"{where} has {key}.",
+                f"expected none, got {key} = {value.tolist()}: {what}",
+                f"leave out {key}",
+            )
     actuators = [(f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators]
     for where, part in [*parts, *actuators]:
         for key in ("", "actfrc", "force", "ctrl"):
@@ -215,14 +216,11 @@ def _check_couplings(root: Element, moving: set[str]) -> None:
         )
     tendons = [element for group in root.findall("tendon") for element in group]
     for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
-        acting = [
-            key
-            for key in ("stiffness", "damping", "frictionloss", "armature")
-            if any(_number(word) != 0.0 for word in element.get(key, "").split())
-        ]
-        if acting and (element.tag != "fixed" or {part.get("joint") for part in element} & moving):
-            raise InvalidInput(
-                f"a tendon has {acting[0]}.",
+        on_moving = element.tag != "fixed" or {part.get("joint") for part in element} & moving
+        for key in ("stiffness", "damping", "frictionloss", "armature"):
+            refuse_if(
+                on_moving and any(_number(word) != 0.0 for word in element.get(key, "").split()),
+                f"a tendon has {key}.",
                 "expected joints that are coupled by links alone",
                 "the robot without it",
             )

@@ -243,10 +243,10 @@ class MuJoCoPlant(BlackBox):
 
 def check_expressed(extras: Sequence[str]) -> None:
     """Refuse extras that MuJoCo's plant does not have, and a missing installation, before any work."""
-    missing = [name for name in extras if name not in EXPRESSED]
-    if missing:
-        raise InvalidInput(
-            f"MuJoCo does not express {missing[0]!r}: {MISSING.get(missing[0], 'it is unknown')}.",
+    for name in extras:
+        refuse_if(
+            name not in EXPRESSED,
+            f"MuJoCo does not express {name!r}: {MISSING.get(name, 'it is unknown')}.",
             f"expected extras out of {list(EXPRESSED)}, got {list(extras)}",
             "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
         )

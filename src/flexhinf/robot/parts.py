@@ -184,7 +184,7 @@ class ElasticJoint:
         refuse_if(
             self.inductance is not None and self.drive == "current",
             "A motor whose input is its current has no use for an inductance.",
-            f"expected none beside torque_constant alone, got {value_text(self.inductance)}",
+            f"expected none beside torque_constant alone, got {value_text(self.inductance)} H",
             "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
         )
 
@@ -320,10 +320,11 @@ class RobotFileWarning(UserWarning):
     """A robot file says something that is allowed and probably not meant."""
 
 
-def ask(what: str, found: str, advice: str, wrong: bool = False) -> None:
+def ask(doubtful: object, what: str, found: str, advice: str, wrong: bool = False) -> None:
     """Warn of a number that is probably not what was meant; refuse it where it is surely wrong."""
-    refuse_if(wrong, what, found, advice)
-    warnings.warn(f"{what}\n  found: {found}\n  try:   {advice}", RobotFileWarning, stacklevel=3)
+    if doubtful:
+        refuse_if(wrong, what, found, advice)
+        warnings.warn(f"{what}\n  found: {found}\n  try:   {advice}", RobotFileWarning, stacklevel=3)
 
 
 class Unusable(ValueError):
@@ -469,12 +470,12 @@ def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> f
     if isinstance(value, str) and value.rstrip().endswith("%"):
         value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
     number = _number(file, value, key, place)
-    if 0.0 < number < SMALLEST_TOLERANCE:
-        ask(
-            f"{file.file}: the tolerance of {place_text(place, file.data)} is {number:g} per cent.",
-            f"expected per cent, got {number:g}, which looks like a fraction",
-            f"tolerance = {100.0 * number:g} for ±{100.0 * number:g} %",
-        )
+    ask(
+        0.0 < number < SMALLEST_TOLERANCE,
+        f"{file.file}: the tolerance of {place_text(place, file.data)} is {number:g} per cent.",
+        f"expected per cent, got {number:g}, which looks like a fraction",
+        f"tolerance = {100.0 * number:g} for ±{100.0 * number:g} %",
+    )
     return number
 
 

@@ -95,8 +95,8 @@ def check_fast(robot: Robot, period: float) -> None:
 
 def check_delay(robot: Robot, delay: float) -> None:
     """Refuse a delay, s, longer than a period of the lowest vibration: no loop damps what it answers so late."""
-    p = Parameters(robot.plant_parameters())
-    held = _mass_matrix(robot, p)[np.ix_(robot.layout.elastic, robot.layout.elastic)]
+    p, elastic = Parameters(robot.plant_parameters()), robot.layout.elastic
+    held = _mass_matrix(robot, p)[np.ix_(elastic, elastic)]
     squares = np.linalg.eigvals(np.linalg.solve(held, np.diag(np.atleast_1d(p.stiffness))))
     longest = 2.0 * np.pi / float(np.sqrt(squares.real.min()))
     refuse_if(
@@ -115,14 +115,14 @@ def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
 def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
     tree, masses, centres, inertias = robot.links.rigid(p)
     for joint, limits in zip(tree.joints, robot.links.limits):
-        if limits is not None and not joint.slides and max(map(abs, limits)) > TURNS:
-            meant = [float(f"{limit / DEGREES:.5g}") for limit in limits]
-            ask(
-                f"{file}: the limits of joint {joint.name!r} are many turns apart.",
-                f"expected rad, got {limits[0]:g} to {limits[1]:g}; were degrees meant?",
-                f"{meant[0]:g} to {meant[1]:g} rad; or a continuous joint, which has no limits",
-                all(float(limit).is_integer() for limit in limits),
-            )
+        low, high = limits or (0.0, 0.0)
+        ask(
+            not joint.slides and max(abs(low), abs(high)) > TURNS,
+            f"{file}: the limits of joint {joint.name!r} are many turns apart.",
+            f"expected rad, got {low:g} to {high:g}; were degrees meant?",
+            f"{low / DEGREES:.5g} to {high / DEGREES:.5g} rad; or a continuous joint, which has no limits",
+            low.is_integer() and high.is_integer(),
+        )
     massless = isinstance(robot.links, Pendulum) and robot.nominal["mass"] == 0.0
     for joint, mass, centre, inertia in zip(tree.joints, masses, centres, inertias):
         for what, vector in (
@@ -130,19 +130,20 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
             ("centre of mass of the link behind joint", centre),
         ):
             length = float(np.linalg.norm(vector))
-            if length > LENGTH[0]:
-                ask(
-                    f"{file}: the {what} {joint.name!r} is far away.",
-                    f"expected metres, got {length:.4g} m; were millimetres meant?",
-                    f"{length / 1000.0:.4g} for {length:.4g} mm",
-                    length > LENGTH[1],
-                )
+            ask(
+                length > LENGTH[0],
+                f"{file}: the {what} {joint.name!r} is far away.",
+                f"expected metres, got {length:.4g} m; were millimetres meant?",
+                f"{length / 1000.0:.4g} for {length:.4g} mm",
+                length > LENGTH[1],
+            )
         largest = float(np.linalg.eigvalsh(matrix_of(inertia))[-1])
         size = np.sqrt(max(largest, 0.0) / mass) if mass > 0.0 else 0.0
         if size > GYRATION[0] and not massless:
             distances = {unit: abs(np.log(size * np.sqrt(si) / 0.1)) for unit, si in INERTIA_UNITS.items()}
             unit = min(distances, key=lambda name: distances[name])
             ask(
+                True,
                 f"{file}: the inertia of the link behind joint {joint.name!r} is that of a very large body.",
                 f"expected kg·m², got {largest:.4g} kg·m² for {mass:.4g} kg, a radius of gyration of {size:.3g} m",
                 f"{largest * INERTIA_UNITS[unit]:.4g} if {largest:.4g} {unit} were meant",
@@ -151,66 +152,66 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
 
 
 def _check_load(robot: Robot, p: Parameters, file: str) -> None:
-    nominal, gravity, tree = robot.nominal, robot.nominal["gravity"], robot.links.rigid(p)[0]
-    n = len(tree)
+    nominal, gravity, joints = robot.nominal, robot.nominal["gravity"], robot.links.tree.joints
+    n = len(joints)
     poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]
     # Largest |G| of each joint, N·m or N.
-    weights = np.abs([np.array(robot.links.gravity_torque(pose, p), dtype=float) for pose in poses]).max(
-        axis=0
+    torques = [np.array(robot.links.gravity_torque(pose, p), dtype=float) for pose in poses]
+    weights = np.abs(torques).max(axis=0)
+    ask(
+        abs(gravity) > GRAVITY,
+        f"{file}: gravity is stronger than on any planet.",
+        f"expected m/s², got {gravity:g}; were cm/s² or mm/s² meant?",
+        f"{gravity / (100.0 if abs(gravity) < 5000.0 else 1000.0):g}",
     )
-    if abs(gravity) > GRAVITY:
-        ask(
-            f"{file}: gravity is stronger than on any planet.",
-            f"expected m/s², got {gravity:g}; were cm/s² or mm/s² meant?",
-            f"{gravity / (100.0 if abs(gravity) < 5000.0 else 1000.0):g}",
-        )
     heavy = not isinstance(robot.links, Pendulum) and gravity != 0.0
-    if heavy and weights.max() < 1e-9 * (float(np.sum(p.mass)) * abs(gravity)):
-        ask(
-            f"{file}: no joint carries any weight: gravity acts along the axes of all joints.",
-            f"expected 'down' in the world's frame, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
-            "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
-        )
+    ask(
+        heavy and weights.max() < 1e-9 * (float(np.sum(p.mass)) * abs(gravity)),
+        f"{file}: no joint carries any weight: gravity acts along the axes of all joints.",
+        f"expected 'down' in the world's frame, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
+        "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
+    )
     own = sum(value for name, value in nominal.items() if name.startswith("mass"))
     payloads = [number for number in robot.parameters if number.name.startswith("payload_mass")]
     for upper in (payload.interval[1] for payload in payloads):
-        if own > 0.0 and upper > CARRIED[0] * own:
-            ask(
-                f"{file}: the payload is {upper / own:.3g} times as heavy as the robot.",
-                f"expected kg, got up to {upper:.4g} kg for links of {own:.3g} kg; were grams meant?",
-                f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
-                upper > CARRIED[1] * own,
-            )
+        ask(
+            own > 0.0 and upper > CARRIED[0] * own,
+            f"{file}: the payload is {upper / (own or 1.0):.3g} times as heavy as the robot.",
+            f"expected kg, got up to {upper:.4g} kg for links of {own:.3g} kg; were grams meant?",
+            f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
+            upper > CARRIED[1] * own,
+        )
     load = "own weight and its payload's" if any(mass.value for mass in payloads) else "own weight"
     inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
     stiffness = robot.layout.motors(np.full(n, np.inf), np.atleast_1d(p.stiffness))
-    for joint, weight, inertia, motor, spring in zip(tree.joints, weights, inertias, motors, stiffness):
+    for joint, weight, inertia, motor, spring in zip(joints, weights, inertias, motors, stiffness):
         stated = {key: nominal.get(per_joint(key, joint.name, n)) for key in OF_JOINT}
         twist, ratio = weight / spring, motor / inertia
-        if not joint.slides and twist > TWIST[0]:
-            ask(
-                f"{file}: the spring of joint {joint.name!r} twists {twist * DEGREES:.3g}° under the robot's {load}.",
-                f"expected N·m/rad, got {spring:g} for {weight:.3g} N·m; was N·m/deg meant?",
-                f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg",
-                twist > TWIST[1],
-            )
-        if ratio > MOTOR[0]:
-            rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
-            ask(
-                f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
-                f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
-                f"{rotor * 1e-7:.4g} if {rotor:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
-                ratio > MOTOR[1],
-            )
-        if stated["motor_inertia"] is not None and ratio < NOT_REFLECTED:
-            ask(
-                f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} of the inertia that it moves.",
-                f"expected it seen from the link, got motor_inertia = {motor:g}; is it that of the rotor alone?",
-                f"rotor_inertia = {motor:g} and gear_ratio; a direct drive has gear_ratio = 1",
-            )
+        rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
+        ask(
+            not joint.slides and twist > TWIST[0],
+            f"{file}: the spring of joint {joint.name!r} twists {twist * DEGREES:.3g}° under the robot's {load}.",
+            f"expected N·m/rad, got {spring:g} for {weight:.3g} N·m; was N·m/deg meant?",
+            f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg",
+            twist > TWIST[1],
+        )
+        ask(
+            ratio > MOTOR[0],
+            f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
+            f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
+            f"{rotor * 1e-7:.4g} if {rotor:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
+            ratio > MOTOR[1],
+        )
+        ask(
+            stated["motor_inertia"] is not None and ratio < NOT_REFLECTED,
+            f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} of the inertia that it moves.",
+            f"expected it seen from the link, got motor_inertia = {motor:g}; is it that of the rotor alone?",
+            f"rotor_inertia = {motor:g} and gear_ratio; a direct drive has gear_ratio = 1",
+        )
         static, sliding = stated["static_friction"], stated["coulomb_friction"]
         if static is not None and sliding is not None and static < sliding:
             ask(
+                True,
                 f"{file}: joint {joint.name!r} sticks less than it slides.",
                 f"expected static_friction >= coulomb_friction, got {static:g} and {sliding:g}",
                 "exchange them, or static_friction as measured at standstill",
