@@ -72,12 +72,10 @@ class ParameterTable:
     values: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        refuse_if(
-            not isinstance(self.values, Mapping),
-            "The parameters are not named.",
-            f"expected a mapping, got {type(self.values).__name__}",
-            "{'mass': 1.0}",
-        )
+        if not isinstance(self.values, Mapping):
+            raise InvalidInput(
+                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
+            )
         checked = {}
         for name, value in self.values.items():
             refuse_if(
@@ -110,6 +108,11 @@ class ParameterTable:
         """Length of the vector."""
         return sum(value.size for value in self.values.values())
 
+    @cached_property
+    def _places(self) -> dict[str, slice]:
+        ends = np.cumsum([value.size for value in self.values.values()], dtype=int).tolist()
+        return {name: slice(end - value.size, end) for end, (name, value) in zip(ends, self.values.items())}
+
     def vector(self) -> np.ndarray:
         """Nominal values, flat (size,)."""
         return np.concatenate([np.zeros(0), *(value.ravel() for value in self.values.values())])
@@ -123,17 +126,12 @@ class ParameterTable:
                 f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
                 "vector(), changed",
             )
-        named, start = {}, 0
-        for name, value in self.values.items():
-            part = vector[start : start + value.size]
-            named[name] = part.reshape(value.shape) if value.ndim else part[0]
-            start += value.size
-        return Parameters(named)
+        parts = {name: vector[place].reshape(self.values[name].shape) for name, place in self._places.items()}
+        return Parameters({name: part if part.ndim else part[()] for name, part in parts.items()})
 
     def flat(self, parameters: Parameters) -> np.ndarray:
         """Named parameters back as a vector (size,): the inverse of `named`."""
-        parts = [np.ravel(np.asarray(getattr(parameters, name))) for name in self.values]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.zeros(0), *(np.ravel(getattr(parameters, name)) for name in self.values)])
 
     def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The values whose names are in this table: a robot states more than each of its plants has."""
@@ -153,7 +151,7 @@ class ParameterTable:
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
-        table, start = np.tile(self.vector(), (len(rows), 1)), 0
+        table = np.tile(self.vector(), (len(rows), 1))
         fits = all(name in self.values for row in rows for name in row)
         try:
             for name, value in self.values.items():
@@ -161,8 +159,7 @@ class ParameterTable:
                 if changed:
                     columns = real_array([rows[k][name] for k in changed])
                     fits &= columns.shape == (len(changed), *value.shape)
-                    table[changed, start : start + value.size] = columns.reshape(len(changed), -1)
-                start += value.size
+                    table[changed, self._places[name]] = columns.reshape(len(changed), -1)
         except (TypeError, ValueError, OverflowError):  # another size, or no number
             fits = False
         if not (fits and np.all(np.isfinite(table))):  # `replaced` raises, and says which value it is
@@ -372,8 +369,11 @@ class Model(Summarised):
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
-        asked = checked_names("The signals", names)
-        return tuple(single for name in asked for single in self.groups.get(name, (name,)))
+        return tuple(
+            single
+            for name in checked_names("The signals", names)
+            for single in self.groups.get(name, (name,))
+        )
 
     @property
     def code_key(self) -> tuple[object, ...]:

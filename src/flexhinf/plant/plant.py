@@ -40,15 +40,8 @@ class Plant(Model):
         its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
         channels = None if disturbances is None else self.expanded(disturbances)
-        return GeneralisedPlant(
-            self,
-            Penalty.of(penalty).expanded(self.groups),
-            self.expanded(integrate),
-            command,
-            channels,
-            pose,
-            equilibrium,
-        )
+        weights = Penalty.of(penalty).expanded(self.groups)
+        return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, equilibrium)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,9 +97,8 @@ class GeneralisedPlant(Summarised):
             "expected integrate=(...) with command='disturbance', got integrate=()",
             "integrate=('link_position',)",
         )
-        channels = self.disturbances
-        if channels is None:
-            channels = () if self.command else self.plant.disturbances
+        default = () if self.command else self.plant.disturbances
+        channels = default if self.disturbances is None else self.disturbances
         channels = (channels,) if isinstance(channels, str) else tuple(channels)
         unknown = [name for name in channels if name not in self.plant.disturbances]
         refuse_if(
@@ -152,8 +144,7 @@ class GeneralisedPlant(Summarised):
     @property
     def disturbance_names(self) -> tuple[str, ...]:
         """Names of d: commands first, then channels of the plant."""
-        commands = tuple(f"{name}_command" for name in self.integrate) if self.command else ()
-        return (*commands, *(self.disturbances or ()))
+        return (*(f"{name}_command" for name in self.integrate if self.command), *(self.disturbances or ()))
 
     # Operating point ------------------------------------------------------------------------------
     @cached_property
@@ -296,9 +287,11 @@ class GeneralisedPlant(Summarised):
         x = ca.SX.sym("x", len(self.state_names))
         outputs, values = self._traced_fields.call([x]), self._traced_fields.call([np.zeros(x.numel())])
         depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
-        constant = [np.asarray(value, dtype=float).ravel() for value in values]
         varying = [output for varies, output in zip(depends, outputs) if varies]
-        kept = tuple(None if varies else value for varies, value in zip(depends, constant))
+        kept = tuple(
+            None if varies else np.asarray(value, dtype=float).ravel()
+            for varies, value in zip(depends, values)
+        )
         return ca.Function("varying_fields", [x], varying, {"cse": True}), kept
 
     @property
@@ -507,8 +500,8 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
         f"expected D = 0 for {list(disturbances)}",
         "measurement noise is the loop's; other disturbances act through a state",
     )
-    point = (np.zeros(size) for size in (len(a), len(chosen), len(c)))
     return _linear_plant(
-        (a, b[:, places], b[:, others], c, d[:, places], *point), tuple(linear.state_labels), tuple(chosen),
+        (a, b[:, places], b[:, others], c, d[:, places], *map(np.zeros, (len(a), len(chosen), len(c)))),
+        tuple(linear.state_labels), tuple(chosen),
         disturbances=disturbances, outputs=tuple(linear.output_labels),
     )  # fmt: skip

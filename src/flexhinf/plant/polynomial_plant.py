@@ -88,13 +88,13 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
             f"expected {n} integers ≥ 0, got {value_text(key)}",
             "(2, 0, 1) stands for x1² x3",
         )
-        refuse_if(
-            value.shape != shape or value.ndim != axes,
-            f"The coefficients of {name} have different or wrong shapes.",
-            f"expected numbers on {axes} axes, shape {shape} as in the first entry, got shape {value.shape} at "
-            f"{value_text(key)}",
-            f"one array per monomial, as many rows as {name} has",
-        )
+        if value.shape != shape or value.ndim != axes:
+            raise InvalidInput(
+                f"The coefficients of {name} have different or wrong shapes.",
+                f"expected numbers on {axes} axes, shape {shape} as in the first entry, got "
+                f"shape {value.shape}: {value_text(coefficients[key], 60)} at {key}",
+                f"one array per monomial, as many rows as {name} has",
+            )
         degree = int(sum(key))
         refuse_if(
             degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST,

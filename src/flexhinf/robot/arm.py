@@ -425,8 +425,9 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
         "a pose with a lever arm across gravity",
     )
     inverse = np.linalg.pinv(per_kilogram)
-    friction = (p.get(kind, 0.0) for kind in ("coulomb_friction", "static_friction"))
-    dry = np.max([np.broadcast_to(force, len(base)) for force in friction], axis=0)
+    dry = np.maximum(
+        *(np.broadcast_to(p.get(kind, 0.0), len(base)) for kind in ("coulomb_friction", "static_friction"))
+    )
     hidden = np.abs(inverse) @ dry * (1.0 if unloaded is None else 2.0)
     added = inverse @ extra
     return Weighing(

@@ -435,9 +435,10 @@ class InverseFlow:
 def traced_inverse(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Any:
     """`flow` as a CasADi function of (q, q̇, q̈, q⃛, q⁗, parameter vector), for any values of the parameters."""
     table = ParameterTable({name: np.zeros(shape) for name, shape in shapes})
-    n = len(flow.links.joint_names)
 
     def inverse(q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, vector: Any) -> tuple[Any, Any]:
         return flow(q, dq, ddq, dddq, ddddq, table.named(vector))
 
-    return trace(inverse, *(n,) * 5, table.size, name="inverse", names=(*ORDERS, "p"))
+    return trace(
+        inverse, *[len(flow.links.joint_names)] * 5, table.size, name="inverse", names=(*ORDERS, "p")
+    )

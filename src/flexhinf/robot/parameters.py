@@ -300,13 +300,16 @@ _FAMILIES = (
 _PREFIXES = {"": 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "c": 1e-2, "µ": 1e-6, "μ": 1e-6, "u": 1e-6}
 
 _ATOMS: dict[str, tuple[float, Dimension]] = {
-    name: (size, dimension)
-    for table, dimension in ((SECONDS, _TIME), (TURNING, _ANGLE), (SLIDING, _LENGTH))
-    for name, size in table.items()
+    **{name: (size, _TIME) for name, size in SECONDS.items()},
+    **{name: (size, _ANGLE) for name, size in TURNING.items()},
+    **{name: (size, _LENGTH) for name, size in SLIDING.items()},
+    **{
+        prefix + name: (_PREFIXES[prefix] * size, dimension)
+        for name, dimension, size, prefixes in _FAMILIES
+        for prefix in ("", *prefixes)
+    },
+    **{"Ncm": (1e-2, _TORQUE), "Nmm": (1e-3, _TORQUE), "%": (1e-2, _ALONE), "1": (1.0, _ALONE)},
 }
-for _name, _dimension, _size, _prefixes in _FAMILIES:
-    _ATOMS |= {prefix + _name: (_PREFIXES[prefix] * _size, _dimension) for prefix in ("", *_prefixes)}
-_ATOMS |= {"Ncm": (1e-2, _TORQUE), "Nmm": (1e-3, _TORQUE), "%": (1e-2, _ALONE), "1": (1.0, _ALONE)}
 _FACTOR = re.compile(
     rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
 )

@@ -417,8 +417,9 @@ class Robot(Summarised):
         )
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
-        weights = Penalty.of(chosen).expanded(plant.groups)
-        weights = robot_penalty(weights, self.joint_names, states, plant.groups, self.layout)
+        weights = robot_penalty(
+            Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups, self.layout
+        )
         return plant.with_objective(
             weights, command, integrate, None, disturbances, self.operating_point(pose, extras)
         )

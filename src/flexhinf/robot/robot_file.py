@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
-from flexhinf.robot.dynamics import Joint, Placement, Tree
+from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
 from flexhinf.robot.parts import (
@@ -220,10 +220,8 @@ class PartsReader(RobotFile):
             centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
             x, y, z = (2.0 * value_of(x) for x in centre)
             frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
-        carriers = set(Tree(tuple(joints)).parents)
-        return self._finished(
-            robot, frames, [joint.name for i, joint in enumerate(joints) if i not in carriers], payload
-        )
+        tips = [joint.name for i, joint in enumerate(joints) if i not in robot.links.tree.parents]
+        return self._finished(robot, frames, tips, payload)
 
     def robot_with(
         self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any

@@ -71,8 +71,8 @@ def units_of(
         for quantity, pair in UNITS.items()
         for name, sliding in zip(signal_names(quantity, joints), slides)
     }
-    integrals = {f"{name}_integral": f"{unit}·s" for name, unit in units.items() if "position" in name}
-    return parameter_units(parameters or {}, slides) | units | integrals
+    units |= {f"{name}_integral": f"{unit}·s" for name, unit in units.items() if "position" in name}
+    return parameter_units(parameters or {}, slides) | units
 
 
 def expanded(

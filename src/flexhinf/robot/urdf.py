@@ -14,7 +14,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.robot.arm import Frame
-from flexhinf.robot.dynamics import KINDS, Joint, Placement, lumped, matrix_of, six_of
+from flexhinf.robot.dynamics import KINDS, ZERO, Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
 from flexhinf.validation import (
@@ -298,7 +298,7 @@ def _check_element(name: str, element: Element) -> None:
 
 
 # Numbers ------------------------------------------------------------------------------------------
-def _vector(name: str, element: Element | None, key: str, default: tuple[float, ...]) -> Any:
+def _vector(name: str, element: Element | None, key: str, default: Sequence[float]) -> Any:
     if element is None or element.get(key) is None:
         return default
     tokens = str(element.get(key)).split()
@@ -317,8 +317,7 @@ def _number(name: str, element: Element | None, key: str) -> float:
 
 
 def _origin(name: str, element: Element) -> Placement:
-    origin, nothing = element.find("origin"), (0.0, 0.0, 0.0)
-    return Placement.of(*(_vector(name, origin, key, nothing) for key in ("xyz", "rpy")))
+    return Placement.of(*(_vector(name, element.find("origin"), key, ZERO) for key in ("xyz", "rpy")))
 
 
 def _limits(name: str, joint: Element) -> tuple[float, float] | None:
