@@ -14,6 +14,7 @@ from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import Joint, Placement
+from flexhinf.robot.kinematics import DEGREES, check_plausible
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
 from flexhinf.robot.parts import (
@@ -26,7 +27,6 @@ from flexhinf.robot.parts import (
     single_link_robot,
     value_of,
 )
-from flexhinf.robot.plausibility import DEGREES, check_plausible
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
