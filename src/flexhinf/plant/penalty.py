@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import has_a_name
 from flexhinf.plant.polynomial_plant import checked_r2
-from flexhinf.validation import checked_array, checked_names, real_array, value_text
+from flexhinf.validation import checked_array, checked_names, one_of, real_array, value_text
 
 
 @dataclass(frozen=True)
@@ -149,16 +148,14 @@ class Penalty:
     @property
     def matrix(self) -> np.ndarray | None:
         """C (s, n) for a penalty that is a matrix, else None."""
-        if callable(self.states) or isinstance(self.states, Mapping) or np.ndim(self.states) != 2:
-            return None
-        return real_array(self.states)
+        other = callable(self.states) or isinstance(self.states, Mapping) or np.ndim(self.states) != 2
+        return None if other else real_array(self.states)
 
     def weights(self, names: Sequence[str]) -> np.ndarray:
         """One weight per state, (n,); for a penalty given by one number for each."""
         listed: Any = self.states
         if isinstance(self.states, Mapping):
-            for name in [name for name in self.states if name not in names]:
-                raise unknown_weight(name, names)
+            check_weighted(self.states, names)
             listed = [self.states.get(name, 0.0) for name in names]
         return checked_array(
             "The penalty does not fit the states.",
@@ -169,11 +166,8 @@ class Penalty:
         )
 
 
-def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
-    """The error for a weight of something that is not known, with the known name that is most like it."""
-    close = max(known, key=lambda other: difflib.SequenceMatcher(None, name, other).ratio())
-    return InvalidInput(
-        f"The penalty names a state that the problem does not have: {name!r}.",
-        f"expected names out of {list(known)}",
-        f"{close!r}; integrals of a tracking error are called NAME_integral",
-    )
+def check_weighted(weighted: Iterable[str], known: Sequence[str]) -> None:
+    """Refuse a weight of something that is not known."""
+    what = "The penalty names a state that the problem does not have (integrals of errors are called NAME_integral): "
+    for name in weighted:
+        one_of(f"{what}{name!r}.", name, known)

@@ -568,8 +568,10 @@ def expand_control_affine(
     np.maximum.at(scale, rows, np.abs(values))
     beyond = (owner == REST) & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
     if beyond.any():
-        names = list(input_names or [f"u[{j}]" for j in range(m)])
-        names += disturbance_names or [f"d[{j}]" for j in range(md)]
+        names = [
+            *(input_names or [f"u[{j}]" for j in range(m)]),
+            *(disturbance_names or [f"d[{j}]" for j in range(md)]),
+        ]
         worst = np.argmax(np.where(beyond, np.abs(values), 0.0))
         number, k = monomials[worst], 2
         while number >= size(n + m + md, k):

@@ -51,17 +51,13 @@ def _times(a: Any, b: Any) -> Any:
 def _plus(a: Any, b: Any) -> Any:
     if isinstance(a, NUMBERS) and a == 0:
         return b
-    if isinstance(b, NUMBERS) and b == 0:
-        return a
-    return a + b
+    return a if isinstance(b, NUMBERS) and b == 0 else a + b
 
 
 def _minus(a: Any, b: Any) -> Any:
     if isinstance(b, NUMBERS) and b == 0:
         return a
-    if isinstance(a, NUMBERS) and a == 0:
-        return -b
-    return a - b
+    return -b if isinstance(a, NUMBERS) and a == 0 else a - b
 
 
 # Vectors ------------------------------------------------------------------------------------------
@@ -287,8 +283,7 @@ class Tree:
 
 
 def _snap(value: float) -> float:
-    nearest = round(value)
-    return float(nearest) if abs(value - nearest) < SNAP else value
+    return float(round(value)) if abs(value - round(value)) < SNAP else value
 
 
 def _snapped(rotation: Matrix) -> Matrix:

@@ -136,9 +136,8 @@ def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
 
 def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
     """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
-    if not set(DRY) & set(extras):
-        return 0.0
-    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing)
+    dry = set(DRY) & set(extras)
+    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
 
 
 #: What the input is: the motor's voltage (V), its current (A), or its torque on the link side (N·m).
@@ -218,9 +217,8 @@ def reflected(
 
 def torque_per_input(drive: str, p: Any) -> Any:
     """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one."""
-    if drive == "torque":
-        return 1.0
-    return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
+    gain = 1.0 if drive == "torque" else p.torque_constant
+    return gain / p.resistance if drive == "voltage" else gain
 
 
 @dataclass(frozen=True)
@@ -236,8 +234,11 @@ class Layout:
     @staticmethod
     def of(states: Sequence[str]) -> Layout:
         """The layout of the named states: a joint without a motor's position is rigid."""
-        joints = [name.removeprefix("link_position") for name in states if name.startswith("link_position")]
-        joints = [joint for joint in joints if not joint.endswith("_integral")]
+        joints = [
+            name.removeprefix("link_position")
+            for name in states
+            if name.startswith("link_position") and not name.endswith("_integral")
+        ]
         return Layout(
             len(joints), tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
         )

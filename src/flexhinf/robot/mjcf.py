@@ -63,12 +63,12 @@ def read_mjcf(
     """
     mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
     for element in root.iter():
-        if element.tag in REFUSED:
-            raise InvalidInput(
-                f"<{element.tag}> is not read.",
-                "expected bodies, joints and inertials in this file",
-                REFUSED[element.tag],
-            )
+        refuse_if(
+            element.tag in REFUSED,
+            f"<{element.tag}> is not read.",
+            "expected bodies, joints and inertials in this file",
+            REFUSED.get(element.tag, ""),
+        )
     bodies = sum(1 for _ in root.iter("body"))
     refuse_if(
         bodies > MOST_LINKS,

@@ -393,8 +393,11 @@ def respelled(text: str, *si: str) -> list[str]:
         at = match.end()
     fitting = [unit[1] for name in si if (unit := _unit(name))]
     whole = [spelling + parts[1][at:] for spelling in spellings]
-    known = [name for name in whole if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting]
-    return [f"{parts[0]} {spelling}" for spelling in known]
+    return [
+        f"{parts[0]} {name}"
+        for name in whole
+        if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting
+    ]
 
 
 @lru_cache(256)

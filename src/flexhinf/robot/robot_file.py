@@ -16,7 +16,7 @@ from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shap
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.kinematics import DEGREES, check_plausible
 from flexhinf.robot.mjcf import read_mjcf
-from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
+from flexhinf.robot.parameters import INERTIA, Parameter, per_joint
 from flexhinf.robot.parts import (
     NESTING,
     ElasticJoint,
@@ -84,9 +84,11 @@ def load_robot(
         refuse_if(
             len(rigid) > 1, f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them"
         )
-        if rigid:
-            return parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
-        return parts.whole_robot(joints, locked, payload)
+        return (
+            parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
+            if rigid
+            else parts.whole_robot(joints, locked, payload)
+        )
     if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
         robot = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
         refuse_if(
@@ -317,13 +319,14 @@ class PartsReader(RobotFile):
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
-            if at not in frames:
-                fault = f"is at {value_text(at, 60)}, which carries nothing"
-                raise InvalidInput(
-                    f"{self.file}: the payload {fault if at else 'does not say what carries it, of several ends'}.",
-                    f"expected one of {list(frames)}",
-                    f"at = {tips[0]!r}, or --payload 0..3kg@{tips[0]}",
-                )
+            refuse_if(
+                at not in frames,
+                f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
+                if at
+                else f"{self.file}: the payload does not say what carries it, of several ends.",
+                f"expected one of {list(frames)}",
+                "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
+            )
             places.append(frames[at])
         distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in places])
         for payload in payloads if isinstance(robot.links, Pendulum) else ():
@@ -342,8 +345,8 @@ class PartsReader(RobotFile):
             link = stated.get(joint, {})
             own = "tolerance" in link.get("inertia", {}) or "axis_inertia" in link
             if not own and (tolerance := self._tolerance(joint, "inertia")):
-                label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
-                scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
+                label = per_joint("inertia_scale", joint, count)
+                scales.append(Parameter(label, 1.0, tolerance, "1", "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
         moving = {joint for joint, _ in self._used}
         for joint in [joint for joint in self._stated if joint in moving]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf.errors import refuse_if
 from flexhinf.plant import Penalty
-from flexhinf.plant.penalty import unknown_weight
+from flexhinf.plant.penalty import check_weighted
 from flexhinf.robot.elastic import Layout, spring_torque
 from flexhinf.robot.parameters import parameter_units
 from flexhinf.validation import checked_names, distinct
@@ -164,9 +164,7 @@ def robot_penalty(
         return penalty
     singles = (*states, *named[0], *named[1])
     plain = [group for group, members in (groups or {}).items() if set(members) <= set(singles)]
-    known = dict.fromkeys((*plain, *singles))
-    for name in [name for name in penalty.states if name not in known]:
-        raise unknown_weight(name, list(known))
+    check_weighted(penalty.states, list(dict.fromkeys((*plain, *singles))))
     if not {*named[0], *named[1]} & set(penalty.states):
         return penalty
     weights = dict(penalty.states)
