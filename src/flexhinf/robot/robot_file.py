@@ -16,7 +16,7 @@ from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shap
 from flexhinf.robot.dynamics import Joint, Placement
 from flexhinf.robot.kinematics import DEGREES, check_plausible
 from flexhinf.robot.mjcf import read_mjcf
-from flexhinf.robot.parameters import INERTIA, Parameter, per_joint
+from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
 from flexhinf.robot.parts import (
     NESTING,
     ElasticJoint,
@@ -345,8 +345,8 @@ class PartsReader(RobotFile):
             link = stated.get(joint, {})
             own = "tolerance" in link.get("inertia", {}) or "axis_inertia" in link
             if not own and (tolerance := self._tolerance(joint, "inertia")):
-                label = per_joint("inertia_scale", joint, count)
-                scales.append(Parameter(label, 1.0, tolerance, "1", "tolerance of its inertia"))
+                label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
+                scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
         moving = {joint for joint, _ in self._used}
         for joint in [joint for joint in self._stated if joint in moving]:
