@@ -57,12 +57,8 @@ class Parameters:
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):  # copy, pickle and notebooks ask for such names
             raise AttributeError(name)
-        raise unknown_name(
-            f"The model reads a parameter that it does not have: {name!r}.",
-            name,
-            sorted(self.__dict__),
-            AS_STATED,
-        )
+        what = f"The model reads a parameter that it does not have: {name!r}."
+        raise unknown_name(what, name, sorted(self.__dict__), AS_STATED)
 
 
 @dataclass(frozen=True)
@@ -299,11 +295,8 @@ class Model(Summarised):
         can express, has acted on the state x that the flow reaches. Only `flexhinf.Loop` has it; linearisations and
         estimators do not.
 
-    Raises
-    ------
-    InvalidInput
-        If names repeat, if a parameter is not finite, or if `flow` or `output` does not run on symbols of
-        these shapes.
+    Raises InvalidInput: if names repeat, if a parameter is not finite, or if `flow` or `output` does not run on
+    symbols of these shapes.
     """
 
     flow: Callable[..., Any]
@@ -449,8 +442,8 @@ class Model(Summarised):
         """
         names = {
             "inputs": [*self.inputs, *self.disturbances],
-            "outputs": list(self.outputs),
-            "states": list(self.states),
+            "outputs": [*self.outputs],
+            "states": [*self.states],
         }
         p, m = self.parameters.vector(), len(self.inputs)
 
@@ -464,13 +457,8 @@ class Model(Summarised):
             return python_control().nlsys(rates, measured, **names)
         x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         a, b, g, c = self.linearise(x, u)
-        return python_control().ss(
-            a,
-            np.hstack([b, g]),
-            c,
-            np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))]),
-            **names,
-        )
+        d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
+        return python_control().ss(a, np.hstack([b, g]), c, d, **names)
 
     def output_at(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Y at (x, u), and ∂y/∂u there, exactly."""
@@ -495,13 +483,8 @@ class Model(Summarised):
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
-        named = {
-            "states": self.states,
-            "inputs": self.inputs,
-            "disturbances": self.disturbances,
-            "measured": self.outputs,
-            "parameters": self.parameters.names,
-        }
+        named = {kind: getattr(self, kind) for kind in ("states", "inputs", "disturbances")}
+        named |= {"measured": self.outputs, "parameters": self.parameters.names}
         return {name: names_text(names) for name, names in named.items()}
 
     # Numbers --------------------------------------------------------------------------------------

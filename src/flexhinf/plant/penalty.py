@@ -29,10 +29,7 @@ class Penalty:
     effort : float or (m,) or (m, m) array
         R2 of Eq. (4): the penalty on the input is uᵀ R2 u. The paper has R2 = 10.
 
-    Raises
-    ------
-    InvalidInput
-        If R2 is not symmetric positive definite, or a weight is negative or not finite.
+    Raises InvalidInput: if R2 is not symmetric positive definite, or a weight is negative or not finite.
     """
 
     states: Mapping[str, float] | Sequence[float] | Callable[..., Any] | np.ndarray

@@ -67,10 +67,8 @@ class GeneralisedPlant(Summarised):
     equilibrium : (x*, u*), optional
         The operating point itself, where it is known: state (n,) and input (m,) of the plant. Instead of `pose`.
 
-    Raises
-    ------
-    InvalidInput, NumericalFailure
-        If names do not fit, nothing disturbs, or the operating point is not an equilibrium.
+    Raises InvalidInput, NumericalFailure: if names do not fit, nothing disturbs, or the operating point is not an
+    equilibrium.
     """
 
     plant: Plant
@@ -468,10 +466,7 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
     inputs : sequence of str, optional
         Names of the system's inputs that a controller sets; the others are disturbances. All by default.
 
-    Raises
-    ------
-    InvalidInput
-        If it is no linear system in continuous time, or has no such inputs.
+    Raises InvalidInput: if it is no linear system in continuous time, or has no such inputs.
     """
     package = python_control()
     refuse_if(

@@ -225,10 +225,8 @@ class PolynomialPlant(Summarised):
         (n, count), (n, md, count), (n, m, count), (s, count). Degrees whose part is zero are left out,
         except degree 1 of f and h and degree 0 of g1 and g2.
 
-    Raises
-    ------
-    InvalidInput
-        Wrong shapes, non-finite numbers, R2 not positive definite, f or h not zero at the operating point.
+    Raises InvalidInput: wrong shapes, non-finite numbers, R2 not positive definite, f or h not zero at the
+    operating point.
     """
 
     f_parts: dict[int, np.ndarray]
@@ -331,10 +329,7 @@ class PolynomialPlant(Summarised):
         r2, **named
             As in `PolynomialPlant`.
 
-        Raises
-        ------
-        InvalidInput
-            Wrong shapes, and as `PolynomialPlant`.
+        Raises InvalidInput: wrong shapes, and as `PolynomialPlant`.
         """
         refuse_if(
             not (len(f) and len(g1) and len(g2) and len(h)),

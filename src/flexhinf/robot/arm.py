@@ -387,11 +387,8 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
     unloaded : (n,), optional
         Input at this pose with the masses that the robot states (its nominal ones); by default what the model says.
 
-    Raises
-    ------
-    InvalidInput
-        For a robot without a payload, numbers that do not fit the joints, or a pose at which the weight of a payload
-        cannot be told from that of another, or does not load any motor.
+    Raises InvalidInput: for a robot without a payload, numbers that do not fit the joints, or a pose at which the
+    weight of a payload cannot be told from that of another, or does not load any motor.
     """
     names = [p.name for p in robot.parameters if p.name.startswith("payload_mass")]
     refuse_if(

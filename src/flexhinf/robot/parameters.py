@@ -201,10 +201,8 @@ class Parameter:
         Instead of a tolerance: the interval itself, in `unit`. It need not be symmetric, and the nominal value may be
         zero or at an end: a payload of 0 to 3 kg.
 
-    Raises
-    ------
-    InvalidInput
-        For a value that is not finite, a tolerance outside 0 ≤ tolerance < 100, or a range without the value.
+    Raises InvalidInput: for a value that is not finite, a tolerance outside 0 ≤ tolerance < 100, or a range
+    without the value.
     """
 
     name: str

@@ -84,14 +84,9 @@ class Link:
 
 @dataclass(frozen=True)
 class SingleLink:
-    """A single link that turns about a horizontal axis, with its inertia stated about that axis.
+    """A single link that turns about a horizontal axis, with its inertia about that axis, kg·m².
 
-    Parameters
-    ----------
-    inertia : number
-        About the axis, kg·m².
-    mass, length : number
-        kg, and from the axis to the centre of mass, m; both zero for an axis that is vertical.
+    Its mass is in kg, its length from the axis to the centre of mass in m; both are zero for an axis that is vertical.
     """
 
     inertia: Number

@@ -75,10 +75,8 @@ class Robot(Summarised):
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
 
-    Raises
-    ------
-    InvalidInput
-        If the parameters are not those of the model, the home pose is outside the limits, or a limit is not positive.
+    Raises InvalidInput: if the parameters are not those of the model, the home pose is outside the limits, or a
+    limit is not positive.
     """
 
     name: str
@@ -214,10 +212,8 @@ class Robot(Summarised):
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
 
-        Raises
-        ------
-        InvalidInput
-            For unknown names, numbers of the wrong sign, or an extra whose number the robot does not state.
+        Raises InvalidInput: for unknown names, numbers of the wrong sign, or an extra whose number the robot
+        does not state.
         """
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
         sensors = expanded(measured, SENSORS, self.joint_names, self.rigid)
@@ -395,10 +391,7 @@ class Robot(Summarised):
         extras : sequence of str
             As for `plant`; only those that are smooth.
 
-        Raises
-        ------
-        InvalidInput
-            If there is no penalty, something does not fit, or the pose leaves the limits.
+        Raises InvalidInput: if there is no penalty, something does not fit, or the pose leaves the limits.
         """
         chosen = self.penalty if penalty is None else penalty
         if self.penalty is not None and not isinstance(chosen, Penalty):

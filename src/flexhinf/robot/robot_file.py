@@ -65,10 +65,7 @@ def load_robot(
     payload : str, Payload or sequence of these, optional
         What the robot carries, instead of the file's own payload: ``"0..3kg@hand"``, see `payload_from_text`.
 
-    Raises
-    ------
-    InvalidInput
-        With the file, the key, the value and what is allowed there.
+    Raises InvalidInput: with the file, the key, the value and what is allowed there.
     """
     check_selection(joints, locked)
     path = _existing(source)
