@@ -78,8 +78,7 @@ class Direct:
         """Σ wᵢ aᵢ aᵢᵀ over columns aᵢ, plus a symmetric matrix; exactly symmetric."""
         from flexhinf.scalars import gram
 
-        total = gram(columns, weights)
-        return total if plus is None else total + plus
+        return gram(columns, weights) if plus is None else gram(columns, weights) + plus
 
     def product(self, columns: Any, weights: Any, other: Any) -> Any:
         """Σ wᵢ aᵢ bᵢᵀ over columns aᵢ and bᵢ."""
@@ -89,8 +88,7 @@ class Direct:
 
     def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """Σ wᵢ aᵢ over columns aᵢ, plus a vector."""
-        total = columns @ weights
-        return total if plus is None else plus + total
+        return columns @ weights if plus is None else plus + columns @ weights
 
     def cholesky(self, matrix: Any) -> Any:
         """L of L Lᵀ, see `flexhinf.scalars.cholesky`."""
@@ -113,28 +111,22 @@ class Composer:
 
     def __init__(self) -> None:
         self.body: list[Step] = []
-        self._size = 0
+        self.size = 0  # numbers of scratch memory so far
         self._pieces: dict[Hashable, tuple[Any, list[tuple[int, ...]], bool]] = {}
         self._kept: list[Any] = []
 
     @property
-    def size(self) -> int:
-        """Numbers of scratch memory so far."""
-        return self._size
-
-    @property
     def buffers(self) -> tuple[Buffer, ...]:
         """The scratch memory that the steps need."""
-        return (Buffer(self.scratch, self._size, "work", cleared=False),) if self._size else ()
+        return (Buffer(self.scratch, self.size, "work", cleared=False),) if self.size else ()
 
     def work(self, shape: tuple[int, ...], order: Order = "C") -> Block:
         """New scratch memory."""
         size = prod(shape)
         if not size:
             return Block(None, shape, order)
-        piece = Slice(self.scratch, self._size, size)
-        self._size += size
-        return Block(piece, shape, order)
+        self.size += size
+        return Block(Slice(self.scratch, self.size - size, size), shape, order)
 
     def copy(self, source: Block, target: Block) -> None:
         """Copy elements, if there are any."""
@@ -266,8 +258,7 @@ class Composer:
         """The same matrix in the wanted order, moved if it must be."""
         if len(block.shape) < 2 or block.order == order or not block.size:
             return block
-        moved = self.work(block.shape, order)
-        return self.columns(_same, block, into=(moved,))
+        return self.columns(_same, block, into=(self.work(block.shape, order),))
 
     def _traced(
         self, function: Callable[..., Any], arrays: Sequence[Any], shapes: Sequence[tuple[int, ...] | None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 
@@ -119,11 +120,8 @@ def addresses(library: dict[str, str]) -> dict[str, int]:
 @cache
 def _address(name: str) -> int:
     for library in _libraries():
-        function = getattr(library, name, None)
-        if function is not None:
-            address = ctypes.cast(function, ctypes.c_void_p).value
-            if address:
-                return address
+        if address := ctypes.cast(getattr(library, name, None), ctypes.c_void_p).value:
+            return address
     raise Unsupported("The C library lacks a function.", f"'{name}' was not found on {sys.platform}")
 
 
@@ -131,8 +129,6 @@ def _address(name: str) -> int:
 def _libraries() -> tuple[ctypes.CDLL, ...]:
     libraries = [] if os.name == "nt" else [ctypes.CDLL(None)]
     for name in _NAMES.get(sys.platform, ("libm.so.6", "libm.so")):
-        try:
+        with suppress(OSError):
             libraries.append(ctypes.CDLL(name))
-        except OSError:
-            continue
     return tuple(libraries)

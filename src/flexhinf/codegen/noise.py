@@ -57,15 +57,13 @@ class Arrays:
     WHOLE: ClassVar = {
         "add": np.add, "sub": np.subtract, "mul": np.multiply, "and": np.bitwise_and, "xor": np.bitwise_xor,
         "shl": np.left_shift, "lshr": np.right_shift,
+        "ashr": lambda left, right: (left.view(np.int64) >> right.view(np.int64)).view(np.uint64),
     }  # fmt: skip
     REAL: ClassVar = {"fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide}
 
     def whole(self, name: str, left: Any, right: Any) -> Any:
         """An operation on integers, unsigned but for "ashr"."""
-        left, right = np.asarray(left, np.uint64), np.asarray(right, np.uint64)
-        if name == "ashr":
-            return (left.view(np.int64) >> right.view(np.int64)).view(np.uint64)
-        return self.WHOLE[name](left, right)
+        return self.WHOLE[name](np.asarray(left, np.uint64), np.asarray(right, np.uint64))
 
     def real(self, name: str, left: Any, right: Any) -> Any:
         """An operation on numbers."""

@@ -71,13 +71,19 @@ class Map:
         check_function(self.function, self.inputs, self.outputs)
         counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
         if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
-            what = f"Function '{self.function.name()}' is not mapped over the columns of matrices."
-            raise misfit(what, "results in Columns, and one number of columns", sorted(counts))
+            raise misfit(
+                f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
+                "results in Columns, and one number of columns",
+                sorted(counts),
+            )
         for result in self.outputs:
             for piece in self.inputs:
                 if piece != result and overlap(whole(piece), result.whole):
-                    what = f"Function '{self.function.name()}' would overwrite arguments of other columns."
-                    raise misfit(what, f"a result apart from argument {piece}, or exactly there", result)
+                    raise misfit(
+                        f"Function '{self.function.name()}' would overwrite arguments of other columns.",
+                        f"a result apart from argument {piece}, or exactly there",
+                        result,
+                    )
 
     @property
     def count(self) -> int:
@@ -111,10 +117,8 @@ class Normal:
 
     def __post_init__(self) -> None:
         if (self.step.size, self.key.size) != (1, 3):
-            found = f"{self.step} and {self.key}"
-            raise misfit(
-                "The counter of normal numbers has another size.", "a step (1,) and a key (3,)", found
-            )
+            what = "The counter of normal numbers has another size."
+            raise misfit(what, "a step (1,) and a key (3,)", f"{self.step} and {self.key}")
 
 
 @dataclass(frozen=True)
@@ -129,8 +133,11 @@ class Guard:
 
     def __post_init__(self) -> None:
         if not is_integer(self.code) or self.code < 1:
-            what = f"The guard of {self.source} has no usable code."
-            raise misfit(what, "an integer ≥ 1 (0 means that all is well)", repr(self.code))
+            raise misfit(
+                f"The guard of {self.source} has no usable code.",
+                "an integer ≥ 1 (0 means that all is well)",
+                repr(self.code),
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +154,11 @@ class Repeat:
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
         if not isinstance(self.count, str) and (not is_integer(self.count) or self.count < 1):
-            expected = "the name of a count of the program, or an integer >= 1"
-            raise misfit("A loop has no usable count.", expected, repr(self.count))
+            raise misfit(
+                "A loop has no usable count.",
+                "the name of a count of the program, or an integer >= 1",
+                repr(self.count),
+            )
 
     def turns(self, counts: Mapping[str, Any]) -> Any:
         """Number of turns, by the counts of the program."""
@@ -172,8 +182,11 @@ class When:
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
         if self.flag.size != 1 or any(isinstance(step, Guard) for step in self.body):
-            what, found = "A condition is not one number, or has a guard inside.", f"{self.flag}, {self.body}"
-            raise misfit(what, "a slice of size 1; the guard after it", found)
+            raise misfit(
+                "A condition is not one number, or has a guard inside.",
+                "a slice of size 1; the guard after it",
+                f"{self.flag}, {self.body}",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,9 +213,12 @@ class Sweep:
         for step in steps if known else ():
             read, written = slices(step)
             inside += [*written, *(piece for piece in read if piece.buffer == COLUMN)]
-        fits = all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
-        fits = fits and all(columns.size == place.size for columns, place in pairs)
-        if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
+        fits = (
+            known
+            and all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
+            and all(columns.size == place.size for columns, place in pairs)
+        )
+        if not (fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
             expected = (
                 f"calls, copies and fixed loops writing to '{COLUMN}' ({self.size}), columns of one count"
             )
@@ -233,16 +249,23 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
         inside = [piece for leaf in leaves(step.body) for piece in slices(leaf)[0] if piece.buffer != COLUMN]
         columns = [tuple(matrix.whole for matrix, _ in pairs) for pairs in (step.inputs, step.outputs)]
         return (*columns[0], *inside), columns[1]
-    if isinstance(step, OuterSum):
-        read = (step.left, step.right, step.weights, step.plus)
-        return tuple(piece for piece in read if piece is not None), (step.target,)
-    if isinstance(step, Polynomial):
-        return (step.point, step.table), (step.target,)
-    if isinstance(step, Copy | Cholesky):
-        return (step.source,), (step.target,)
-    if isinstance(step, Normal):
-        return (step.step, step.key), (step.target,)
-    return (step.flag if isinstance(step, When) else step.source,), ()
+    read, written = (
+        [piece for piece in (getattr(step, name) for name in names) if piece is not None]
+        for names in _PIECES[type(step)]
+    )
+    return tuple(read), tuple(written)
+
+
+#: What other steps read and write, by the names of their fields.
+_PIECES: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    OuterSum: (("left", "right", "weights", "plus"), ("target",)),
+    Polynomial: (("point", "table"), ("target",)),
+    Cholesky: (("source",), ("target",)),
+    Copy: (("source",), ("target",)),
+    Normal: (("step", "key"), ("target",)),
+    Guard: (("source",), ()),
+    When: (("flag",), ()),
+}
 
 
 #: Every emitted name begins so: a function called `step` once bound to a symbol of the C library. ENTRY runs all.
@@ -271,19 +294,18 @@ class Program:
         for count in self.counts:
             check_identifier(count, "count")
         names = [*(buffer.name for buffer in self.buffers), *self.counts]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            what = f"Program '{self.name}' uses a name twice."
-            raise misfit(what, "a name of its own for every buffer and count", f"twice: {', '.join(twice)}")
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise misfit(
+                f"Program '{self.name}' uses a name twice.",
+                "a name of its own for every buffer and count",
+                f"twice: {', '.join(twice)}",
+            )
         for step, loops in self.steps():
             self._check_step(step, len(loops))
 
     def buffer(self, name: str) -> Buffer:
         """The buffer of that name (KeyError when there is none)."""
-        for buffer in self.buffers:
-            if buffer.name == name:
-                return buffer
-        raise KeyError(name)
+        return {buffer.name: buffer for buffer in self.buffers}[name]
 
     def steps(self) -> Iterator[tuple[Step, tuple[str | int, ...]]]:
         """Every step with the counts of its enclosing loops, outermost first; a step with a body comes before it."""

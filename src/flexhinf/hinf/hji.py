@@ -160,18 +160,22 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
-    room = f"{needed(fits) / 1e9:.3g} GB"
     advice = (
-        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {room}"
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about "
+        f"{needed(fits) / 1e9:.3g} GB"
     )
     if 2 * memory > available:
-        found = (
+        raise InvalidInput(
+            f"{what} does not fit in memory.",
             f"about {memory / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
-            "kept for what the estimate may miss"
+            "kept for what the estimate may miss",
+            advice,
         )
-        raise InvalidInput(f"{what} does not fit in memory.", found, advice)
-    found = f"expected less than about a day, got about {seconds / _DAY:.2g} days"
-    raise InvalidInput(f"{what} takes too long.", found, advice)
+    raise InvalidInput(
+        f"{what} takes too long.",
+        f"expected less than about a day, got about {seconds / _DAY:.2g} days",
+        advice,
+    )
 
 
 def available_memory() -> int:
@@ -181,13 +185,10 @@ def available_memory() -> int:
 
 
 def _free_of_machine() -> int | None:
-    try:
-        with open("/proc/meminfo", encoding="ascii") as table:
-            for line in table:
-                if line.startswith("MemAvailable:"):
-                    return int(line.split()[1]) * 1024
-    except OSError:
-        pass
+    with suppress(OSError), open("/proc/meminfo", encoding="ascii") as table:
+        for line in table:
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -195,14 +196,12 @@ def _free_of_machine() -> int | None:
 
 
 def _free_of_process() -> int | None:
-    """Addresses that the process may still take, as `ulimit -v` limits them; None without a limit."""
     try:
         import resource
 
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if limit == resource.RLIM_INFINITY:
-            return None
-        return limit - int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]  # of addresses, as `ulimit -v` sets it
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        return None if limit == resource.RLIM_INFINITY else limit - taken
     except (ImportError, OSError, ValueError):
         return None
 
@@ -362,13 +361,11 @@ def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
             f"expected finite coefficients through degree {degree}, got infinite ones at gamma = {gamma:.6g}",
             "a gamma further above gamma*, or a lower degree",
         )
-    other = None
-    if solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P:
-        other = _nearby(plant, gamma, degree, solved)
+    doubtful = solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P
+    other = _nearby(plant, gamma, degree, solved) if doubtful else None
     errors = degree_errors(solved.value, solved.growth, solved.largest, other)
-    records = checked_records(
-        solved.records, equation_residuals(solved.problem, solved.value), errors, gamma, solved.growth
-    )
+    residuals = equation_residuals(solved.problem, solved.value)
+    records = checked_records(solved.records, residuals, errors, gamma, solved.growth)
     # monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P
     n, scaling = len(plant.state_names), solved.scaling
     powers = monomials(1.0 / scaling.state[None, :], solved.value)
@@ -407,14 +404,11 @@ def _solve(
     advance: Callable[[int], None],
     stretch: np.ndarray | None = None,
 ) -> _Solved | None:
-    """Scale, solve the Riccati equation, choose the states, and go through the degrees; None where P does not exist."""
+    """One pass; None where P does not exist."""
     begin = perf_counter()
-    if not linear.bounds(gamma):
+    if (parts := linear.solved(gamma)) is None:
         return None
-    scaling, balanced = linear.scaled(gamma)
-    riccati = balanced.riccati(gamma)
-    if riccati is None:
-        return None
+    scaling, balanced, riccati = parts
     eigenvalues, directions = np.linalg.eigh(riccati.p)
     largest, riccati = float(eigenvalues[-1]), polish(*balanced.riccati_terms(gamma), riccati.p) or riccati
     growth = _growth(balanced, riccati, gamma)
@@ -438,7 +432,6 @@ def _solve(
 def _growth(
     balanced: LinearPart, riccati: RiccatiSolution, gamma: float, states: BoundedStates | None = None
 ) -> float:
-    """‖dP/d log γ‖/‖P‖, both taken back to the scaled states."""
     b1 = balanced.b1.astype(float) / gamma
     change, p = sensitivity(riccati, -2 * b1 @ b1.T), riccati.p.astype(float)
     if states is not None:

@@ -144,10 +144,22 @@ def checked_pair(
             f"expected gamma ≥ the designed {solution.gamma:.6g}, got {checked!r}",
             "a weaker level than the designed one, for example 1.1 times it",
         )
-    infinite = not np.isfinite(solution.gamma)
-    level = "gamma = inf" if infinite else f"{checked / solution.gamma:.4g} times the designed gamma"
-    if isinstance(penalty, Penalty):
-        penalty = _states_of(solution, penalty)
+    finite, designed = np.isfinite(solution.gamma), solution.expansion.r2
+    level = f"{checked / solution.gamma:.4g} times the designed gamma" if finite else "gamma = inf"
+    if isinstance(penalty, Penalty):  # the check is about the law, which was made with the designed R2
+        if not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0):
+            raise InvalidInput(
+                "The checked penalty has another R2 than the design.",
+                f"expected {designed.tolist()}, got {penalty.r2(len(designed)).tolist()}",
+                "Penalty(states, effort=…) with the R2 of the design, or its states alone: penalty.states",
+            )
+        if callable(penalty.states):
+            raise InvalidInput(
+                "A penalty of code has parameters that a solution does not know.",
+                f"expected weights, a matrix, or a function of x alone, got {penalty.states!r}",
+                "penalty=lambda x: … of deviations x (N, n)",
+            )
+        penalty = penalty.states
     if penalty is None:
         text = f"{level}, {PENALTY_MARGIN} times the designed penalty"
         return CheckedPair(float(checked), lambda x, h: PENALTY_MARGIN * h, text)
@@ -181,21 +193,3 @@ def checked_pair(
         )
     text = f"{level}, penalty weights {np.array2string(weights, precision=6)}"
     return CheckedPair(float(checked), lambda x, h: x @ matrix.T, text)
-
-
-def _states_of(solution: ValueFunction, penalty: Penalty) -> Any:
-    """h of a penalty, whose R2 must be that of the design: the check is about the law, which was made with that R2."""
-    designed = solution.expansion.r2
-    if not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0):
-        raise InvalidInput(
-            "The checked penalty has another R2 than the design.",
-            f"expected {designed.tolist()}, got {penalty.r2(len(designed)).tolist()}",
-            "Penalty(states, effort=…) with the R2 of the design, or its states alone: penalty.states",
-        )
-    if callable(penalty.states):
-        raise InvalidInput(
-            "A penalty of code has parameters that a solution does not know.",
-            f"expected weights, a matrix, or a function of x alone, got {penalty.states!r}",
-            "penalty=lambda x: … of deviations x (N, n)",
-        )
-    return penalty.states

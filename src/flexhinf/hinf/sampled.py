@@ -255,9 +255,12 @@ def sample_region(
     largest: float = 1e3,
 ) -> SampledCheck | None:
     """The implementation of `HJISolution.sampled_region`."""
-    whole = all(isinstance(count, Integral) for count in (rays, seed))
     if not (
-        whole and isinstance(largest, Real) and 0 < rays <= MOST_RAYS and seed >= 0 and largest > _SMALLEST
+        all(isinstance(count, Integral) for count in (rays, seed))
+        and isinstance(largest, Real)
+        and 0 < rays <= MOST_RAYS
+        and seed >= 0
+        and largest > _SMALLEST
     ):
         raise InvalidInput(
             "The check cannot be made with these numbers.",
@@ -331,8 +334,8 @@ class _Search:
         for place in chosen:
             stop = stops.chosen([place])
             landscape = self.landscape(float(stop.level[0]), not stop.broken[0])
-            y = touching_point(landscape, np.linalg.solve(landscape.scale, stop.point[0]))
-            x = landscape.scale @ y
+            start = np.linalg.solve(landscape.scale, stop.point[0])
+            x = landscape.scale @ touching_point(landscape, start)
             direction = self.inequality.directions(self.inequality.on_sphere(x[None]))
             again = self.follow(
                 direction, np.inf, _FINE, 0.3 * float(np.linalg.norm(x) / np.linalg.norm(direction))
@@ -350,8 +353,7 @@ class _Search:
             landscape = self.landscape(level, growth)
             sphere = self.rng.standard_normal((count, self.states))
             sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
-            least = 0.05 if np.isfinite(level) else 1e-4
-            radius = least ** self.rng.uniform(0.0, 1.0, (count, 1))
+            radius = (0.05 if np.isfinite(level) else 1e-4) ** self.rng.uniform(0.0, 1.0, (count, 1))
             points = ascend(landscape, sphere * radius, _ASCENT) @ landscape.scale.T
             points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
             rays.append(self.inequality.directions(self.inequality.on_sphere(points)))

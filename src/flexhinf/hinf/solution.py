@@ -13,7 +13,6 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,7 +38,6 @@ if TYPE_CHECKING:
 
 
 def _row(degree: object, size: object, method: str, residual: str, error: str, seconds: float | None) -> str:
-    """A row of the table of a report; no time where there is none."""
     time = "–" if seconds is None else f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.2f} ms"
     return f"{degree:>6}  {size:>12}  {method:<19}  {residual:>17}  {error:>11}  {time:>8}"
 
@@ -165,8 +163,17 @@ class HJISolution(ValueFunction, Law):
         """
         from flexhinf.certify.proof import certify
 
-        options = {"decay": decay, "about": about, "observer": observer}
-        return certify(self, gamma, penalty, level, **options, threads=threads, progress=progress)
+        return certify(
+            self,
+            gamma,
+            penalty,
+            level,
+            decay=decay,
+            about=about,
+            observer=observer,
+            threads=threads,
+            progress=progress,
+        )
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.
@@ -323,13 +330,17 @@ class HJISolution(ValueFunction, Law):
             "memory": self.memory,
             "records": [asdict(record) for record in self.records],
         }
-        arrays = {"P": self.P, "r2": plant.r2, "operating_point": plant.operating_point}
-        arrays["operating_input"] = plant.operating_input
-        arrays |= {f"V_{k}": part for k, part in self.value_parts.items()}
         exact = self.problem if isinstance(self.problem, PolynomialPlant) else plant
-        for name in _FIELDS:
-            arrays |= {f"{name}_{k}": part for k, part in getattr(exact, f"{name}_parts").items()}
-        write_arrays(path, "solution", {"header": np.array(json.dumps(header)), **arrays})
+        parts = {"V": self.value_parts} | {name: getattr(exact, f"{name}_parts") for name in _FIELDS}
+        arrays = {
+            "header": np.array(json.dumps(header)),
+            "P": self.P,
+            "r2": plant.r2,
+            "operating_point": plant.operating_point,
+            "operating_input": plant.operating_input,
+            **{f"{name}_{k}": part for name, by_degree in parts.items() for k, part in by_degree.items()},
+        }
+        write_arrays(path, "solution", arrays)
 
 
 def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) -> HJISolution:
@@ -351,23 +362,27 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
     path = checked_path("The solution's file", path)
     try:
         return HJISolution(**_assembled(*read_arrays(path), problem))
-    except FlexhinfError as error:
-        raise _unreadable(path, error.found or error.what) from error
-    except (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
+    except (FlexhinfError, *_DAMAGED) as error:
+        own = (error.found or error.what) if isinstance(error, FlexhinfError) else ""
+        raise InvalidInput(
+            "The solution cannot be read.",
+            f"expected a {_FORMAT} file, version {_VERSION}, got {path}: "
+            f"{own or f'damaged or not such a file ({type(error).__name__})'}",
+            "solve again and save; files are written by HJISolution.save",
+        ) from error
 
 
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
 _HIGHEST = 200  # degree that a file may claim, as for `solve_hji`
-
-
-def _unreadable(path: Path, found: str) -> InvalidInput:
-    return InvalidInput(
-        "The solution cannot be read.",
-        f"expected a {_FORMAT} file, version {_VERSION}, got {path}: {found}",
-        "solve again and save; files are written by HJISolution.save",
-    )
+_DAMAGED = (
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)  # what its reading may raise
 
 
 def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | None) -> dict[str, Any]:
@@ -382,10 +397,12 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
     states, inputs, degree = header["states"], header["inputs"], header["degree"]
     gamma = float(header["gamma"])
     records, memory = tuple(_record(record, degree) for record in header["records"]), header["memory"]
-    lists = isinstance(states, list) and isinstance(inputs, list)
-    names = lists and all(isinstance(name, str) for name in states + inputs)
-    numbers = _is_integer(degree, 2, _HIGHEST) and gamma > 0 and _is_integer(memory, 0, 1 << 62)
-    if not (names and numbers):
+    if not (
+        isinstance(states, list)
+        and isinstance(inputs, list)
+        and all(isinstance(name, str) for name in states + inputs)
+        and (_is_integer(degree, 2, _HIGHEST) and gamma > 0 and _is_integer(memory, 0, 1 << 62))
+    ):
         raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
     if arrays["P"].shape != (len(states), len(states)):
         raise InvalidInput("Wrong shapes.", f"P does not fit {len(states)} states")

@@ -13,6 +13,7 @@ q(t + s) in s are q, q̇, q̈/2, … Unlike a `Jet`, whose coefficients are numb
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Any
@@ -24,10 +25,19 @@ from flexhinf.polynomial import truncated
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
 
 
-def _termwise(of: Callable[[Sequence[Any], Sequence[Any]], tuple[Any, ...]]) -> Any:
+def _termwise(
+    of: Callable[[Sequence[Any], Sequence[Any]], tuple[Any, ...]],
+    of_constant: Callable[[Any, Any], Any] | None = None,
+) -> Any:
+    """An operator of the coefficients with those of the other; `of_constant`: of each coefficient with a constant."""
+
     def method(self: Series, other: Any) -> Any:
         right = self._beside(other)
-        return NotImplemented if right is None else Series(of(self.coefficients, right))
+        if right is None:
+            return NotImplemented
+        if of_constant is not None and not isinstance(other, Series):
+            return Series(tuple(of_constant(c, other) for c in self.coefficients))
+        return Series(of(self.coefficients, right))
 
     return method
 
@@ -69,24 +79,10 @@ class Series:
     __rsub__ = _termwise(lambda a, b: tuple(y - x for x, y in zip(a, b)))
     __rtruediv__ = _termwise(lambda a, b: _quotient(b, a))
 
-    def __mul__(self, other: Any) -> Any:
-        right = self._beside(other)
-        if right is None:
-            return NotImplemented
-        a = self.coefficients
-        if isinstance(other, Series):
-            return Series(tuple(_convolved(a, right, k) for k in range(len(a))))
-        return Series(tuple(c * other for c in a))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Any:
-        right = self._beside(other)
-        if right is None:
-            return NotImplemented
-        if isinstance(other, Series):
-            return Series(_quotient(self.coefficients, right))
-        return Series(tuple(c / other for c in self.coefficients))
+    __mul__ = __rmul__ = _termwise(
+        lambda a, b: tuple(_convolved(a, b, k) for k in range(len(a))), operator.mul
+    )
+    __truediv__ = _termwise(lambda a, b: _quotient(a, b), operator.truediv)
 
     # NumPy's ufuncs on object arrays call the method of the same name.
     def sin(self) -> Series:
@@ -115,14 +111,9 @@ def series(*derivatives: Sequence[Any]) -> np.ndarray:
 
 def derivative(array: Any, order: int) -> np.ndarray:
     """The derivative of an order, (n,), of an array of `Series`; of other elements, which are constant, zero."""
-    factor, derivatives = math.factorial(order), []
-    for entry in array:
-        if isinstance(entry, Series):
-            term = entry.coefficients[order]
-            derivatives.append(term if factor == 1 else factor * term)
-        else:
-            derivatives.append(0.0 if order else entry)
-    return np.array(derivatives)
+    factor = math.factorial(order)
+    terms = [e.coefficients[order] if isinstance(e, Series) else 0.0 if order else e for e in array]
+    return np.array(terms if factor == 1 else [factor * term for term in terms])
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
@@ -152,7 +143,6 @@ def _sine_cosine(a: Sequence[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
 
 
 def _number(value: Any) -> float | None:
-    """A real number as a float; None for anything else (NumPy then broadcasts)."""
     if type(value) is float:
         return value
     return float(value) if isinstance(value, (Real, np.bool_)) else None
@@ -279,9 +269,8 @@ class Jet:
         return Jet(self.support, self.values / divisor)
 
     def _to_jet(self, exponent: Jet) -> Jet:
-        if exponent.support is exponent.support.space.constant:
-            return self._power(exponent.constant)
-        return (self.log() * exponent).exp()
+        constant = exponent.support is exponent.support.space.constant
+        return self._power(exponent.constant) if constant else (self.log() * exponent).exp()
 
     def __neg__(self) -> Jet:
         return Jet(self.support, -self.values)
@@ -315,11 +304,9 @@ class Jet:
 
     def _compose(self, series: truncated.Series) -> Jet:
         support, values = self.support, self.values
+        outer = series(self.constant, support.space.degree)
         if support.has_constant:
-            outer = series(float(values[0]), support.space.degree)
             support, values = support.space.support(support.monomials[1:]), values[1:]
-        else:
-            outer = series(0.0, support.space.degree)
         return Jet(*compose(outer.tolist(), support, values))
 
     sin, cos, tan = _elementary("sin"), _elementary("cos"), _elementary("tan")

@@ -38,6 +38,34 @@ def instructions(function: ca.Function) -> Iterator[Instruction]:
         yield code, list(function.instruction_input(k)), list(function.instruction_output(k)), constant
 
 
+def walk(
+    function: ca.Function,
+    argument: Callable[[int, int], Any],
+    constant: Callable[[float], Any],
+    operation: Callable[[int, list[Any]], Any],
+) -> Iterator[tuple[int, int, Any]]:
+    """Evaluate a function on any kind of number, one instruction after the other.
+
+    `argument`: The number of an element of an argument. `constant`: Of a float. `operation`: Of an opcode and its
+    operands. Yields result, element and number of each output, in the order of the instructions.
+    """
+    work: dict[int, Any] = {}
+    for code, read, written, value in instructions(function):
+        if code == ca.OP_OUTPUT:
+            yield written[0], written[1], work[read[0]]
+        elif code == ca.OP_INPUT:
+            work[written[0]] = argument(read[0], read[1])
+        elif code == ca.OP_CONST:
+            work[written[0]] = constant(value)
+        else:
+            work[written[0]] = operation(code, [work[place] for place in read])
+
+
+def built(code: int, operands: Sequence[ca.SX]) -> ca.SX:
+    """An operation of one or two expressions."""
+    return (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(code, *operands)
+
+
 COLUMNS = ("first", "second", "result", "value")
 
 #: Operations of one and of two numbers that a file may name. CasADi takes any number of an operation here, also of
@@ -114,8 +142,7 @@ def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored")
         elif code == ca.OP_OUTPUT:
             results[first][second] = work[result]
         elif kind in (UNARY if second == ONE_OPERAND else BINARY):
-            operands = [work[place] for place in (first, second) if place != ONE_OPERAND]
-            work[result] = (ca.SX.unary if second == ONE_OPERAND else ca.SX.binary)(code, *operands)
+            work[result] = built(code, [work[place] for place in (first, second) if place != ONE_OPERAND])
         else:
             raise ValueError(f"unknown operation {operation!r}")
     return ca.Function(name, arguments, [ca.densify(result) for result in results])
@@ -177,8 +204,7 @@ def trace(
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
     edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
     split = [ca.densify(shared[int(a) : int(b)]) for a, b in pairwise(edges)]
-    results_named = [f"o{k}" for k in range(len(split))]
-    return ca.Function(name, inputs, split, labels, results_named)
+    return ca.Function(name, inputs, split, labels, [f"o{k}" for k in range(len(split))])
 
 
 def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
@@ -224,8 +250,7 @@ def jacobian(
 
 @dataclass(frozen=True)
 class _ValueAndJacobian:
-    """The function that `jacobian` returns: unlike a nested function, it can be pickled."""
-
+    # unlike a nested function, it can be pickled
     both: ca.Function
     shape: tuple[int, int]
 
@@ -254,7 +279,6 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
     """
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     results = [ca.SX.zeros(function.size1_out(k)) for k in range(function.n_out())]
-    places: dict[int, _Value] = {}  # of the function's work vector
     before: list[ca.SX] = []
     names: list[ca.SX] = []
 
@@ -268,23 +292,21 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name
 
-    for code, read, written, constant in instructions(function):
-        if code == ca.OP_OUTPUT:
-            results[written[0]][written[1]] = outside(places[read[0]])
-            continue
-        if code == ca.OP_CONST:
-            value = _Value(ca.SX(constant), False, True)
-        elif code == ca.OP_INPUT:
-            value = _Value(arguments[read[0]][read[1]], moving[read[0]], True)
-        else:
-            operands = [places[place] for place in read]
-            moves = any(operand.moves for operand in operands)
-            symbols = [outside(operand) if moves else operand.sx for operand in operands]
-            if moves and code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
-                code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
-            build = ca.SX.unary if len(symbols) == 1 else ca.SX.binary
-            value = _Value(build(code, *symbols), moves, False)
-        places[written[0]] = value
+    def operation(code: int, operands: list[_Value]) -> _Value:
+        if not any(operand.moves for operand in operands):
+            return _Value(built(code, [operand.sx for operand in operands]), False, False)
+        symbols = [outside(operand) for operand in operands]
+        if code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
+            code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
+        return _Value(built(code, symbols), True, False)
+
+    for result, element, value in walk(
+        function,
+        lambda k, element: _Value(arguments[k][element], moving[k], True),
+        lambda constant: _Value(ca.SX(constant), False, True),
+        operation,
+    ):
+        results[result][element] = outside(value)
     if not before:
         return None, function
     fixed = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
@@ -345,27 +367,20 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     a bounded function of them goes on elsewhere, and branch points of roots and inverse sines.
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
-    work: dict[int, ca.SX] = {}
     conditions: list[ca.SX] = []
-    for operation, read, written, constant in instructions(function):
-        if operation == ca.OP_OUTPUT:
-            continue
-        if operation == ca.OP_INPUT:
-            value = z[read[1]]
-        elif operation == ca.OP_CONST:
-            value = ca.SX(constant)
-        else:
-            operands = [work[place] for place in read]
-            if operation in COMPARISONS:
-                conditions.append(operands[0] - operands[1])
-            elif operation in STEPS or operation in PAIRS:
-                conditions.extend(operands[: 2 if operation in PAIRS else 1])
-            elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
-                conditions.append(operands[POLES[operation]])
-            elif poles and operation in BRANCHES:
-                conditions.append(BRANCHES[operation](operands[0]))
-            value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
-        work[written[0]] = value
+
+    def operation(code: int, operands: list[ca.SX]) -> ca.SX:
+        if code in COMPARISONS:
+            conditions.append(operands[0] - operands[1])
+        elif code in STEPS or code in PAIRS:
+            conditions.extend(operands[: 2 if code in PAIRS else 1])
+        elif poles and code in POLES and not operands[POLES[code]].is_constant():
+            conditions.append(operands[POLES[code]])
+        elif poles and code in BRANCHES:
+            conditions.append(BRANCHES[code](operands[0]))
+        return built(code, operands)
+
+    list(walk(function, lambda _, element: z[element], ca.SX, operation))
     return ca.vertcat(*conditions) if conditions else ca.SX.zeros(0, 1)
 
 
@@ -379,22 +394,18 @@ def linear(function: ca.Function) -> bool:
 
     The derivative does not say it: that of an angle wrapped by arctan2(sin x, cos x) is one, that of floor(x) zero.
     """
-    moves: dict[int, bool] = {}  # of the work vector: whether a number depends on the first argument
-    for operation, read, written, _ in instructions(function):
-        if operation == ca.OP_OUTPUT:
-            continue
-        if operation == ca.OP_INPUT:
-            is_linear = read[0] == 0
-        else:
-            operands = [moves[place] for place in read]
-            is_linear = any(operands)
-            fixed = operation in LINEAR
-            fixed |= operation == ca.OP_MUL and not all(operands)
-            fixed |= operation == ca.OP_DIV and not operands[1]
-            if is_linear and not fixed:
-                return False
-        moves[written[0]] = is_linear
-    return True
+    bad: list[int] = []
+
+    def operation(code: int, moves: list[bool]) -> bool:
+        is_linear = (
+            code in LINEAR or (code == ca.OP_MUL and not all(moves)) or (code == ca.OP_DIV and not moves[1])
+        )
+        if any(moves) and not is_linear:
+            bad.append(code)
+        return any(moves)
+
+    list(walk(function, lambda k, _: k == 0, lambda _: False, operation))
+    return not bad
 
 
 def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:

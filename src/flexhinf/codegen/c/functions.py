@@ -12,7 +12,7 @@ CasADi's operations as C expressions: the one table, with the meaning of `flexhi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -106,6 +106,16 @@ CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
 
 INDENT = "    "
+
+
+def block(head: str, lines: Iterable[str]) -> list[str]:
+    """Lines of C after a head that ends with a brace, and the other brace."""
+    return [head, *(INDENT + line for line in lines), "}"]
+
+
+def loop(counter: str, end: int | str, lines: Iterable[str]) -> list[str]:
+    """Lines of C for every `counter` from 0 to `end`."""
+    return block(f"for (int {counter} = 0; {counter} < {end}; ++{counter}) {{", lines)
 
 
 def function_text(
@@ -212,9 +222,7 @@ class _Function:
                 for result, element, value in self.flow.outputs
             ]
         if lines:
-            yield f"{INDENT}for (int l = 0; l < {self.lanes or 'count'}; ++l) {{"
-            yield from (INDENT * 2 + line for line in lines)
-            yield f"{INDENT}}}"
+            yield from (INDENT + line for line in loop("l", self.lanes or "count", lines))
 
     def _row(self, element: int) -> str:
         return f"{element * self.lanes} + l" if element else "l"

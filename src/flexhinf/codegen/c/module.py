@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import function as sine_function, row_function
-from flexhinf.codegen.c.functions import CALLS, INDENT, SINES, Real, constant, function_text
+from flexhinf.codegen.c.functions import CALLS, SINES, Real, block, constant, function_text, loop
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     Call,
@@ -29,7 +28,7 @@ from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
 
 class Translator:
@@ -58,14 +57,12 @@ class Translator:
         Raises Unsupported: A step or an operation for which there is no C here.
         """
         full = f"{self.prefix}_{name}"
-        body = list(self._body(program.body, []))
+        body = [*self._body(program.body, []), "return 0;"]
         arguments = [
             f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
         ]
-        head = f"static int {full}({', '.join(arguments)})\n{{"
-        lines = [INDENT + line for line in (*body, "return 0;")]
-        self.functions[full] = "\n".join([head, *lines, "}"])
+        self.functions[full] = "\n".join(block(f"static int {full}({', '.join(arguments)})\n{{", body))
         return full
 
     # Steps --------------------------------------------------------------------------------------------
@@ -75,13 +72,10 @@ class Translator:
                 if isinstance(step.count, str):
                     raise _unsupported(f"a loop of {step.count!r} turns, a number that is given when it runs")
                 counter = f"k{len(loops)}"
-                yield f"for (int {counter} = 0; {counter} < {step.count}; ++{counter}) {{"
-                yield from (INDENT + line for line in self._body(step.body, [*loops, counter]))
-                yield "}"
+                yield from loop(counter, step.count, self._body(step.body, [*loops, counter]))
             elif isinstance(step, When):
-                yield f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
-                yield from (INDENT + line for line in self._body(step.body, loops))
-                yield "}"
+                head = f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
+                yield from block(head, self._body(step.body, loops))
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()
                 if self._columns > 1:
@@ -100,28 +94,23 @@ class Translator:
             elif isinstance(step, Polynomial):
                 sizes = step.point.size, step.target.size, step.columns
                 short = f"polynomials{''.join(f'_{number}' for number in (*sizes, *step.degrees))}"
-                name = self._helper(short, algebra.polynomial(f"{self.prefix}_{short}", *sizes, step.degrees))
+                name = self._helper(short, algebra.polynomial, *sizes, step.degrees)
                 places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
-                name = self._helper("cholesky", algebra.cholesky(f"{self.prefix}_cholesky", self.real))
+                name = self._helper("cholesky", algebra.cholesky, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Copy):
                 source, target = self._at(step.source, loops), self._at(step.target, loops)
                 size = step.source.size * max(1, self._columns)
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
-                    yield f"for (int i = 0; i < {size}; ++i) {{"
-                    yield f"{INDENT}({target})[i] = ({source})[i / {self._columns}];"
-                    yield "}"
+                    yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
-                    name = self._helper("copy", algebra.copy(f"{self.prefix}_copy"))
-                    yield f"{name}({source}, {target}, {size});"
+                    yield f"{self._helper('copy', algebra.copy)}({source}, {target}, {size});"
             elif isinstance(step, Guard):
-                name = self._helper("finite", algebra.finite(f"{self.prefix}_finite"))
-                yield f"if (!{name}({self._at(step.source, loops)}, {step.source.size})) {{"
-                yield f"{INDENT}return {step.code};"
-                yield "}"
+                finite = f"{self._helper('finite', algebra.finite)}({self._at(step.source, loops)}, {step.source.size})"
+                yield from block(f"if (!{finite}) {{", [f"return {step.code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
 
@@ -144,7 +133,7 @@ class Translator:
         tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
         flags = step.weights is not None, step.plus is not None, step.symmetric
         short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
-        name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags, tall, wide))
+        name = self._helper(short, algebra.outer_sum, *flags, tall, wide)
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
         return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
@@ -157,40 +146,31 @@ class Translator:
         apart = not any(
             overlap(whole(source), result.whole) for source in step.inputs for result in step.outputs
         )
-        if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
-            name = self._function(step.function, 0, moving)
-            places = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
-            yield f"{name}({', '.join(places)}, {step.count});"
-            return
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
+        if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
+            yield f"{self._function(step.function, 0, moving)}({', '.join(starts)}, {step.count});"
+            return
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
         name = self._function(step.function, lanes, moving if lanes > 1 else ())
         declared, gather, scatter, places = [], [], [], []
+        if lanes > 1:
+            declared.append(f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};")
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 places.append(start)
                 continue
             along, across = piece.moves
+            column, place = f"{start} + {_times('c', across)}", f"column{k}"
             if lanes == 1 and (along == 1 or piece.size == 1):
-                places.append(f"{start} + {_times('c', across)}")
+                places.append(column)
                 continue
-            place = f"column{k}"
             places.append(place)
             declared.append(f"{self.real.name} {place}[{piece.size * lanes}];")
-            sizes = f"{piece.size}, {along}, {across}"
-            if lanes == 1:
-                column = f"{start} + {_times('c', across)}"
-                line = f"{self._mover(k < read)}({column}, {place}, {piece.size}, {along});"
-            else:
-                line = f"{self._packer(k < read, lanes)}({start} + {_times('c', across)}, {place}, {sizes}, left);"
+            line = self._move(piece, start, place, lanes, "left", k < read)
             (gather if k < read else scatter).append(line)
-        yield f"for (int c = 0; c < {step.count}; c += {lanes}) {{"
-        if lanes > 1:
-            yield f"{INDENT}const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
-        call = f"{name}({', '.join(places)});"
-        yield from (INDENT + line for line in (*declared, *gather, call, *scatter))
-        yield "}"
+        lines = [*declared, *gather, f"{name}({', '.join(places)});", *scatter]
+        yield from block(f"for (int c = 0; c < {step.count}; c += {lanes}) {{", lines)
 
     def _sweep(self, step: Sweep, loops: list[str]) -> Iterator[str]:
         """Blocks of columns side by side; a column or two that are left over go alone.
@@ -204,37 +184,34 @@ class Translator:
             end = step.count - left % lanes if left >= lanes else step.count
             number = str(min(left, lanes))
             lines = [f"{self.real.name} column[{step.size * lanes}];"]
-            lines += [self._move(pair, loops, lanes, number, True) for pair in step.inputs]
+            for columns, place in step.inputs:
+                start, inside = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
+                lines.append(self._move(columns, start, inside, lanes, number, True))
             spread = _shared(step.body) if lanes > 1 else {}
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
-            lines += [self._move(pair, loops, lanes, number, False) for pair in step.outputs]
-            yield "{"
+            for columns, place in step.outputs:
+                start, inside = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
+                lines.append(self._move(columns, start, inside, lanes, number, False))
+            copies = [f"{self.real.name} {name}[{piece.size * lanes}];" for piece, name in spread.items()]
             for piece, name in spread.items():
-                yield f"{INDENT}{self.real.name} {name}[{piece.size * lanes}];"
-            for piece, name in spread.items():
-                yield f"{INDENT}for (int i = 0; i < {piece.size}; ++i) {{"
-                yield f"{INDENT * 2}for (int l = 0; l < {lanes}; ++l) {{"
-                yield f"{INDENT * 3}{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
-                yield f"{INDENT * 2}}}"
-                yield f"{INDENT}}}"
-            yield f"{INDENT}for (int c = {first}; c < {end}; c += {lanes}) {{"
-            yield from (INDENT * 2 + line for line in lines)
-            yield f"{INDENT}}}"
-            yield "}"
+                copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
+                copies += loop("i", piece.size, loop("l", lanes, [copy]))
+            yield from block(
+                "{", [*copies, *block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)]
+            )
             first = end
 
-    def _move(
-        self, pair: tuple[Columns, Slice], loops: list[str], lanes: int, number: str, read: bool
-    ) -> str:
-        columns, place = pair
+    def _move(self, columns: Columns, start: str, place: str, lanes: int, left: str, read: bool) -> str:
+        """A call that copies a column, or `left` columns side by side, from a matrix at `start` to a place, or back."""
         along, across = columns.moves
-        matrix = f"{self._at(columns.whole, loops)} + {_times('c', across)}"
-        ends = f"{matrix}, column + {place.offset * lanes}, {columns.size}, {along}"
+        ends = f"{start} + {_times('c', across)}, {place}"
         if lanes == 1:
-            return f"{self._mover(read)}({ends});"
-        return f"{self._packer(read, lanes)}({ends}, {across}, {number});"
+            name = self._helper("gather" if read else "scatter", algebra.column, read)
+            return f"{name}({ends}, {columns.size}, {along});"
+        name = self._helper("pack" if read else "unpack", algebra.columns, read, lanes)
+        return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
     def function(self, function: casadi.Function) -> str:
@@ -250,8 +227,7 @@ class Translator:
             calls = {}  # sine and cosine of our own, where they are used; a float build calls the library
             for code, short in SINES.items():
                 if code in used and self.real.name == "double":
-                    text = sine_function(f"{self.prefix}_{short}", code == casadi.OP_COS, self.real)
-                    calls[code] = self._helper(short, text)
+                    calls[code] = self._helper(short, algebra.function, code == casadi.OP_COS, self.real)
             rows = self._row if lanes > 1 else None
             self.functions[name] = function_text(name, function, self.real, lanes, moving, calls, rows)
             self._names[key] = name
@@ -260,20 +236,13 @@ class Translator:
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(SINES[code] for code in codes) + "_row"
         ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
-        return self._helper(short, row_function(f"{self.prefix}_{short}", ones, self.real, self.lanes))
+        return self._helper(short, algebra.row_function, ones, self.real, self.lanes)
 
-    def _mover(self, read: bool) -> str:
-        short = "gather" if read else "scatter"
-        return self._helper(short, algebra.column(f"{self.prefix}_{short}", read))
-
-    def _packer(self, read: bool, lanes: int) -> str:
-        short = "pack" if read else "unpack"
-        return self._helper(short, algebra.columns(f"{self.prefix}_{short}", read, lanes))
-
-    def _helper(self, short: str, text: str) -> str:
+    def _helper(self, short: str, make: Callable[..., str], *arguments: Any) -> str:
+        """Name of a function of `flexhinf.codegen.c.algebra`, which is written at its first use."""
         name = f"{self.prefix}_{short}"
         if name not in self.functions:
-            real = self.real
+            real, text = self.real, make(name, *arguments)
             for mark, meant in (
                 ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
                 ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),

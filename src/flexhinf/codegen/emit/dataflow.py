@@ -8,13 +8,13 @@ taken: several quotients by one number are products with its reciprocal, which c
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import casadi
 
 from flexhinf.codegen.program import Unsupported
-from flexhinf.scalars.trace import instructions
+from flexhinf.scalars.trace import walk
 
 # Fused operations, numbered beside CasADi's own (which are not negative).
 MULTIPLY_ADD = -1  # a·b + c
@@ -70,26 +70,25 @@ def read_dataflow(function: casadi.Function, supported: Container[int], fused: b
     fused multiply-add). Raises Unsupported: naming the first opcode that is not supported.
     """
     operations: list[Operation] = []
-    outputs: list[tuple[int, int, int]] = []
-    register: dict[int, int] = {}
-    for code, arguments, results, constant in instructions(function):
-        if code == casadi.OP_OUTPUT:
-            outputs.append((results[0], results[1], register[arguments[0]]))
-            continue
-        if code == casadi.OP_CONST:
-            operation = Operation(code, (), constant)
-        elif code == casadi.OP_INPUT:
-            operation = Operation(code, (arguments[0], arguments[1]))
-        elif code in supported:
-            operation = Operation(code, tuple(register[argument] for argument in arguments))
-        else:
+
+    def add(code: int, arguments: Sequence[int], constant: float = 0.0) -> int:
+        if code not in supported and code not in (casadi.OP_CONST, casadi.OP_INPUT):
             names = [name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code]
             raise Unsupported(
                 f"Function '{function.name()}' cannot be compiled.",
                 f"the operation {names[0] if names else code} has no machine code here",
             )
-        register[results[0]] = len(operations)
-        operations.append(operation)
+        operations.append(Operation(code, tuple(arguments), constant))
+        return len(operations) - 1
+
+    outputs = list(
+        walk(
+            function,
+            lambda *place: add(casadi.OP_INPUT, place),
+            lambda constant: add(casadi.OP_CONST, (), constant),
+            add,
+        )
+    )
     operations, outputs = _share_reciprocals(operations, outputs)
     kept = dict(enumerate(operations))
     if fused:

@@ -5,7 +5,6 @@ Functions mapped over the columns of matrices: columns are packed into lanes, an
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
 
@@ -22,13 +21,11 @@ BLOCK = 8
 class Packer:
     """Copies neighbouring columns of a matrix into elements of as many lanes, and back.
 
-    `each`: (turns, body): a loop, or its turns written out if they are few. `wide`: Of the packed elements; in a
-    kernel of several lanes these are the kernel's, and a column goes alone. `left`: Columns; lanes without one are
-    zero.
+    `wide`: Of the packed elements; in a kernel of several lanes these are the kernel's, and a column goes alone.
+    `left`: Columns; lanes without one are zero.
     """
 
     writer: Writer
-    each: Callable[[int, Callable[[str], None]], None]
     wide: Lanes
     left: int
 
@@ -37,12 +34,11 @@ class Packer:
 
         `shared`: One number serves all lanes of the kernel.
         """
-        writer, wide, single = self.writer, self.wide, self.writer.lanes.width == 1
+        writer, wide = self.writer, self.wide
         unit = "double" if shared else writer.lanes.element
-
-        def row(element: str) -> None:
+        for element in writer.each(rows):
             place = self._place(source, element, moves[0], unit)
-            if not single:
+            if writer.lanes.width > 1:
                 value = load(writer, place, 0, shared)
             elif self._neighbours(moves):
                 value = writer.let(f"load {wide.real}, ptr {place}, align 8")
@@ -55,25 +51,20 @@ class Packer:
             kept = writer.let(f"getelementptr {wide.element}, ptr {target}, i64 {element}")
             writer.do(f"store {wide.real} {value}, ptr {kept}, align 8")
 
-        self.each(rows, row)
-
     def unpack(self, source: str, rows: int, moves: tuple[int, int], target: str) -> None:
         """The inverse: from `rows` elements at `source` to the first of these columns at `target`."""
         writer, wide = self.writer, self.wide
-
-        def row(element: str) -> None:
+        for element in writer.each(rows):
             kept = writer.let(f"getelementptr {wide.element}, ptr {source}, i64 {element}")
             value = writer.let(f"load {wide.real}, ptr {kept}, align 8")
             place = self._place(target, element, moves[0], writer.lanes.element)
             if writer.lanes.width > 1 or self._neighbours(moves):
                 writer.do(f"store {wide.real} {value}, ptr {place}, align 8")
-                return
+                continue
             for lane in range(self.left):
                 number = writer.let(f"extractelement {wide.real} {value}, i64 {lane}")
                 position = writer.let(f"getelementptr double, ptr {place}, i64 {lane * moves[1]}")
                 writer.do(f"store double {number}, ptr {position}, align 8")
-
-        self.each(rows, row)
 
     def _neighbours(self, moves: tuple[int, int]) -> bool:
         return self.left == self.wide.width and (moves[1] == 1 or self.left == 1)
@@ -105,13 +96,11 @@ def emit_function(
     If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
     """
     flow = read_dataflow(function, OPCODES, fused)
-    turning = any(operation.code in NEAR for operation in flow.operations.values())
-    if lanes.width > 1 and turning:
+    far = ""
+    if lanes.width > 1 and any(operation.code in NEAR for operation in flow.operations.values()):
         far = f"{name}_far"
-        _define(module, far, function, flow, lanes, shared, "noinline optnone cold")
-        _define(module, name, function, flow, lanes, shared, far=far)
-    else:
-        _define(module, name, function, flow, lanes, shared)
+        _define(module, far, function, flow, lanes, shared, "noinline optnone cold ")
+    _define(module, name, function, flow, lanes, shared, far=far)
     return flow.size
 
 
@@ -126,9 +115,7 @@ def _define(
     far: str = "",
 ) -> None:
     """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
-    writer = Writer(module, lanes)
-    values: dict[int, str] = {}
-    angles: list[str] = []
+    writer, values, angles = Writer(module, lanes), dict[int, str](), list[str]()
     for k, operation in flow.operations.items():
         if operation.code == casadi.OP_CONST:
             values[k] = lanes.constant(operation.constant)
@@ -145,14 +132,12 @@ def _define(
     if far:  # before anything is stored: a result may overwrite an argument
         beyond = [is_far(writer, angle) for angle in dict.fromkeys(angles)]
         some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
-        writer.do(f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
-        writer.place("far")
+        writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
         writer.do(f"call void @{far}({', '.join(pointers)})")
-        writer.do("ret void")
-        writer.place("near")
+        writer.place("near", "ret void")
     for result, element, value in flow.outputs:
         store(writer, f"%out{result}", element, values[value])
-    head = f"define internal void @{name}({', '.join(pointers)}) {attributes}{' ' if attributes else ''}nounwind {{"
+    head = f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{"
     module.definitions[name] = "\n".join([head, *writer.lines, "  ret void", "}"])
 
 

@@ -17,7 +17,7 @@ and returns the largest code.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import reduce
 from typing import TYPE_CHECKING, Any
@@ -48,10 +48,8 @@ from flexhinf.codegen.program import (
 if TYPE_CHECKING:
     import casadi
 
-_UNROLLED = 64  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
-_PLACES = (
-    2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
-)
+#: From which a function may be called and yet be put there: a Map has one for blocks, one for the rest.
+_PLACES = 2
 _SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
 
@@ -85,7 +83,6 @@ class _Emitter:
         self.lanes = self.module.lanes
         self.single = lanes == 1  # a kernel for a single run
         self.fused = fused
-        self.operations = 0
         self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
@@ -117,8 +114,7 @@ class _Emitter:
                 place = f"ptr align 8 {self.pointers[buffer.name]}"
                 writer.do(f"call void @{name}({place}, i8 0, i64 {size}, i1 false)")
         self._body(self.program.body, ())
-        writer.do("br label %finish")
-        writer.place("finish")
+        writer.place("finish", "br label %finish")
         largest = writer.let(f"load {self.lanes.integer}, ptr {self.codes}, align 8")
         if not self.single:
             name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
@@ -136,7 +132,7 @@ class _Emitter:
                     ") nounwind {", ") nounwind alwaysinline {", 1
                 )
         text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
-        return Module(text, dict(self.module.library), self.operations)
+        return Module(text, dict(self.module.library), sum(self.sizes.values()))
 
     def _word(self, k: int) -> str:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
@@ -146,13 +142,8 @@ class _Emitter:
             self._writers[type(step)](step, turns)
 
     def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
-        end = str(step.turns(self.turns))
-        self._loop("0", end, lambda turn: self._body(step.body, (*turns, turn)))
-
-    def _loop(self, first: str, end: str, body: Callable[[str], None]) -> None:
-        """``for turn in range(first, end): body(turn)``."""
-        with self.writer.loop(end, first) as turn:
-            body(turn)
+        with self.writer.loop(str(step.turns(self.turns))) as turn:
+            self._body(step.body, (*turns, turn))
 
     def _when(self, step: When, turns: tuple[str, ...]) -> None:
         """Skip the body unless a lane's flag is set; NaN sets it."""
@@ -160,11 +151,9 @@ class _Emitter:
         flag = load(writer, self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
         inside, after = writer.label("when"), writer.label("after")
-        writer.do(f"br i1 {wanted}, label %{inside}, label %{after}")
-        writer.place(inside)
+        writer.place(inside, f"br i1 {wanted}, label %{inside}, label %{after}")
         self._body(step.body, turns)
-        writer.do(f"br label %{after}")
-        writer.place(after)
+        writer.place(after, f"br label %{after}")
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
@@ -186,10 +175,8 @@ class _Emitter:
         """Name of the emitted function, which is emitted at its first use."""
         key = (function.__hash__(), lanes.width, shared)
         if key not in self.functions:
-            self.functions[key] = f"{PREFIX}function{len(self.functions)}"
-            size = emit_function(self.module, self.functions[key], function, lanes, shared, self.fused)
-            self.sizes[self.functions[key]] = size
-            self.operations += size
+            self.functions[key] = name = f"{PREFIX}function{len(self.functions)}"
+            self.sizes[name] = emit_function(self.module, name, function, lanes, shared, self.fused)
         return self.functions[key]
 
     def _call(self, step: Call, turns: tuple[str, ...]) -> None:
@@ -207,10 +194,8 @@ class _Emitter:
         )
         name = self._function(step.function, wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
-
-        def some(first: str, left: int) -> None:
-            packer = Packer(writer, self._each, wide, left)
-            pointers, packed = [], []
+        for first, left in self._blocks(step.count, block):
+            packer, pointers, packed = Packer(writer, wide, left), [], []
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
                     pointers.append(start)
@@ -227,21 +212,18 @@ class _Emitter:
             for place, piece, columns in packed[-len(step.outputs) :]:
                 packer.unpack(place, piece.size, piece.moves, columns)
 
-        self._blocks(step.count, block, some)
-
     def _column(self, columns: Columns, start: str, first: str) -> str:
         unit = "double" if self._shared(columns.whole) else self.lanes.element
         offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
         return self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
 
-    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
-        def full(turn: str) -> None:
-            some(self.writer.let(f"mul nsw i64 {turn}, {block}"), block)
-
+    def _blocks(self, count: int, block: int) -> Iterator[tuple[str, int]]:
+        """First column and length of all blocks, of which the last may be shorter."""
         if count >= block:
-            self._loop("0", str(count // block), full)
+            with self.writer.loop(str(count // block)) as turn:
+                yield self.writer.let(f"mul nsw i64 {turn}, {block}"), block
         if count % block:
-            some(str(count - count % block), count % block)
+            yield str(count - count % block), count % block
 
     def _sweep(self, step: Sweep, turns: tuple[str, ...]) -> None:
         """Blocks of columns in lanes; one that is left over goes alone."""
@@ -251,9 +233,9 @@ class _Emitter:
             memory = self._scratch(wide)
             return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
 
-        def some(first: str, left: int) -> None:
+        for first, left in self._blocks(step.count, BLOCK if self.single else 1):
             wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
-            packer = Packer(self.writer, self._each, wide, left)
+            packer = Packer(self.writer, wide, left)
             for columns, place in step.inputs:
                 matrix, inside = ends(columns, place, first, wide)
                 packer.pack(matrix, self._shared(columns.whole), columns.size, columns.moves, inside)
@@ -267,8 +249,6 @@ class _Emitter:
                 matrix, inside = ends(columns, place, first, wide)
                 packer.unpack(inside, columns.size, columns.moves, matrix)
 
-        self._blocks(step.count, BLOCK if self.single else 1, some)
-
     def _scratch(self, wide: Lanes) -> str:
         if not self.scratch:
             needed = [step.size for step, _ in self.program.steps() if isinstance(step, Sweep)]
@@ -281,31 +261,24 @@ class _Emitter:
     def _outer_sum(self, step: OuterSum, turns: tuple[str, ...]) -> None:
         left, right = self._operand(step.left, turns), self._operand(step.right, turns)
         weights, plus = (p and self._operand(p, turns) for p in (step.weights, step.plus))
-        algebra = Algebra(self.writer, self._loop, self.fused)
-        target = self._address(step.target, turns)
-        algebra.outer_sum((left, right, weights, plus), step.count, step.shape, target, step.symmetric)
+        operands, target = (left, right, weights, plus), self._address(step.target, turns)
+        Algebra(self.writer, self.fused).outer_sum(operands, step.count, step.shape, target, step.symmetric)
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
-        algebra, sizes = (
-            Algebra(self.writer, self._loop, self.fused),
-            (step.point.size, step.target.size, step.columns),
-        )
-        algebra.polynomial(point, table, sizes, step.degrees, self._address(step.target, turns))
+        sizes, target = (step.point.size, step.target.size, step.columns), self._address(step.target, turns)
+        Algebra(self.writer, self.fused).polynomial(point, table, sizes, step.degrees, target)
 
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
-        Algebra(self.writer, self._loop, self.fused).cholesky(source, target, step.order)
+        Algebra(self.writer, self.fused).cholesky(source, target, step.order)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer
         source, target = self._address(step.source, turns), self._address(step.target, turns)
         if self._shared(step.source) and self.lanes.width > 1:
-
-            def broadcast(element: str) -> None:
+            for element in writer.each(step.source.size):
                 store(writer, target, element, load(writer, source, element, shared=True))
-
-            self._each(step.source.size, broadcast)
             return
         name = "llvm.memmove.p0.p0.i64"
         self.module.declarations[name] = f"declare void @{name}(ptr, ptr, i64, i1)"
@@ -324,39 +297,28 @@ class _Emitter:
         for channel in range(step.target.size):
             store(writer, target, channel, emit_normal(writer, number, channel, key))
 
-    def _each(self, size: int, body: Callable[[str], None]) -> None:
-        if size > _UNROLLED:
-            self._loop("0", str(size), body)
-        else:
-            for element in range(size):
-                body(str(element))
-
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
         """Emit a guard: Σ 0·x is NaN if some x is not finite; only then leave the straight path.
 
         There the lanes that fail for the first time are marked, and the run stops when no lane is left.
         """
         writer, lanes, integer, boolean = self.writer, self.lanes, self.lanes.integer, self.lanes.boolean
-        algebra, zero = Algebra(writer, self._loop, self.fused), lanes.constant(0.0)
+        algebra, zero = Algebra(writer, self.fused), lanes.constant(0.0)
         source, shared = self._address(step.source, turns), self._shared(step.source)
         sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
         for place in sums:
             writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
-
-        def test(element: str) -> None:
+        for element in writer.each(step.source.size):
             place = sums[int(element) % len(sums) if element.isdecimal() else 0]
             so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
             value = load(writer, source, element, shared)
             total = algebra.multiply_add(writer, value, zero, so_far)
             writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
-
-        self._each(step.source.size, test)
         parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
         total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
         bad = writer.compare("uno", total, zero)
         failed, go_on = writer.label("failed"), writer.label("on")
-        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
-        writer.place(failed)
+        writer.place(failed, f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
         codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
         steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
         alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
@@ -369,5 +331,4 @@ class _Emitter:
         writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
         writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
         left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
-        writer.do(f"br i1 {left}, label %{go_on}, label %finish")
-        writer.place(go_on)
+        writer.place(go_on, f"br i1 {left}, label %{go_on}, label %finish")

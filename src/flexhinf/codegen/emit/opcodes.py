@@ -28,6 +28,8 @@ from flexhinf.codegen.program import PREFIX
 PURE = "nounwind willreturn memory(none)"
 """Attributes of functions whose result depends on their arguments alone."""
 
+_UNROLLED = 64  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
+
 
 class Lanes:
     """LLVM types of a number in W ≥ 1 lanes.
@@ -98,17 +100,13 @@ class Writer:
         other.lanes = lanes
         return other
 
-    def name(self) -> str:
-        """A fresh local name."""
-        return f"%v{next(self._names)}"
-
     def label(self, what: str) -> str:
         """A fresh block label, not yet placed."""
         return f"{what}{next(self._names)}"
 
-    def place(self, label: str) -> None:
-        """Start a block here."""
-        self.lines.append(f"{label}:")
+    def place(self, label: str, end: str = "") -> None:
+        """Start a block here; the one before ends with the line `end`, if that is not written yet."""
+        self.lines += [f"  {end}", f"{label}:"] if end else [f"{label}:"]
 
     def do(self, line: str) -> None:
         """A line without a result."""
@@ -116,13 +114,13 @@ class Writer:
 
     def let(self, expression: str) -> str:
         """A line with a result; returns its name."""
-        name = self.name()
+        name = f"%v{next(self._names)}"
         self.lines.append(f"  {name} = {expression}")
         return name
 
     def allocate(self, kind: str) -> str:
         """Memory on the stack, once per call of the function, wherever in its text this is requested."""
-        name = self.name()
+        name = f"%v{next(self._names)}"
         self.first.append(f"  {name} = alloca {kind}, align 64")
         return name
 
@@ -141,16 +139,21 @@ class Writer:
         place = self.allocate("i64")
         head, inside, after = self.label("head"), self.label("turn"), self.label("after")
         self.do(f"store i64 {first}, ptr {place}, align 8")
-        self.do(f"br label %{head}")
-        self.place(head)
+        self.place(head, f"br label %{head}")
         turn = self.let(f"load i64, ptr {place}, align 8")
         more = self.let(f"icmp slt i64 {turn}, {end}")
-        self.do(f"br i1 {more}, label %{inside}, label %{after}")
-        self.place(inside)
+        self.place(inside, f"br i1 {more}, label %{inside}, label %{after}")
         yield turn
         self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
-        self.do(f"br label %{head}")
-        self.place(after)
+        self.place(after, f"br label %{head}")
+
+    def each(self, size: int) -> Iterator[str]:
+        """The integers below `size`: one after the other if they are few, else those of a loop."""
+        if size > _UNROLLED:
+            with self.loop(str(size)) as turn:
+                yield turn
+        else:
+            yield from map(str, range(size))
 
     def real(self, operation: str, *operands: str) -> str:
         """An LLVM operation on floats, such as ``fadd``."""
@@ -286,11 +289,9 @@ def _turn(name: str, near: bool = False) -> Rule:
             result = within = _near(writer, "%x", name)
             if not near:  # the C library beyond the reach, behind a branch that is hardly ever taken
                 far = is_far(writer, "%x")
-                writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
-                writer.place("beyond")
+                writer.place("beyond", f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
                 exact = writer.select(far, library_call(writer, name, "%x"), within)
-                writer.do("br label %done")
-                writer.place("done")
+                writer.place("done", "br label %done")
                 result = writer.let(f"phi {lanes.real} [ {within}, %entry ], [ {exact}, %beyond ]")
             writer.do(f"ret {real} {result}")
             head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
@@ -363,11 +364,8 @@ def _sign(writer: Writer, value: str) -> str:
 
 
 def _extremum(better: str) -> Rule:
-    """fmin, fmax of C: a NaN loses, the first operand wins a tie."""
-
-    def rule(writer: Writer, left: str, right: str) -> str:
-        beaten = writer.compare(better, right, left)
-        missing = writer.compare("uno", left, left)
+    def rule(writer: Writer, left: str, right: str) -> str:  # a NaN loses, the first operand wins a tie
+        beaten, missing = writer.compare(better, right, left), writer.compare("uno", left, left)
         return writer.select(writer.let(f"or {writer.lanes.boolean} {beaten}, {missing}"), right, left)
 
     return rule
