@@ -21,6 +21,7 @@ import stat
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations
@@ -79,7 +80,6 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
 
 
 def _misfit(array: object, buffer: Buffer, width: int) -> str:
-    """Why an array does not fit a buffer of so many lanes; empty if it fits."""
     if not isinstance(array, np.ndarray):
         return type(array).__name__
     found = f"{array.dtype} of shape {array.shape}"
@@ -309,8 +309,7 @@ def _is_ours(info: os.stat_result) -> bool:
 
 
 def _write(path: Path, key: bytes, image: bytes) -> None:
-    """Write the file, and remove the oldest files of ours beyond `_MOST_FILES`."""
-    try:
+    with suppress(OSError):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with part_file(path.parent, "flexhinf-") as temporary:
             with open(temporary, "wb") as file:
@@ -324,8 +323,6 @@ def _write(path: Path, key: bytes, image: bytes) -> None:
                 has_magic = file.read(len(_MAGIC)) == _MAGIC
             if has_magic:
                 other.unlink(missing_ok=True)
-    except OSError:
-        return
 
 
 #: Held while something is compiled or loaded, and while this process is forked: LLVM has global state, which a child
@@ -411,9 +408,8 @@ class BoundKernel(partial):
     def status(self) -> Status:
         """Status of the last call."""
         codes, steps = self.outcome.reshape(2, -1)
-        if len(codes) == 1:
-            return Status(int(codes[0]), int(steps[0]))
-        return Status(codes.copy(), steps.copy())
+        single = len(codes) == 1
+        return Status(int(codes[0]), int(steps[0])) if single else Status(codes.copy(), steps.copy())
 
 
 def fingerprint(program: Program) -> str:

@@ -59,9 +59,9 @@ class Direct:
         """
         matrices = moving if isinstance(moving, tuple) else (moving,)
         results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
-        if isinstance(results[0], tuple):
-            return tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
-        return np.stack(results, axis=1)
+        if not isinstance(results[0], tuple):
+            return np.stack(results, axis=1)
+        return tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
 
     def sweep(self, stages: Callable[..., Any], matrix: Any, *held: Any) -> Any:
         """``stages(run, column, *held)`` for every column of a matrix (n, s), where one function would be too large.
@@ -180,8 +180,9 @@ class Composer:
         """As `Direct.columns`: one piece, traced for one column; into new memory, or that of given blocks."""
         matrices: tuple[Block, ...] = moving if isinstance(moving, tuple) else (moving,)
         count, order = matrices[0].shape[1], matrices[0].order
-        shapes_in = [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
-        traced, shapes, several = self._traced(function, (*matrices, *held), shapes_in)
+        traced, shapes, several = self._traced(
+            function, (*matrices, *held), [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
+        )
         results = into or tuple(self.work((prod(shape), count), order) for shape in shapes)
         inputs = [matrix.columns for matrix in matrices]
         inputs += [array.place for array in held if isinstance(array, Block) and array.size]
@@ -220,8 +221,7 @@ class Composer:
     def combination(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.combination`."""
         left = self._block(weights).reshape(len(weights), 1)
-        total = self._outer_sum(left, columns.T, None, plus)
-        return total.reshape(total.size)
+        return self._outer_sum(left, columns.T, None, plus).reshape(columns.shape[0])
 
     def cholesky(self, matrix: Block) -> Block:
         """As `Direct.cholesky`."""
@@ -250,15 +250,12 @@ class Composer:
         return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
 
     def _weights(self, weights: Any) -> Block | None:
-        """Weights as a block; None where all of them are one."""
         ones = not isinstance(weights, Block) and np.all(np.equal(weights, 1.0))
         return None if ones else self._block(weights)
 
     def _ordered(self, block: Block, order: Order) -> Block:
-        """The same matrix in the wanted order, moved if it must be."""
-        if len(block.shape) < 2 or block.order == order or not block.size:
-            return block
-        return self.columns(_same, block, into=(self.work(block.shape, order),))
+        fits = len(block.shape) < 2 or block.order == order or not block.size
+        return block if fits else self.columns(_same, block, into=(self.work(block.shape, order),))
 
     def _traced(
         self, function: Callable[..., Any], arrays: Sequence[Any], shapes: Sequence[tuple[int, ...] | None]
@@ -291,8 +288,7 @@ class Composer:
             return tuple(result for result in results if result.size)
 
         name = "".join(filter(str.isalpha, getattr(function, "__name__", ""))) or "piece"
-        traced = drop_empty(trace(on_symbols, *lying, name=name))
-        self._pieces[key] = (traced, seen, several)
+        self._pieces[key] = (drop_empty(trace(on_symbols, *lying, name=name)), seen, several)
         self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
         return self._pieces[key]
 

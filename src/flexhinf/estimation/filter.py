@@ -39,8 +39,7 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
         )
     matrix = array if array.shape == (size, size) else np.diag(np.broadcast_to(array, (size,)))
     scale = np.sqrt(np.abs(np.diag(matrix)))
-    tolerance = 1e-9 * np.outer(scale, scale)
-    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > tolerance):
+    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > (1e-9 * np.outer(scale, scale))):
         what = f"The {what} is not a symmetric matrix of finite numbers."
         raise InvalidInput(what, f"got {value_text(value)}", "variances")
     # As correlations, so that signals of different scales are judged alike.
@@ -86,8 +85,7 @@ def correction(
     """
     mean, gain, _, innovation, p_yy = gained(run, prior, outputs, weights, y, noise)
     left = run.columns(_left, (prior[1], outputs[1]), gain)
-    root = run.columns(rooted, gain, run.cholesky(noise))
-    added = run.gram(root.T, np.ones(len(noise)))
+    added = run.gram(run.columns(rooted, gain, run.cholesky(noise)).T, np.ones(len(noise)))
     return Gaussian(mean, run.gram(left, weights, added)), innovation, p_yy  # 12
 
 
@@ -96,7 +94,6 @@ def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
 
 
 def _gain(p_yx: Any, factor: Any) -> Any:
-    """Gain (p,) from the innovation to one state: a row of K."""
     return solve_lower_transposed(factor, solve_lower(factor, p_yx))
 
 
@@ -233,8 +230,9 @@ class RecursiveFilter(Estimator):
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
         root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
-        measured = run.columns(applied, root, c)
-        return correction(run, (belief.mean, root), (expected, measured), weights, y, measurement_noise)
+        return correction(
+            run, (belief.mean, root), (expected, run.columns(applied, root, c)), weights, y, measurement_noise
+        )
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -257,31 +255,20 @@ class RecursiveFilter(Estimator):
 
     def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
-        vector = self.plant.parameters.flat(p)
-        return self.innovation_stages(DIRECT, belief, y, u, vector, measurement_noise)
+        return self.innovation_stages(DIRECT, belief, y, u, self.plant.parameters.flat(p), measurement_noise)
 
     def transition(self, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9): the plant over one period with u held."""
-        vector = self.plant.parameters.flat(p)
-        for _ in range(self.sub_steps):
-            x = self.sub_step(x, u, vector)
-        return x
+        return self.moved(DIRECT, x, u, self.plant.parameters.flat(p))
 
-    @property
-    def _method(self) -> Any:
-        return {4: rk4_stages, 8: eight_stages}[self.stages]
-
-    def sub_step(self, x: Any, u: Any, p: Any) -> Any:
+    def sub_step(self, x: Any, u: Any, p: Any, run: Any = DIRECT) -> Any:
         """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
-        return self._method(DIRECT, self.flow, x, self.period / self.sub_steps, u, p)
+        method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
+        return method(run, self.flow, x, self.period / self.sub_steps, u, p)
 
     def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9) on a run, with one function of the flow for all stages of all steps."""
-
-        def step(x: Any) -> tuple[Any]:
-            return (self._method(run, self.flow, x, self.period / self.sub_steps, u, p),)
-
-        return run.repeat(self.sub_steps, step, x)[0]
+        return run.repeat(self.sub_steps, lambda x: (self.sub_step(x, u, p, run),), x)[0]
 
     def flow(self, x: Any, u: Any, p: Any) -> Any:
         """ẋ without disturbances; p is the vector of parameters."""

@@ -168,13 +168,6 @@ class Scaling:
     state: np.ndarray
     value: float
 
-    def linear(
-        self, a: np.ndarray, b: np.ndarray, c: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Scaled A, input matrix and output matrix."""
-        d = self.state
-        return a * (d / d[:, None]), b * (self.value / d)[:, None], c * (d / self.value)
-
 
 def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
     """Scaling that balances the Hamiltonian matrix [[A, BBᵀ], [CᵀC, Aᵀ]].
@@ -303,7 +296,12 @@ class LinearPart:
     def scaled(self, gamma: float) -> tuple[Scaling, LinearPart]:
         """The linear part balanced for this level: g1 counts with its weight 1/γ."""
         scaling = balance(self.a, np.hstack([self.b1 / gamma, self.b2]), self.c)
-        a, b, c = scaling.linear(self.a, np.hstack([self.b1, self.b2]), self.c)
+        d, s = scaling.state, scaling.value
+        a, b, c = (
+            self.a * (d / d[:, None]),
+            np.hstack([self.b1, self.b2]) * (s / d)[:, None],
+            self.c * (d / s),
+        )
         md = self.b1.shape[1]
         return scaling, LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
 

@@ -229,8 +229,9 @@ class Landscape:
             np.concatenate([x + small * rate, x - small * rate])
         )
         bend = (beside[:count] - beside[count:]) / (2 * small)
-        constant = np.repeat(slope, 1 + 2 * n, axis=0)
-        terms = inequality.solution.hamiltonian_terms(constant, every, inequality.gamma)
+        terms = inequality.solution.hamiltonian_terms(
+            np.repeat(slope, 1 + 2 * n, axis=0), every, inequality.gamma
+        )
         values = terms.sum(axis=0).reshape(count, 1 + 2 * n)
         by_y = (values[:, 1 : 1 + n] - values[:, 1 + n :]) / (2 * _DIFFERENCE)
         return values[:, 0], bend @ self.scale + by_y

@@ -60,10 +60,6 @@ class BoundedStates:
         # the inverse by a Newton step, which squares 1e-15
         return cls(q * scale, q.T @ (2 * np.eye(len(q), dtype=np.longdouble) - q @ q.T) / scale[:, None])
 
-    def hessian(self, p: np.ndarray) -> np.ndarray:
-        """P of ½ xᵀPx in y."""
-        return self.to_x.T @ p @ self.to_x
-
     def problem(self, problem: ScaledProblem) -> ScaledProblem:
         """Eq. (8) in y: ẏ = T⁻¹ f(T y) + T⁻¹ g(T y) · (d, u), with q(T y)."""
         return replace(
@@ -156,20 +152,15 @@ def solve_degrees(
 
 def _channel_rows(problem: ScaledProblem, gradients: Parts, k: int) -> np.ndarray | None:
     """w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}; None if there is nothing."""
-    total = None
-    for i, slope in gradients.items():
-        fields = problem.g.get(k - i)
-        if k - i < 1 or fields is None:
-            continue
-        if total is None:
-            total = np.zeros((basis.count(problem.n, k - 1), len(problem.signs)))
+    known = {i: problem.g[k - i] for i in gradients if k - i >= 1 and k - i in problem.g}
+    total = np.zeros((basis.count(problem.n, k - 1), len(problem.signs)))
+    for i, fields in known.items():
         for channel in np.flatnonzero(fields.any(axis=(0, 2))):
-            total[:, channel] += product(slope, fields[:, channel], problem.n, i - 1, k - i)
-    return total
+            total[:, channel] += product(gradients[i], fields[:, channel], problem.n, i - 1, k - i)
+    return total if known else None
 
 
 def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
-    """Monomial coefficients of all that is known at degree k; None if there is nothing."""
     n = problem.n
     terms = [problem.q[k]] if k in problem.q else []
     for i, slope in gradients.items():

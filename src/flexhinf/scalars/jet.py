@@ -58,7 +58,6 @@ class Series:
         self.coefficients = coefficients
 
     def _beside(self, other: Any) -> tuple[Any, ...] | None:
-        """The other's coefficients; None for arrays and lists (NumPy then broadcasts)."""
         if isinstance(other, Series):
             if len(other.coefficients) != len(self.coefficients):
                 raise InvalidInput(
@@ -126,8 +125,8 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
 def _quotient(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
     inverse = 1.0 / b[0]
     c: list[Any] = []
-    for k in range(len(a)):
-        c.append((a[k] - _convolved(c, b, k)) * inverse)
+    for k, term in enumerate(a):
+        c.append((term - _convolved(c, b, k)) * inverse)
     return tuple(c)
 
 
@@ -149,7 +148,6 @@ def _number(value: Any) -> float | None:
 
 
 def _operator(of_jets: Callable[[Any, Any], Jet], of_number: Callable[[Any, float], Jet]) -> Any:
-    """An operator of a jet with another of its kind, or with a real number."""
 
     def method(self: Jet, other: Any) -> Any:
         if isinstance(other, Jet):
@@ -255,9 +253,11 @@ class Jet:
         return Jet(*add(self.support, self.values, self.support.space.constant, np.array([amount])))
 
     def _scaled(self, factor: float) -> Jet:
-        if factor == 0.0:
-            return Jet(self.support.space.zero, np.zeros(0))
-        return Jet(self.support, self.values * factor)
+        return (
+            Jet(self.support, self.values * factor)
+            if factor != 0.0
+            else Jet(self.support.space.zero, np.zeros(0))
+        )
 
     def _divided(self, divisor: float) -> Jet:
         if divisor == 0.0:
@@ -333,9 +333,8 @@ class Jet:
 
     def hypot(self, other: Any) -> Any:
         """√(self² + other²), off the origin."""
-        if not isinstance(other, Jet) and _number(other) is None:
-            return NotImplemented
-        return (self * self + other * other).sqrt()
+        known = isinstance(other, Jet) or _number(other) is not None
+        return (self * self + other * other).sqrt() if known else NotImplemented
 
     def conjugate(self) -> Jet:
         """The jet itself: its coefficients are real."""

@@ -148,9 +148,8 @@ def _dispatch(
         )
 
     def function(*arguments: Any) -> Any:
-        if all(np.asarray(a).dtype != object for a in arguments):
-            return numeric(*arguments)
-        return np.frompyfunc(one, len(arguments), 1)(*arguments)
+        numbers = all(np.asarray(a).dtype != object for a in arguments)
+        return (numeric if numbers else np.frompyfunc(one, len(arguments), 1))(*arguments)
 
     function.__name__, function.__doc__ = name, text
     return function

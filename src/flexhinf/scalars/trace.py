@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -95,20 +96,15 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
     """
     operations, rows = [], []
     for code, read, written, constant in instructions(function):
-        if code == ca.OP_CONST:
-            row = (0, 0, written[0], constant)
-        elif code == ca.OP_INPUT:
-            row = (read[0], read[1], written[0], 0.0)
-        elif code == ca.OP_OUTPUT:
-            row = (written[0], written[1], read[0], 0.0)
-        else:
-            row = (read[0], read[1] if len(read) > 1 else ONE_OPERAND, written[0], 0.0)
+        if code == ca.OP_OUTPUT:
+            read, written = written, read
+        empty = 0 if code == ca.OP_CONST else ONE_OPERAND
+        first, second = (*read, empty, empty)[:2]
         operations.append(NAMES[code])
-        rows.append(row)
-    columns = zip(*rows) if rows else ((),) * 4
+        rows.append((first, second, written[0], constant))
     arrays: dict[str, Any] = {
         name: np.array(column, dtype=float if name == "value" else np.int64)
-        for name, column in zip(COLUMNS, columns)
+        for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
     }
     sizes = [function.size1_in(k) for k in range(function.n_in())]
     sizes += [function.size1_out(k) for k in range(function.n_out())]
@@ -216,8 +212,7 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
             "one array per argument it was traced with",
         )
     if any(np.asarray(a).dtype == object for a in arrays):
-        results = function.call([pack(a) for a in arrays])
-        return tuple(unpack(r, (r.numel(),)) for r in results)
+        return tuple(unpack(r, (r.numel(),)) for r in function.call([pack(a) for a in arrays]))
     numbers = function.call([ca.DM(np.asarray(a, dtype=float).ravel()) for a in arrays])
     return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
 
@@ -245,27 +240,24 @@ def jacobian(
     value = traced.call(inputs)[0]
     derivative = ca.jacobian(value, inputs[0])
     flat = ca.densify(ca.vec(derivative.T))  # SX is column-major: the transpose flattens in C order
-    return _ValueAndJacobian(ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape)
+    return partial(
+        _value_and_jacobian, ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape
+    )  # which can be pickled, unlike a nested function
 
 
-@dataclass(frozen=True)
-class _ValueAndJacobian:
-    # unlike a nested function, it can be pickled
-    both: ca.Function
-    shape: tuple[int, int]
-
-    def __call__(self, *arrays: Any) -> tuple[np.ndarray, np.ndarray]:
-        y, dy = apply(self.both, *arrays)
-        return y, dy.reshape(self.shape)
+def _value_and_jacobian(
+    both: ca.Function, shape: tuple[int, int], *arrays: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    y, dy = apply(both, *arrays)
+    return y, dy.reshape(shape)
 
 
 def drop_empty(function: ca.Function) -> ca.Function:
     """The function without its arguments of length zero, which no buffer can hold."""
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     kept = [a for a in arguments if a.numel()]
-    if len(kept) == len(arguments):
-        return function
-    return ca.Function(function.name(), kept, function.call(arguments), {"cse": True})
+    whole = len(kept) == len(arguments)
+    return function if whole else ca.Function(function.name(), kept, function.call(arguments), {"cse": True})
 
 
 def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function | None, ca.Function]:
@@ -439,12 +431,10 @@ def nonzero(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
 
 def sizes_of_rows(matrix: ca.SX, columns: int | None = None) -> ca.SX:
     """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as `columns`."""
-    sizes = ca.sum2(ca.fabs(ca.densify(matrix)))
-    return ca.repmat(sizes, 1, matrix.shape[1] if columns is None else columns)
+    return ca.repmat(ca.sum2(ca.fabs(ca.densify(matrix))), 1, matrix.shape[1] if columns is None else columns)
 
 
 def _at_points(flat: ca.SX, sizes: ca.SX, z: ca.SX) -> tuple[np.ndarray, np.ndarray]:
-    """Values and sizes of terms, both (k, N), at the points."""
     rng = np.random.default_rng(1)
     points = np.hstack([radius * rng.normal(size=(z.numel(), POINTS)) for radius in RADII])
     values = ca.Function("values", [z], [flat, sizes])

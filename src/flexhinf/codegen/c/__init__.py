@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexhinf.codegen.c.functions import Real, constant
+from flexhinf.codegen.c.algebra import Real, constant
 from flexhinf.codegen.c.module import Translator
 
 __all__ = ["Real", "Translator", "constant"]

@@ -1,13 +1,30 @@
-"""A program as C functions: one for each traced function, a few for linear algebra, one that runs the steps."""
+"""A program as C functions: one for each traced function, a few for linear algebra, one that runs the steps.
+
+A traced function is a C function for one column of numbers or for several side by side. For several, every number is a
+row of LANES numbers, and the text is a few loops over the lanes which a compiler turns into vector instructions. Where
+the function calls the mathematical library, which has no vectors, the loops are cut: what later loops need of earlier
+ones is kept in rows.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.functions import CALLS, SINES, Real, block, constant, function_text, loop
+from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.emit.dataflow import (
+    LIBRARY,
+    MULTIPLY_ADD,
+    MULTIPLY_SUBTRACT,
+    SINGLE,
+    SUBTRACT_PRODUCT,
+    Dataflow,
+    read_dataflow,
+)
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     Call,
@@ -27,8 +44,188 @@ from flexhinf.codegen.program import (
 from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
+SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+OF_TWO = (
+    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
+    casadi.OP_COPYSIGN,
+)  # fmt: skip
+
+#: Expressions of operands {0}, {1}, … and of {one} and {zero}; {f} ends the names of functions of the type.
+OPERATIONS: dict[int, str] = {
+    **{code: f"{name}{{f}}({{0}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
+    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0}}, {{1}})" for code in OF_TWO},
+    MULTIPLY_ADD: "FMA({0}, {1}, {2})",
+    MULTIPLY_SUBTRACT: "FMA({0}, {1}, -{2})",
+    SUBTRACT_PRODUCT: "FMA(-{0}, {1}, {2})",
+    casadi.OP_ASSIGN: "{0}",
+    casadi.OP_ADD: "{0} + {1}",
+    casadi.OP_SUB: "{0} - {1}",
+    casadi.OP_MUL: "{0} * {1}",
+    casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_NEG: "-{0}",
+    casadi.OP_SQ: "{0} * {0}",
+    casadi.OP_TWICE: "{0} + {0}",
+    casadi.OP_INV: "{one} / {0}",
+    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
+    # fmin, fmax of C: a NaN loses, the first operand wins a tie
+    casadi.OP_FMIN: "({1} < {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_FMAX: "({1} > {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_LT: "({0} < {1}) ? {one} : {zero}",
+    casadi.OP_LE: "({0} <= {1}) ? {one} : {zero}",
+    casadi.OP_EQ: "({0} == {1}) ? {one} : {zero}",
+    casadi.OP_NE: "({0} != {1}) ? {one} : {zero}",
+    casadi.OP_NOT: "({0} == {zero}) ? {one} : {zero}",
+    # NaN stands for "true", as in C
+    casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
+}
+
+#: Operations that call the mathematical library; the others are single instructions.
+CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
+
+
+INDENT = "    "
+
+
+def block(head: str, lines: Iterable[str]) -> list[str]:
+    """Lines of C after a head that ends with a brace, and the other brace."""
+    return [head, *(INDENT + line for line in lines), "}"]
+
+
+def loop(counter: str, end: int | str, lines: Iterable[str]) -> list[str]:
+    """Lines of C for every `counter` from 0 to `end`."""
+    return block(f"for (int {counter} = 0; {counter} < {end}; ++{counter}) {{", lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Function:
+    flow: Dataflow
+    real: Real
+    lanes: int
+    moving: tuple[bool, ...]
+    calls: Mapping[int, str]
+    rows: Callable[[tuple[int, ...]], str]
+
+    def single(self) -> Iterator[str]:
+        needed = self._needed()
+        for k, operation in self.flow.operations.items():
+            if k in needed and operation.code != casadi.OP_CONST:
+                yield f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
+        for result, element, value in self.flow.outputs:
+            yield f"out{result}[{element}] = {self._operand(value, 'v', set())};"
+
+    def several(self) -> Iterator[str]:
+        """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
+        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
+        last = max(levels.values(), default=0)
+        kept = self._kept(levels, needed)
+        for k in sorted(kept):
+            yield f"{self.real.name} w{k}[{self.lanes}];"
+        for level in range(last + 1):
+            here = [k for k in sorted(needed) if levels.get(k) == level]
+            called = [k for k in here if operations[k].code in CALLS]
+            rows = [k for k in called if self._is_of_rows(k)]
+            yield from self._loop([k for k in here if k not in set(called)], kept, level == last)
+            yield from self._loop([k for k in called if k not in set(rows)], kept, False)
+            # a sine and a cosine of one argument are one call
+            of: dict[int, dict[int, int]] = {}  # argument → operation → value
+            for k in rows:
+                of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
+            for argument, values in of.items():
+                source, place = operations[argument], f"w{argument}"
+                if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
+                    k, element = source.arguments
+                    place = f"in{k} + {element * self.lanes}" if element else f"in{k}"
+                places = "".join(f", w{values[code]}" for code in sorted(values))
+                yield f"{self.rows(tuple(sorted(values)))}({place}{places});"
+
+    def _is_of_rows(self, k: int) -> bool:
+        operation = self.flow.operations[k]
+        source = self.flow.operations[operation.arguments[0]]
+        moves = self.moving[source.arguments[0]] if source.code == casadi.OP_INPUT else True
+        return operation.code in self.calls and moves and source.code != casadi.OP_CONST
+
+    def _loop(self, values: list[int], kept: set[int], last: bool) -> Iterator[str]:
+        here, lines, loaded = set(values), [], set()
+
+        def load(arguments: tuple[int, ...]) -> None:
+            for k in arguments:
+                if self.flow.operations[k].code == casadi.OP_INPUT and k not in loaded:
+                    loaded.add(k)
+                    lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};")
+
+        for k in values:
+            load(self.flow.operations[k].arguments)
+            lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
+            if k in kept:
+                lines.append(f"w{k}[l] = v{k};")
+        if last:
+            load(tuple(value for _, _, value in self.flow.outputs))
+            lines += [
+                f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
+                for result, element, value in self.flow.outputs
+            ]
+        if lines:
+            yield from loop("l", self.lanes or "count", lines)
+
+    def _row(self, element: int) -> str:
+        return f"{element * self.lanes} + l" if element else "l"
+
+    def _levels(self) -> dict[int, int]:
+        """The loop of each operation: after every library call that it depends on."""
+        operations, levels = self.flow.operations, {}
+        for k, operation in operations.items():
+            if operation.code not in (casadi.OP_CONST, casadi.OP_INPUT):
+                before = [
+                    levels[argument] + (operations[argument].code in CALLS)
+                    for argument in operation.arguments
+                    if argument in levels
+                ]
+                levels[k] = max(before, default=0)
+        results = [value for _, _, value in self.flow.outputs]
+        end = max((levels.get(value, 0) for value in results), default=0)
+        if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
+            levels[-1] = max(levels.values()) + 1  # a loop for the results alone
+        return levels
+
+    def _kept(self, levels: dict[int, int], needed: set[int]) -> set[int]:
+        operations = self.flow.operations
+        uses = [(value, max(levels.values(), default=0), False) for _, _, value in self.flow.outputs]
+        for k in needed & levels.keys():
+            uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
+        return {
+            value
+            for value, level, called in uses
+            if value in levels and (levels[value] != level or (operations[value].code in CALLS) != called)
+        }
+
+    def _needed(self) -> set[int]:
+        operations, needed = self.flow.operations, {value for _, _, value in self.flow.outputs}
+        for k in reversed(operations):
+            if k in needed and operations[k].code != casadi.OP_INPUT:
+                needed.update(operations[k].arguments)
+        return needed
+
+    def _operand(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
+        if operation.code == casadi.OP_CONST:
+            text = constant(operation.constant, self.real)
+            return f"({text})" if text.startswith("-") else text
+        return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
+
+    def _expression(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
+        if operation.code == casadi.OP_INPUT:
+            argument, element = operation.arguments
+            several = self.lanes != 1 and self.moving[argument]
+            return f"in{argument}[{self._row(element) if several else element}]"
+        operands = [self._operand(argument, row, here) for argument in operation.arguments]
+        if operation.code in self.calls:
+            return f"{self.calls[operation.code]}({operands[0]})"
+        unit, zero = constant(1.0, self.real), constant(0.0, self.real)
+        return OPERATIONS[operation.code].format(*operands, one=unit, zero=zero, f=self.real.suffix)
 
 
 class Translator:
@@ -167,8 +364,8 @@ class Translator:
                 continue
             places.append(place)
             declared.append(f"{self.real.name} {place}[{piece.size * lanes}];")
-            line = self._move(piece, start, place, lanes, "left", k < read)
-            (gather if k < read else scatter).append(line)
+            moves = gather if k < read else scatter
+            moves.append(self._move(piece, start, place, lanes, "left", k < read))
         lines = [*declared, *gather, f"{name}({', '.join(places)});", *scatter]
         yield from block(f"for (int c = 0; c < {step.count}; c += {lanes}) {{", lines)
 
@@ -219,19 +416,37 @@ class Translator:
         return self._function(drop_empty(function))
 
     def _function(self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = ()) -> str:
-        """Name of the C function, which is written at its first use."""
+        """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
+
+        `lanes`: 0 for any number of them, which is then the last argument ``count``: of a function without library
+        calls, and with one element in every moving argument and result. For more than one, element e of a moving
+        argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
+        one, every store comes after every load, so that results may take the place of arguments. `moving`: Which
+        arguments differ from lane to lane. Raises Unsupported: an operation that is not in the table.
+        """
         key = (function.serialize(), lanes, moving)
-        if key not in self._names:
-            name = f"{self.prefix}_{function.name()}{len(self._names)}"
-            used = {code for code, *_ in instructions(function)}
-            calls = {}  # sine and cosine of our own, where they are used; a float build calls the library
-            for code, short in SINES.items():
-                if code in used and self.real.name == "double":
-                    calls[code] = self._helper(short, algebra.function, code == casadi.OP_COS, self.real)
-            rows = self._row if lanes > 1 else None
-            self.functions[name] = function_text(name, function, self.real, lanes, moving, calls, rows)
-            self._names[key] = name
-        return self._names[key]
+        if key in self._names:
+            return self._names[key]
+        name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
+        flow = read_dataflow(function, OPERATIONS, fused=True)
+        codes = {code for code, *_ in instructions(function)}
+        own = [
+            code for code in SINES if code in codes and real.name == "double"
+        ]  # a float build calls the library
+        calls = {
+            code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
+        }
+        writer = _Function(flow, real, lanes, moving or (False,) * count, calls, self._row)
+        restrict = "restrict " if lanes != 1 else ""
+        arguments = [f"const {real.name} *{restrict}in{k}" for k in range(count)]
+        arguments += [f"{real.name} *{restrict}out{k}" for k in range(function.n_out())]
+        arguments += ["int count"] * (lanes == 0)
+        used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
+        unused = [f"(void)in{k};" for k in range(count) if k not in used]
+        lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]
+        self.functions[name] = "\n".join(block(f"static void {name}({', '.join(arguments)})\n{{", lines))
+        self._names[key] = name
+        return name
 
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(SINES[code] for code in codes) + "_row"
@@ -239,7 +454,6 @@ class Translator:
         return self._helper(short, algebra.row_function, ones, self.real, self.lanes)
 
     def _helper(self, short: str, make: Callable[..., str], *arguments: Any) -> str:
-        """Name of a function of `flexhinf.codegen.c.algebra`, which is written at its first use."""
         name = f"{self.prefix}_{short}"
         if name not in self.functions:
             real, text = self.real, make(name, *arguments)
@@ -256,14 +470,12 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
     """Names of the slices that functions read and that are the same for all columns of a sweep and all turns."""
     names: dict[Slice, str] = {}
     for step in body:
-        if isinstance(step, Repeat):
-            inner = [piece for piece in _shared(step.body) if not any(piece.strides)]
-        elif isinstance(step, Call):
-            inner = [piece for piece in step.inputs if piece.buffer != COLUMN and not any(piece.strides)]
-        else:
-            inner = []
-        for piece in inner:
-            names.setdefault(piece, f"spread{len(names)}")
+        read = (
+            _shared(step.body) if isinstance(step, Repeat) else step.inputs if isinstance(step, Call) else ()
+        )
+        for piece in read:
+            if piece.buffer != COLUMN and not any(piece.strides):
+                names.setdefault(piece, f"spread{len(names)}")
     return names
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 
-from flexhinf.codegen.emit.function import load
 from flexhinf.codegen.emit.opcodes import Lanes, Writer
 from flexhinf.polynomial import basis
 
@@ -32,17 +31,6 @@ class Operand:
 
     pointer: str
     shared: bool = False
-
-
-@dataclass(frozen=True)
-class Tile:
-    """Neighbouring elements of a matrix, from row i and column j on; the matrix has rows of `pitch` numbers."""
-
-    i: str
-    height: int
-    j: str
-    width: int
-    pitch: int
 
 
 @dataclass(frozen=True)
@@ -92,11 +80,10 @@ class Algebra:
             else:
                 tiles = self._blocks(columns, self.side * max(1, self.side // height))
             for j, width, _ in tiles:
-                place = Tile(i, height, j, width, columns)
-                for cell, together, total in self._tile(place, factors, right, str(count)):
+                place = (i, height), (j, width), columns
+                for cell, together, total in self._tile(*place, factors, right, str(count)):
                     if plus is not None:
-                        added = self._load(plus, cell, together)
-                        total = self._wide(together).real("fadd", total, added)
+                        total = self._wide(together).real("fadd", total, self._load(plus, cell, together))
                     self._store(target, cell, total, together)
         if symmetric:
             with writer.loop(str(rows)) as i, writer.loop(i) as j:
@@ -104,31 +91,39 @@ class Algebra:
                 self._store(target, cell, self._load(Operand(target), self._at(i, rows, j), 1), 1)
 
     def _tile(
-        self, tile: Tile, factors: tuple[Operand, int, str], right: Operand, count: str, begun: str = ""
+        self,
+        rows: tuple[str, int],
+        columns: tuple[str, int],
+        pitch: int,
+        factors: tuple[Operand, int, str],
+        right: Operand,
+        count: str,
+        begun: str = "",
     ) -> list[tuple[str, int, str]]:
-        """Σ_k<count l_kᵀ r_k, or what is in the matrix `begun` less that.
+        """Σ_k<count l_kᵀ r_k, or what is in the matrix `begun` less that, of neighbouring rows and columns.
 
-        `factors`: Matrix of l, numbers of its rows, and place of the first in a row. Returns for each vector the place
-        of its first element in the tile's matrix, its length, and its sums.
+        `rows`, `columns`: The first, and how many. `pitch`: Numbers in a row of the matrix. `factors`: Matrix of l,
+        numbers in its rows, and place of the first in a row. Returns for each vector the place of its first element
+        in the matrix, its length, and its sums.
         """
-        source, pitch, start = factors
-        vectors = [(self._ahead(tile.j, first), n) for first, n in self._vectors(tile.width)]
+        source, length, start = factors
+        vectors = [(self._ahead(columns[0], first), n) for first, n in self._vectors(columns[1])]
         cells = []
-        for a in range(tile.height):
-            row = self._ahead(tile.i, a)
+        for a in range(rows[1]):
+            row = self._ahead(rows[0], a)
             for b, (column, together) in enumerate(vectors):
-                cell = self._at(row, tile.pitch, column)
+                cell = self._at(row, pitch, column)
                 zero = self._wide(together).lanes.constant(0.0)
                 total = self._load(Operand(begun), cell, together) if begun else zero
                 cells.append((a, b, cell, together, self._place(total, together)))
         with self.writer.loop(count) as k:
-            first = self._at(k, pitch, start)
-            rows = [self._load(source, self._ahead(first, a), 1) for a in range(tile.height)]
+            first = self._at(k, length, start)
+            left = [self._load(source, self._ahead(first, a), 1) for a in range(rows[1])]
             if begun:
-                rows = [self.writer.real("fneg", row) for row in rows]
-            values = [self._load(right, self._at(k, tile.pitch, column), n) for column, n in vectors]
+                left = [self.writer.real("fneg", factor) for factor in left]
+            values = [self._load(right, self._at(k, pitch, column), n) for column, n in vectors]
             for a, b, _, together, place in cells:
-                self._add_to(place, self._spread(rows[a], together), values[b], together)
+                self._add_to(place, self._spread(left[a], together), values[b], together)
         return [(cell, together, self._loaded(place, together)) for *_, cell, together, place in cells]
 
     def _turns(self, first: str, end: str, block: int) -> Iterator[tuple[str, int, str]]:
@@ -167,8 +162,7 @@ class Algebra:
             self._store(other, there, self._load(source, here, 1), 1)
 
         with writer.loop(str(n)) as i:
-            diagonal = self._load(source, self._at(i, n, i), 1)
-            self._store(moved, i, writer.intrinsic("fabs", diagonal), 1)
+            self._store(moved, i, writer.intrinsic("fabs", self._load(source, self._at(i, n, i), 1)), 1)
             with writer.loop(str(n)) as j:
                 copied(source, self._at(i, n, j), work, self._at(i, pitch, j))
             with writer.loop(str(pitch), str(n)) as j:
@@ -179,10 +173,8 @@ class Algebra:
             rest = pitch % self.side
             tiles = self._turns(number, str(pitch // self.side), self.side)
             for j, width, _ in chain(tiles, [(str(pitch - rest), rest, "")] if rest else []):
-                place = Tile(first, height, j, width, pitch)
-                for cell, size, total in self._tile(
-                    place, (Operand(work), pitch, first), Operand(work), first, work
-                ):
+                place, factors = ((first, height), (j, width), pitch), (Operand(work), pitch, first)
+                for cell, size, total in self._tile(*place, factors, Operand(work), first, work):
                     self._store(work, cell, total, size)
             end = writer.let(f"add nsw i64 {first}, {height}")
             with writer.loop(end, first) as j:
@@ -203,8 +195,9 @@ class Algebra:
         pivot = self._load(rows, self._at(j, pitch, j), 1)
         diagonal = self._load(source, self._at(j, n, j), 1)
         tolerance = writer.lanes.constant(PIVOT_TOLERANCE * n)
-        tiny = writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
-        small = writer.compare("ole", pivot, tiny)
+        small = writer.compare(
+            "ole", pivot, writer.real("fmul", writer.intrinsic("fabs", diagonal), tolerance)
+        )
         rounding = self._load(Operand(moved), j, 1)
         low = writer.real("fneg", writer.real("fmul", rounding, tolerance))
         singular = writer.let(f"and {writer.lanes.boolean} {small}, {writer.compare('oge', pivot, low)}")
@@ -223,8 +216,7 @@ class Algebra:
             square, before = wide.real("fmul", ratio, ratio), self._load(Operand(moved), column, together)
             self._store(moved, column, self.multiply_add(wide, square, rounding, before), together)
         with writer.loop(end, writer.let(f"add nsw i64 {j}, 1")) as k:
-            factor = self._load(rows, self._at(j, pitch, k), 1)
-            spread = self._spread(writer.real("fneg", factor), together)
+            spread = self._spread(writer.real("fneg", self._load(rows, self._at(j, pitch, k), 1)), together)
             with writer.loop(blocks, writer.let(f"udiv i64 {k}, {together}")) as q:
                 column = self._times(q, together)
                 value = self._load(rows, self._at(j, pitch, column), together)
@@ -275,11 +267,8 @@ class Algebra:
                 return [self._loaded(place, width) for place in places]
 
             numbers = total(0, "0")
-            if width == 1:
-                return numbers
-            return [
-                writer.let(f"extractelement {Lanes(width).real} {numbers[0]}, i64 {k}") for k in range(count)
-            ]
+            vector = f"extractelement {Lanes(width).real} {numbers[0]}"
+            return numbers if width == 1 else [writer.let(f"{vector}, i64 {k}") for k in range(count)]
 
         for first in range(0, values, TOGETHER):
             for k, number in enumerate(some(first, min(TOGETHER, values - first))):
@@ -287,7 +276,6 @@ class Algebra:
 
     # Elements: so many neighbours together, from a place on; in lanes one element ------------------------
     def _wide(self, together: int) -> Writer:
-        """A writer for as many columns at once into the same text."""
         return self.writer if not self.single else self.writer.alike(Lanes(together))
 
     def _at(self, row: str, width: int, column: int | str) -> str:
@@ -316,7 +304,7 @@ class Algebra:
 
     def _load(self, operand: Operand, place: str, together: int) -> str:
         if not self.single:
-            return load(self.writer, operand.pointer, place, operand.shared)
+            return self.writer.load_element(operand.pointer, place, operand.shared)
         pointer = self.writer.let(f"getelementptr double, ptr {operand.pointer}, i64 {place}")
         return self.writer.let(f"load {Lanes(together).real}, ptr {pointer}, align 8")
 
@@ -330,6 +318,8 @@ class Algebra:
 
     def multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:
         """a·b + c, rounded once where the target can."""
-        if self.fused:
-            return writer.intrinsic("fma", a, b, c)
-        return writer.real("fadd", writer.real("fmul", a, b), c)
+        return (
+            writer.intrinsic("fma", a, b, c)
+            if self.fused
+            else writer.real("fadd", writer.real("fmul", a, b), c)
+        )

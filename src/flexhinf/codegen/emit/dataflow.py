@@ -109,12 +109,10 @@ def _share_reciprocals(
     quotients = Counter(op.arguments[1] for op in operations if op.code == casadi.OP_DIV)
 
     def shared(divisor: int) -> bool:
-        if quotients[divisor] >= MANY:
-            return True
         operation = operations[divisor]
         if operation.code == casadi.OP_IF_ELSE_ZERO:
             operation = operations[operation.arguments[1]]
-        return operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
+        return quotients[divisor] >= MANY or operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
 
     written: list[Operation] = []
     places: list[int] = []
@@ -141,11 +139,9 @@ def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]])
 
     def factors(value: int) -> tuple[int, ...] | None:
         product = operations.get(value)
-        if product is None or uses[value] != 1:
+        if product is None or uses[value] != 1 or product.code not in (casadi.OP_MUL, casadi.OP_SQ):
             return None
-        if product.code == casadi.OP_MUL:
-            return product.arguments
-        return product.arguments * 2 if product.code == casadi.OP_SQ else None
+        return product.arguments * (2 if product.code == casadi.OP_SQ else 1)
 
     for k, operation in list(operations.items()):
         if operation.code not in (casadi.OP_ADD, casadi.OP_SUB):

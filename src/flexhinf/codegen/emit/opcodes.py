@@ -16,13 +16,14 @@ import copy
 import itertools
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import casadi
 
 from flexhinf.codegen.emit.dataflow import LIBRARY, MULTIPLY_ADD, MULTIPLY_SUBTRACT, SINGLE, SUBTRACT_PRODUCT
+from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import PREFIX
 
 PURE = "nounwind willreturn memory(none)"
@@ -147,7 +148,7 @@ class Writer:
         self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
         self.place(after, f"br label %{head}")
 
-    def each(self, size: int) -> Iterator[str]:
+    def elements(self, size: int) -> Iterator[str]:
         """The integers below `size`: one after the other if they are few, else those of a loop."""
         if size > _UNROLLED:
             with self.loop(str(size)) as turn:
@@ -155,13 +156,15 @@ class Writer:
         else:
             yield from map(str, range(size))
 
-    def real(self, operation: str, *operands: str) -> str:
-        """An LLVM operation on floats, such as ``fadd``."""
-        return self.let(f"{operation} {self.lanes.real} {', '.join(operands)}")
+    def real(self, operation: str, *operands: str | float) -> str:
+        """An LLVM operation on floats, such as ``fadd``: names of values, or constants."""
+        names = [x if isinstance(x, str) else self.lanes.constant(x) for x in operands]
+        return self.let(f"{operation} {self.lanes.real} {', '.join(names)}")
 
-    def whole(self, operation: str, *operands: str) -> str:
-        """An LLVM operation on 64-bit integers, such as ``xor``."""
-        return self.let(f"{operation} {self.lanes.integer} {', '.join(operands)}")
+    def whole(self, operation: str, *operands: str | int) -> str:
+        """An LLVM operation on 64-bit integers, such as ``xor``: names of values, or constants."""
+        names = [x if isinstance(x, str) else self.lanes.whole(x) for x in operands]
+        return self.let(f"{operation} {self.lanes.integer} {', '.join(names)}")
 
     def compare(self, predicate: str, left: str, right: str) -> str:
         """Truth value of an LLVM comparison of floats, such as ``olt``."""
@@ -180,12 +183,32 @@ class Writer:
         """The float of these bits."""
         return self.let(f"bitcast {self.lanes.integer} {bits} to {self.lanes.real}")
 
+    def to_float(self, integer: str) -> str:
+        """A signed integer of at most 53 bits as a float, exactly."""
+        return self.let(f"sitofp {self.lanes.integer} {integer} to {self.lanes.real}")
+
+    def root(self, value: str) -> str:
+        """The square root."""
+        return self.intrinsic("sqrt", value)
+
     def intrinsic(self, name: str, *operands: str) -> str:
         """An LLVM intrinsic on floats, such as ``floor``."""
         real = self.lanes.real
         full = f"llvm.{name}.{self.lanes.suffix()}"
         self.module.declarations[full] = f"declare {real} @{full}({', '.join([real] * len(operands))})"
         return self.call(full, *operands)
+
+    def load_element(self, pointer: str, element: int | str, shared: bool) -> str:
+        """Load one element; a shared one is copied to every lane."""
+        kind, size = ("double", "double") if shared else (self.lanes.real, self.lanes.element)
+        place = self.let(f"getelementptr {size}, ptr {pointer}, i64 {element}")
+        value = self.let(f"load {kind}, ptr {place}, align 8")
+        return self.splat(value) if shared else value
+
+    def store_element(self, pointer: str, element: int | str, value: str) -> None:
+        """Store one element."""
+        place = self.let(f"getelementptr {self.lanes.element}, ptr {pointer}, i64 {element}")
+        self.do(f"store {self.lanes.real} {value}, ptr {place}, align 8")
 
     def any(self, condition: str) -> str:
         """Whether the condition holds in some lane (an i1)."""
@@ -207,8 +230,7 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
     The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not
     replace it by something that depends on the number of lanes.
     """
-    module = writer.module
-    foreign = PREFIX + name
+    module, foreign = writer.module, PREFIX + name
     scalars = ", ".join(["double"] * len(operands))
     module.library[foreign] = name
     module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
@@ -216,23 +238,36 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
         return writer.call(foreign, *operands)
     lanewise = f"{foreign}_lanes{writer.lanes.width}"
     if lanewise not in module.definitions:
-        module.definitions[lanewise] = _lanewise(writer, foreign, lanewise, len(operands))
+        inside, result = Writer(module, writer.lanes), "poison"
+        real, names = inside.lanes.real, [f"%x{k}" for k in range(len(operands))]
+        for lane in range(inside.lanes.width):
+            elements = [inside.let(f"extractelement {real} {name}, i64 {lane}") for name in names]
+            value = inside.let(f"call double @{foreign}({', '.join(f'double {x}' for x in elements)})")
+            result = inside.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
+        inside.do(f"ret {real} {result}")
+        arguments = ", ".join(f"{real} {name}" for name in names)
+        head = f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{"
+        module.definitions[lanewise] = "\n".join([head, *inside.lines, "}"])
     return writer.call(lanewise, *operands)
 
 
-def _lanewise(caller: Writer, foreign: str, lanewise: str, arity: int) -> str:
-    writer = Writer(caller.module, caller.lanes)
-    real = writer.lanes.real
-    operands = [f"%x{k}" for k in range(arity)]
-    result = "poison"
-    for lane in range(writer.lanes.width):
-        scalars = [writer.let(f"extractelement {real} {operand}, i64 {lane}") for operand in operands]
-        value = writer.let(f"call double @{foreign}({', '.join(f'double {scalar}' for scalar in scalars)})")
-        result = writer.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
-    writer.do(f"ret {real} {result}")
-    arguments = ", ".join(f"{real} {operand}" for operand in operands)
-    head = f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{"
-    return "\n".join([head, *writer.lines, "}"])
+def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
+    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
+
+    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
+    seed, likewise.
+    """
+    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
+    whole, real = lanes.integer, lanes.real
+    if full not in caller.module.definitions:
+        writer = Writer(caller.module, lanes)
+        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
+        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
+        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
+        head = f"define internal {real} @{full}({arguments}) noinline {PURE} {{"
+        caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
+    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
+    return caller.let(f"call {real} @{full}({numbers})")
 
 
 REACH = 2.0**30
@@ -311,9 +346,7 @@ def _near(writer: Writer, value: str, name: str) -> str:
     rest = size
     for part in HALF_PI:
         rest = writer.intrinsic("fma", turns, lanes.constant(part), rest)
-    odd = writer.let(
-        f"icmp ne {lanes.integer} {writer.whole('and', quadrant, lanes.whole(1))}, {lanes.whole(0)}"
-    )
+    odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
     square = writer.real("fmul", rest, rest)
 
     def horner(coefficients: tuple[float, ...]) -> str:
@@ -329,11 +362,11 @@ def _near(writer: Writer, value: str, name: str) -> str:
     cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
     if name == "sin":
         result = writer.select(odd, cos, sin)
-        flip = writer.whole("xor", writer.whole("shl", quadrant, lanes.whole(62)), writer.bits(value))
+        flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(value))
     else:
         result = writer.select(odd, sin, cos)
-        flip = writer.whole("shl", writer.whole("add", quadrant, lanes.whole(1)), lanes.whole(62))
-    sign = writer.whole("and", flip, lanes.whole(-(2**63)))
+        flip = writer.whole("shl", writer.whole("add", quadrant, 1), 62)
+    sign = writer.whole("and", flip, -(2**63))
     return writer.float(writer.whole("xor", writer.bits(result), sign))
 
 
@@ -371,10 +404,6 @@ def _extremum(better: str) -> Rule:
     return rule
 
 
-def _instruction(name: str) -> Rule:
-    return lambda writer, *operands: writer.real(name, *operands)
-
-
 def _intrinsic(name: str) -> Rule:
     return lambda writer, *operands: writer.intrinsic(name, *operands)
 
@@ -390,11 +419,11 @@ OPCODES: dict[int, Rule] = {
     MULTIPLY_SUBTRACT: lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
     SUBTRACT_PRODUCT: lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
     casadi.OP_ASSIGN: lambda w, x: x,
-    casadi.OP_ADD: _instruction("fadd"),
-    casadi.OP_SUB: _instruction("fsub"),
-    casadi.OP_MUL: _instruction("fmul"),
-    casadi.OP_DIV: _instruction("fdiv"),
-    casadi.OP_NEG: _instruction("fneg"),
+    casadi.OP_ADD: lambda w, a, b: w.real("fadd", a, b),
+    casadi.OP_SUB: lambda w, a, b: w.real("fsub", a, b),
+    casadi.OP_MUL: lambda w, a, b: w.real("fmul", a, b),
+    casadi.OP_DIV: lambda w, a, b: w.real("fdiv", a, b),
+    casadi.OP_NEG: lambda w, x: w.real("fneg", x),
     casadi.OP_SQ: lambda w, x: w.real("fmul", x, x),
     casadi.OP_TWICE: lambda w, x: w.real("fadd", x, x),
     casadi.OP_INV: lambda w, x: w.real("fdiv", w.lanes.constant(1.0), x),
