@@ -136,9 +136,11 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
             first = start + sum(move for move in moves if move < 0)
             end = start + piece.size + sum(move for move in moves if move > 0)
             if first < 0 or end > lengths[piece.buffer]:
-                what = f"A slice leaves buffer '{piece.buffer}' of '{program.name}'."
-                expected = f"elements 0 to {lengths[piece.buffer]} (per lane)"
-                raise misfit(what, expected, f"{first} to {end}: {piece} with counts {dict(counts)}")
+                raise misfit(
+                    f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",
+                    f"elements 0 to {lengths[piece.buffer]} (per lane)",
+                    f"{first} to {end}: {piece} with counts {dict(counts)}",
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,8 +214,10 @@ class Kernel:
     def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundKernel:
         work = [buffer for buffer in self.program.buffers if buffer.role == "work"]
         arrays = arrays | {buffer.name: aligned((buffer.size or 0) * self.lanes) for buffer in work}
-        slots = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
-        slots += [counts[name] for name in self.program.counts]
+        slots = [
+            *(arrays[buffer.name].ctypes.data for buffer in self.program.buffers),
+            *(counts[name] for name in self.program.counts),
+        ]
         context = np.array([*slots, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
         bound = BoundKernel(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
         bound.keep = (self, arrays, context)

@@ -184,9 +184,11 @@ class Composer:
             function, (*matrices, *held), [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
         )
         results = into or tuple(self.work((prod(shape), count), order) for shape in shapes)
-        inputs = [matrix.columns for matrix in matrices]
-        inputs += [array.place for array in held if isinstance(array, Block) and array.size]
-        self.body.append(Map(traced, tuple(inputs), tuple(result.columns for result in results)))
+        inputs = (
+            *(matrix.columns for matrix in matrices),
+            *(array.place for array in held if isinstance(array, Block) and array.size),
+        )
+        self.body.append(Map(traced, inputs, tuple(result.columns for result in results)))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:

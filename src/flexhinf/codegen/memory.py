@@ -291,8 +291,11 @@ class OuterSum:
         )
         read = [piece for piece in (self.left, self.right, self.weights) if piece is not None]
         if not fits or any(overlap(piece, self.target) for piece in read):
-            expected = "N·r, N·c, r·c and N elements apart from the target, left equal to right if symmetric"
-            raise misfit("A sum of outer products joins slices that do not fit.", expected, self)
+            raise misfit(
+                "A sum of outer products joins slices that do not fit.",
+                "N·r, N·c, r·c and N elements apart from the target, left equal to right if symmetric",
+                self,
+            )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -329,8 +332,11 @@ class Polynomial:
             and self.columns >= self.target.size
         )
         if not fits or any(overlap(piece, self.target) for piece in (self.point, self.table)):
-            expected = "ascending degrees, a row for each monomial, a column for each value, a target apart"
-            raise misfit("Polynomials join slices that do not fit.", expected, self)
+            raise misfit(
+                "Polynomials join slices that do not fit.",
+                "ascending degrees, a row for each monomial, a column for each value, a target apart",
+                self,
+            )
 
     @property
     def rows(self) -> int:
@@ -357,8 +363,11 @@ class Cholesky:
     def __post_init__(self) -> None:
         square = self.order**2 == self.source.size == self.target.size
         if not square or overlap(self.source, self.target):
-            expected = "two slices of n² elements apart from each other"
-            raise misfit("A Cholesky factor does not fit its matrix.", expected, self)
+            raise misfit(
+                "A Cholesky factor does not fit its matrix.",
+                "two slices of n² elements apart from each other",
+                self,
+            )
 
     @property
     def order(self) -> int:

@@ -117,8 +117,11 @@ class Normal:
 
     def __post_init__(self) -> None:
         if (self.step.size, self.key.size) != (1, 3):
-            what = "The counter of normal numbers has another size."
-            raise misfit(what, "a step (1,) and a key (3,)", f"{self.step} and {self.key}")
+            raise misfit(
+                "The counter of normal numbers has another size.",
+                "a step (1,) and a key (3,)",
+                f"{self.step} and {self.key}",
+            )
 
 
 @dataclass(frozen=True)
@@ -219,10 +222,11 @@ class Sweep:
             and all(columns.size == place.size for columns, place in pairs)
         )
         if not (fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
-            expected = (
-                f"calls, copies and fixed loops writing to '{COLUMN}' ({self.size}), columns of one count"
+            raise misfit(
+                "A sweep over columns does not fit.",
+                f"calls, copies and fixed loops writing to '{COLUMN}' ({self.size}), columns of one count",
+                f"{self.inputs} and {self.outputs}",
             )
-            raise misfit("A sweep over columns does not fit.", expected, f"{self.inputs} and {self.outputs}")
 
     @property
     def count(self) -> int:
@@ -325,17 +329,21 @@ class Program:
                 raise unknown_name(f"{name} repeats by an unknown count.", step.count, self.counts)
             return
         if not isinstance(step, Simple | When):
-            kinds = ", ".join(kind.__name__ for kind in get_args(Step))
-            raise misfit(f"{name} holds something that is no step.", kinds, type(step).__name__)
+            raise misfit(
+                f"{name} holds something that is no step.",
+                ", ".join(kind.__name__ for kind in get_args(Step)),
+                type(step).__name__,
+            )
         read, written = slices(step)
         for piece in (*read, *written):
             if piece.buffer not in buffers:
                 raise unknown_name(f"{name} uses an unknown buffer.", piece.buffer, buffers)
             if piece.strides and len(piece.strides) != depth:
-                expected = (
-                    f"one per enclosing Repeat ({depth}), outermost first, 0 for those that do not move it"
+                raise misfit(
+                    f"A slice of {name} has the wrong number of strides.",
+                    f"one per enclosing Repeat ({depth}), outermost first, 0 for those that do not move it",
+                    piece.strides,
                 )
-                raise misfit(f"A slice of {name} has the wrong number of strides.", expected, piece.strides)
             if piece.shift and piece.shift not in self.counts:
                 raise unknown_name(
                     f"A slice of {name} is shifted by an unknown count.", piece.shift, self.counts

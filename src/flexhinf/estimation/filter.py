@@ -40,8 +40,11 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     matrix = array if array.shape == (size, size) else np.diag(np.broadcast_to(array, (size,)))
     scale = np.sqrt(np.abs(np.diag(matrix)))
     if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > (1e-9 * np.outer(scale, scale))):
-        what = f"The {what} is not a symmetric matrix of finite numbers."
-        raise InvalidInput(what, f"got {value_text(value)}", "variances")
+        raise InvalidInput(
+            f"The {what} is not a symmetric matrix of finite numbers.",
+            f"got {value_text(value)}",
+            "variances",
+        )
     # As correlations, so that signals of different scales are judged alike.
     weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
     matrix = (matrix + matrix.T) / 2.0
@@ -161,8 +164,11 @@ class RecursiveFilter(Estimator):
         covariance: Any,
     ) -> None:
         if not isinstance(plant, Plant):
-            found = f"expected a Plant, got {type(plant).__name__}"
-            raise InvalidInput("An estimator needs a model.", found, "robot.plant()")
+            raise InvalidInput(
+                "An estimator needs a model.",
+                f"expected a Plant, got {type(plant).__name__}",
+                "robot.plant()",
+            )
         self.plant = plant
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
@@ -172,10 +178,8 @@ class RecursiveFilter(Estimator):
         self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
-        self._belief: Any = self.initial
-        self._u = np.zeros(len(plant.inputs))
         self._parameters = plant.parameters.named(plant.parameters.vector())
-        self.log_likelihood = float("nan")
+        self.reset()
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,).
@@ -329,8 +333,8 @@ class RecursiveFilter(Estimator):
 
     def reset(self) -> None:
         """Back to the belief before the first measurement."""
-        self._belief = self.initial
-        self._u = np.zeros_like(self._u)
+        self._belief: Any = self.initial
+        self._u = np.zeros(len(self.plant.inputs))
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:

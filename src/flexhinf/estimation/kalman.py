@@ -323,8 +323,13 @@ class ConstantGainFilter(Estimator):
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
         shape = (filter.plant.n, len(filter.plant.outputs))
-        advice, expected = "stationary_gain of linear_model(filter, x, u)", f"{shape} finite numbers"
-        gain = checked_array("The gain does not fit the plant.", gain, shape, expected, advice)
+        gain = checked_array(
+            "The gain does not fit the plant.",
+            gain,
+            shape,
+            f"{shape} finite numbers",
+            "stationary_gain of linear_model(filter, x, u)",
+        )
         self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
 
     def settings(self) -> dict[str, Any]:

@@ -131,8 +131,8 @@ def _size(matrix: np.ndarray) -> float:
 def _schur(closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.linalg import schur
 
-    form: tuple[Any, ...] = schur(closed, check_finite=False)
-    return form[0], form[1]
+    triangular, vectors, *_ = schur(closed, check_finite=False)
+    return triangular, vectors
 
 
 def _lyapunov_step(form: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> np.ndarray | None:

@@ -68,7 +68,7 @@ class HJISolution(ValueFunction, Law):
         """The law's linear part, shape (m, n): u = K x + …, K = −R2⁻¹ g2(0)ᵀ P."""
         return -np.linalg.solve(self.expansion.r2, self.expansion.g2_parts[0][:, :, 0].T @ self.P)
 
-    sampled_region = sample_region
+    sampled_region = sample_region  # functions whose first argument is a solution
     checked_margin = checked_margin
 
     def certify(

@@ -124,13 +124,10 @@ class ValueFunction:
         """V(x): a scalar, or shape (N,)."""
 
         def value(points: np.ndarray) -> np.ndarray:
-            chunks = []
-            for chunk in self._chunks(points):
-                powers, start = monomials(chunk, self.value_parts), np.zeros(len(chunk))
-                chunks.append(sum((powers[k] @ part for k, part in self.value_parts.items()), start=start))
-            return np.concatenate(chunks)
+            powers, start = monomials(points, self.value_parts), np.zeros(len(points))
+            return sum((powers[k] @ part for k, part in self.value_parts.items()), start=start)
 
-        return self._at(x, value)
+        return self._at(x, lambda points: np.concatenate([*map(value, self._chunks(points))]))
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """V_x(x): shape (n,) or (N, n)."""

@@ -388,23 +388,22 @@ def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.n
     """
     array = np.asarray(array, dtype=object)
     home = space(n, degree)
-    monomials, values = [np.zeros(0, np.intp)], [np.zeros(0)]
+    parts = [(np.zeros(0, np.intp), np.zeros(0))]
     for element in array.ravel():
         number = None if isinstance(element, Jet) else _number(element)
         if number is not None:
-            monomials.append(home.constant.monomials)
-            values.append(np.array([number]))
+            parts.append((home.constant.monomials, np.array([number])))
         elif isinstance(element, Jet) and element.support.space is home:
-            monomials.append(element.support.monomials)
-            values.append(element.values)
+            parts.append((element.support.monomials, element.values))
         else:
             raise InvalidInput(
                 "An element is not a polynomial of the asked kind.",
                 f"expected numbers and jets in {n} variables of degree {degree}, got {element!r}",
                 "the results of code that ran on jets(point, degree)",
             )
-    rows = np.repeat(np.arange(array.size), [len(part) for part in values[1:]])
-    return rows, np.concatenate(monomials), np.concatenate(values)
+    rows = np.repeat(np.arange(array.size), [len(values) for _, values in parts[1:]])
+    monomials, values = map(np.concatenate, zip(*parts))
+    return rows, monomials, values
 
 
 def coefficients(array: Any, n: int, degree: int) -> np.ndarray:

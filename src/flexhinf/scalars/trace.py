@@ -106,8 +106,10 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
         name: np.array(column, dtype=float if name == "value" else np.int64)
         for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
     }
-    sizes = [function.size1_in(k) for k in range(function.n_in())]
-    sizes += [function.size1_out(k) for k in range(function.n_out())]
+    sizes = [
+        *(function.size1_in(k) for k in range(function.n_in())),
+        *(function.size1_out(k) for k in range(function.n_out())),
+    ]
     arrays["operation"] = np.array(operations, dtype=np.str_)
     arrays["sizes"], arrays["arguments"] = np.array(sizes, dtype=np.int64), np.array(function.n_in())
     return arrays
@@ -193,9 +195,7 @@ def trace(
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
     inputs = [pack(argument) for argument in arguments]  # before the code may write into its arguments
     results = function(*arguments)
-    if not isinstance(results, tuple):
-        results = (results,)
-    outputs = [pack(result) for result in results]
+    outputs = [pack(result) for result in (results if isinstance(results, tuple) else (results,))]
     sizes = [output.numel() for output in outputs]
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
     edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)

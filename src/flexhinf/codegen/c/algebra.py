@@ -68,8 +68,8 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
     The last of them are then computed again with those before, so that none is left over; `plus` must not be the
     target. One and one set no condition.
     """
-    arguments = ["const {R} *left", "const {R} *right"]
-    arguments += ["const {R} *weights"] * weighted + ["const {R} *plus"] * added
+    names = ["left", "right"] + ["weights"] * weighted + ["plus"] * added
+    arguments = [f"const {{R}} *{name}" for name in names]
     width = str(wide) if wide > 1 else f"((columns - j < {WIDE}) ? columns - j : {WIDE})"
     plus = " + plus[i * columns + j + e]" * added
     mirror = """

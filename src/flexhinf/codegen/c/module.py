@@ -350,9 +350,8 @@ class Translator:
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
         name = self._function(step.function, lanes, moving if lanes > 1 else ())
-        declared, gather, scatter, places = [], [], [], []
-        if lanes > 1:
-            declared.append(f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};")
+        left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
+        declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 places.append(start)
@@ -438,9 +437,11 @@ class Translator:
         }
         writer = _Function(flow, real, lanes, moving or (False,) * count, calls, self._row)
         restrict = "restrict " if lanes != 1 else ""
-        arguments = [f"const {real.name} *{restrict}in{k}" for k in range(count)]
-        arguments += [f"{real.name} *{restrict}out{k}" for k in range(function.n_out())]
-        arguments += ["int count"] * (lanes == 0)
+        arguments = [
+            *(f"const {real.name} *{restrict}in{k}" for k in range(count)),
+            *(f"{real.name} *{restrict}out{k}" for k in range(function.n_out())),
+            *(["int count"] if lanes == 0 else []),
+        ]
         used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
         unused = [f"(void)in{k};" for k in range(count) if k not in used]
         lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]

@@ -41,14 +41,12 @@ class Algebra:
     fused: bool
 
     @property
-    def single(self) -> bool:
-        """Whether the kernel is for a single run."""
+    def _single(self) -> bool:
         return self.writer.lanes.width == 1
 
     @property
-    def side(self) -> int:
-        """Rows of a tile, and columns of a symmetric one."""
-        return WIDE if self.single else TILE
+    def _side(self) -> int:  # rows of a tile, and columns of a symmetric one
+        return WIDE if self._single else TILE
 
     # Σ_k w_k l_kᵀ r_k + plus -------------------------------------------------------------------------
     def outer_sum(
@@ -64,7 +62,7 @@ class Algebra:
         `operands`: Left, right, weights and plus.
         """
         (left, right, weights, plus), (rows, columns), writer = operands, shape, self.writer
-        for i, height, number in self._blocks(rows, self.side):
+        for i, height, number in self._blocks(rows, self._side):
             factors = left, rows, i
             if weights is not None:  # w_k l_ki of these rows, (N, height): computed once, for all columns
                 memory = writer.allocate(f"[{count * height} x {writer.lanes.element}]")
@@ -76,9 +74,9 @@ class Algebra:
                         product = self._wide(together).real("fmul", factor, self._spread(weight, together))
                         self._store(memory, self._at(k, height, first), product, together)
             if symmetric:  # left of the diagonal, and across it
-                tiles = chain(self._turns("0", number, self.side), [(i, height, "")])
+                tiles = chain(self._turns("0", number, self._side), [(i, height, "")])
             else:
-                tiles = self._blocks(columns, self.side * max(1, self.side // height))
+                tiles = self._blocks(columns, self._side * max(1, self._side // height))
             for j, width, _ in tiles:
                 place = (i, height), (j, width), columns
                 for cell, together, total in self._tile(*place, factors, right, str(count)):
@@ -143,7 +141,7 @@ class Algebra:
         vectors, first = [], 0
         while first < size:
             together = 1
-            while self.single and together < WIDE and first + 2 * together <= size:
+            while self._single and together < WIDE and first + 2 * together <= size:
                 together *= 2
             vectors.append((first, together))
             first += together
@@ -152,7 +150,7 @@ class Algebra:
     # Lᵀ of A = L Lᵀ ----------------------------------------------------------------------------------
     def cholesky(self, source: Operand, target: str, n: int) -> None:
         """See `flexhinf.codegen.program.Cholesky`: some rows of Lᵀ after the other, less the terms of those above."""
-        writer, together = self.writer, WIDE if self.single else 1
+        writer, together = self.writer, WIDE if self._single else 1
         pitch = -(-n // together) * together
         work = target if pitch == n else writer.allocate(f"[{n * pitch} x {writer.lanes.element}]")
         moved = writer.allocate(f"[{pitch} x {writer.lanes.element}]")
@@ -169,9 +167,9 @@ class Algebra:
                 self._store(work, self._at(i, pitch, j), zero, 1)
         with writer.loop(str(pitch), str(n)) as j:
             self._store(moved, j, zero, 1)
-        for first, height, number in self._blocks(n, self.side):
-            rest = pitch % self.side
-            tiles = self._turns(number, str(pitch // self.side), self.side)
+        for first, height, number in self._blocks(n, self._side):
+            rest = pitch % self._side
+            tiles = self._turns(number, str(pitch // self._side), self._side)
             for j, width, _ in chain(tiles, [(str(pitch - rest), rest, "")] if rest else []):
                 place, factors = ((first, height), (j, width), pitch), (Operand(work), pitch, first)
                 for cell, size, total in self._tile(*place, factors, Operand(work), first, work):
@@ -239,7 +237,7 @@ class Algebra:
         numbers of a row of the table, which is padded so that a vector takes it in a kernel for a single run.
         """
         writer, (n, values, columns) = self.writer, sizes
-        width = min(TOGETHER, columns) if self.single else 1
+        width = min(TOGETHER, columns) if self._single else 1
 
         def some(first: int, count: int) -> list[str]:
             before, rows = 0, {}
@@ -250,7 +248,7 @@ class Algebra:
 
             def total(chosen: int, begin: str) -> list[str]:
                 """c + Σ_i≥begin x_i (…) after so many variables were chosen; a row's coefficient after the last."""
-                vectors = 1 if self.single else count
+                vectors = 1 if self._single else count
                 start = [self._wide(width).lanes.constant(0.0)] * vectors
                 if chosen in rows:
                     row = writer.let(f"load i64, ptr {rows[chosen]}, align 8")
@@ -276,7 +274,7 @@ class Algebra:
 
     # Elements: so many neighbours together, from a place on; in lanes one element ------------------------
     def _wide(self, together: int) -> Writer:
-        return self.writer if not self.single else self.writer.alike(Lanes(together))
+        return self.writer if not self._single else self.writer.alike(Lanes(together))
 
     def _at(self, row: str, width: int, column: int | str) -> str:
         return self.writer.let(f"add nsw i64 {self.writer.let(f'mul nsw i64 {row}, {width}')}, {column}")
@@ -303,18 +301,18 @@ class Algebra:
         return self.writer.let(f"load {self._wide(together).lanes.real}, ptr {place}, align 8")
 
     def _load(self, operand: Operand, place: str, together: int) -> str:
-        if not self.single:
+        if not self._single:
             return self.writer.load_element(operand.pointer, place, operand.shared)
         pointer = self.writer.let(f"getelementptr double, ptr {operand.pointer}, i64 {place}")
         return self.writer.let(f"load {Lanes(together).real}, ptr {pointer}, align 8")
 
     def _store(self, target: str, place: str, value: str, together: int) -> None:
-        lanes = Lanes(together) if self.single else self.writer.lanes
+        lanes = Lanes(together) if self._single else self.writer.lanes
         pointer = self.writer.let(f"getelementptr {self.writer.lanes.element}, ptr {target}, i64 {place}")
         self.writer.do(f"store {lanes.real} {value}, ptr {pointer}, align 8")
 
     def _spread(self, value: str, together: int) -> str:
-        return self._wide(together).splat(value) if self.single else value
+        return self._wide(together).splat(value) if self._single else value
 
     def multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:
         """a·b + c, rounded once where the target can."""

@@ -169,8 +169,10 @@ def _define(
             near = bool(far) and operation.code in NEAR
             values[k] = (NEAR if near else OPCODES)[operation.code](writer, *operands)
             angles += operands if near else []
-    pointers = [f"ptr %in{k}" for k in range(function.n_in())]
-    pointers += [f"ptr %out{k}" for k in range(function.n_out())]
+    pointers = [
+        *(f"ptr %in{k}" for k in range(function.n_in())),
+        *(f"ptr %out{k}" for k in range(function.n_out())),
+    ]
     if far:  # before anything is stored: a result may overwrite an argument
         beyond = [is_far(writer, angle) for angle in dict.fromkeys(angles)]
         some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)

@@ -382,12 +382,9 @@ def _compared(predicate: str) -> Rule:
     return lambda writer, left, right: _number(writer, writer.compare(predicate, left, right))
 
 
-def _logical(name: str) -> Rule:
-    def rule(writer: Writer, left: str, right: str) -> str:
-        both = f"{name} {writer.lanes.boolean} {_truth(writer, left)}, {_truth(writer, right)}"
-        return _number(writer, writer.let(both))
-
-    return rule
+def _logical(writer: Writer, name: str, left: str, right: str) -> str:
+    both = f"{name} {writer.lanes.boolean} {_truth(writer, left)}, {_truth(writer, right)}"
+    return _number(writer, writer.let(both))
 
 
 def _sign(writer: Writer, value: str) -> str:
@@ -396,12 +393,10 @@ def _sign(writer: Writer, value: str) -> str:
     return writer.select(writer.compare("olt", value, zero), writer.lanes.constant(-1.0), positive)
 
 
-def _extremum(better: str) -> Rule:
-    def rule(writer: Writer, left: str, right: str) -> str:  # a NaN loses, the first operand wins a tie
-        beaten, missing = writer.compare(better, right, left), writer.compare("uno", left, left)
-        return writer.select(writer.let(f"or {writer.lanes.boolean} {beaten}, {missing}"), right, left)
-
-    return rule
+def _extremum(writer: Writer, better: str, left: str, right: str) -> str:
+    # a NaN loses, the first operand wins a tie
+    beaten, missing = writer.compare(better, right, left), writer.compare("uno", left, left)
+    return writer.select(writer.let(f"or {writer.lanes.boolean} {beaten}, {missing}"), right, left)
 
 
 def _intrinsic(name: str) -> Rule:
@@ -428,15 +423,15 @@ OPCODES: dict[int, Rule] = {
     casadi.OP_TWICE: lambda w, x: w.real("fadd", x, x),
     casadi.OP_INV: lambda w, x: w.real("fdiv", w.lanes.constant(1.0), x),
     casadi.OP_SIGN: _sign,
-    casadi.OP_FMIN: _extremum("olt"),
-    casadi.OP_FMAX: _extremum("ogt"),
+    casadi.OP_FMIN: lambda w, a, b: _extremum(w, "olt", a, b),
+    casadi.OP_FMAX: lambda w, a, b: _extremum(w, "ogt", a, b),
     casadi.OP_LT: _compared("olt"),
     casadi.OP_LE: _compared("ole"),
     casadi.OP_EQ: _compared("oeq"),
     casadi.OP_NE: _compared("une"),
     casadi.OP_NOT: lambda w, x: _number(w, w.compare("oeq", x, w.lanes.constant(0.0))),
-    casadi.OP_AND: _logical("and"),
-    casadi.OP_OR: _logical("or"),
+    casadi.OP_AND: lambda w, a, b: _logical(w, "and", a, b),
+    casadi.OP_OR: lambda w, a, b: _logical(w, "or", a, b),
     casadi.OP_IF_ELSE_ZERO: lambda w, flag, x: w.select(_truth(w, flag), x, w.lanes.constant(0.0)),
     casadi.OP_SIN: _turn("sin"),
     casadi.OP_COS: _turn("cos"),
