@@ -197,8 +197,8 @@ class Composer:
         column = inside.work((matrix.shape[0],))
         result = stages(inside, column, *held)
         target = self.work((len(result), matrix.shape[1]), matrix.order)
-        pairs = ((matrix.columns, column.place),), ((target.columns, result.place),)
-        self.body.append(Sweep(tuple(inside.body), *pairs, inside.size))
+        read, written = (matrix.columns, column.place), (target.columns, result.place)
+        self.body.append(Sweep(tuple(inside.body), (read,), (written,), inside.size))
         return target
 
     def beside(self, first: Block, function: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -244,8 +244,7 @@ class Composer:
         left, right = self._ordered(left, "C"), self._ordered(right, "C")
         target = self.work((left.shape[1], right.shape[1]))
         factor, added = (None if block is None else block.place for block in (weights, plus))
-        step = OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric)
-        self.body.append(step)
+        self.body.append(OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric))
         return target
 
     def _block(self, array: Any) -> Block:

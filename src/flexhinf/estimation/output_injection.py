@@ -132,11 +132,11 @@ class OutputInjectionObserver(RecursiveFilter):
         transition = self._held.transition
         if poles is None:
             check_detectable(self._drift, self._sensors, plant.states)
-            noises = self.process_noise, self.measurement_noise
-            self._gain = stationary_gain((transition, self._sensors), *noises)
+            self._gain = stationary_gain(
+                (transition, self._sensors), self.process_noise, self.measurement_noise
+            )
         else:
-            model = (self._drift, self._sensors, transition)
-            self._gain = placed_gain(*model, self.period, poles, plant.states)
+            self._gain = placed_gain(self._drift, self._sensors, transition, self.period, poles, plant.states)
         check_decay(self.error_matrix)
         if covariance is None:
             self._start = read_only(self._stationary_covariance())

@@ -213,33 +213,30 @@ def cholesky(name: str, real: Real) -> str:
 }}"""
 
 
-def finite(name: str) -> str:
-    """Whether all of some numbers are finite."""
-    return f"""static int {name}(const {{R}} *numbers, int count)
-{{
-    for (int i = 0; i < count; ++i) {{
-        if (!isfinite(numbers[i])) {{
+#: Whether all of some numbers are finite.
+FINITE = """static int {name}(const {R} *numbers, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        if (!isfinite(numbers[i])) {
             return 0;
-        }}
-    }}
+        }
+    }
     return 1;
-}}"""
+}"""
 
-
-def copy(name: str) -> str:
-    """Copy numbers from one place to another; the places may overlap."""
-    return f"""static void {name}(const {{R}} *source, {{R}} *target, int count)
-{{
-    if (source < target) {{
-        for (int i = count - 1; i >= 0; --i) {{
+#: Copy numbers from one place to another; the places may overlap.
+COPY = """static void {name}(const {R} *source, {R} *target, int count)
+{
+    if (source < target) {
+        for (int i = count - 1; i >= 0; --i) {
             target[i] = source[i];
-        }}
-    }} else {{
-        for (int i = 0; i < count; ++i) {{
+        }
+    } else {
+        for (int i = 0; i < count; ++i) {
             target[i] = source[i];
-        }}
-    }}
-}}"""
+        }
+    }
+}"""
 
 
 def column(name: str, read: bool) -> str:

@@ -304,9 +304,9 @@ class Translator:
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
                     yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
-                    yield f"{self._helper('copy', algebra.copy)}({source}, {target}, {size});"
+                    yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
             elif isinstance(step, Guard):
-                finite = f"{self._helper('finite', algebra.finite)}({self._at(step.source, loops)}, {step.source.size})"
+                finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
                 yield from block(f"if (!{finite}) {{", [f"return {step.code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
@@ -454,12 +454,12 @@ class Translator:
         ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
         return self._helper(short, algebra.row_function, ones, self.real, self.lanes)
 
-    def _helper(self, short: str, make: Callable[..., str], *arguments: Any) -> str:
+    def _helper(self, short: str, make: str | Callable[..., str], *arguments: Any) -> str:
         name = f"{self.prefix}_{short}"
         if name not in self.functions:
-            real, text = self.real, make(name, *arguments)
+            real, text = self.real, make if isinstance(make, str) else make(name, *arguments)
             for mark, meant in (
-                ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
+                ("{name}", name), ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
                 ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),
             ):  # fmt: skip
                 text = text.replace(mark, meant)
