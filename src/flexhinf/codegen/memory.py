@@ -50,14 +50,16 @@ class Buffer:
 
     def __post_init__(self) -> None:
         check_identifier(self.name, "buffer")
-        unsized = self.size is None and self.role == "work"
         rows = (
             (self.role not in get_args(Role), f"one of the roles {', '.join(get_args(Role))}"),
             (
                 self.size is not None and not (is_integer(self.size) and self.size > 0),
                 "a positive size, or None",
             ),
-            (unsized, "a size of a work buffer, which the kernel makes itself"),
+            (
+                self.size is None and self.role == "work",
+                "a size of a work buffer, which the kernel makes itself",
+            ),
             (not self.cleared and self.role != "work", "cleared=True: only work buffers are cleared"),
             (self.shared and self.role != "in", "shared=False: lanes may only share what they all read"),
         )

@@ -465,8 +465,9 @@ def _in_value_states(linear: LinearPart) -> LinearPart:
         largest = float(eigenvalues[-1])
         if largest <= _LARGE_P:
             break
-        sizes = np.maximum(np.abs(eigenvalues), _SMALLEST_P * largest)
-        linear = _scaled_states(balanced, directions, 1.0 / np.sqrt(sizes))
+        linear = _scaled_states(
+            balanced, directions, 1.0 / np.sqrt(np.maximum(np.abs(eigenvalues), _SMALLEST_P * largest))
+        )
     return linear
 
 

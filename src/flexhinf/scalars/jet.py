@@ -374,8 +374,10 @@ def jets(point: Any, degree: int) -> np.ndarray:
     result = np.empty(len(point), dtype=object)
     for i, value in enumerate(point.tolist()):
         parts = [(0, value)] * (value != 0.0) + [(1 + i, 1.0)] * (degree > 0)
-        monomials = np.array([number for number, _ in parts], dtype=np.intp)
-        result[i] = Jet(home.support(monomials), np.array([v for _, v in parts], dtype=float))
+        result[i] = Jet(
+            home.support(np.array([number for number, _ in parts], dtype=np.intp)),
+            np.array([v for _, v in parts], dtype=float),
+        )
     return result
 
 

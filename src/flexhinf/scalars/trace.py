@@ -13,7 +13,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 import casadi as ca
@@ -198,8 +198,7 @@ def trace(
     outputs = [pack(result) for result in (results if isinstance(results, tuple) else (results,))]
     sizes = [output.numel() for output in outputs]
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
-    edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-    split = [ca.densify(shared[int(a) : int(b)]) for a, b in pairwise(edges)]
+    split = [ca.densify(shared[a:b]) for a, b in pairwise(accumulate(sizes, initial=0))]
     return ca.Function(name, inputs, split, labels, [f"o{k}" for k in range(len(split))])
 
 

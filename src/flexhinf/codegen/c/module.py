@@ -16,7 +16,7 @@ import casadi
 
 from flexhinf.codegen.c import algebra
 from flexhinf.codegen.c.algebra import Real, constant
-from flexhinf.codegen.emit.dataflow import (
+from flexhinf.codegen.emit.opcodes import (
     LIBRARY,
     MULTIPLY_ADD,
     MULTIPLY_SUBTRACT,

@@ -28,8 +28,17 @@ from typing import Any
 import casadi
 
 from flexhinf.codegen.emit.algebra import Algebra, Operand
-from flexhinf.codegen.emit.dataflow import Dataflow, read_dataflow
-from flexhinf.codegen.emit.opcodes import NEAR, OPCODES, Lanes, ModuleText, Writer, emit_normal, is_far
+from flexhinf.codegen.emit.opcodes import (
+    NEAR,
+    OPCODES,
+    Dataflow,
+    Lanes,
+    ModuleText,
+    Writer,
+    emit_normal,
+    is_far,
+    read_dataflow,
+)
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import (
     ENTRY,
@@ -174,8 +183,10 @@ def _define(
         *(f"ptr %out{k}" for k in range(function.n_out())),
     ]
     if far:  # before anything is stored: a result may overwrite an argument
-        beyond = [is_far(writer, angle) for angle in dict.fromkeys(angles)]
-        some = reduce(lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"), beyond)
+        some = reduce(
+            lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"),
+            [is_far(writer, angle) for angle in dict.fromkeys(angles)],
+        )
         writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
         writer.do(f"call void @{far}({', '.join(pointers)})")
         writer.place("near", "ret void")
