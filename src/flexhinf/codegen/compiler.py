@@ -249,8 +249,11 @@ def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[by
             if (image := _read(path, key)) is not None:
                 return load(image)
         except Exception as reason:  # whatever is wrong with the file, what is made anew is right, or tells
-            wrong = " ".join(str(reason).split())[:100]
-            _CACHE_LOGGER.warning("the compiled code %s is not used (%s); it is compiled anew.", path, wrong)
+            _CACHE_LOGGER.warning(
+                "the compiled code %s is not used (%s); it is compiled anew.",
+                path,
+                " ".join(str(reason).split())[:100],
+            )
     image = make()
     code = load(image)
     if path is not None:
@@ -384,8 +387,8 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
                 from flexhinf.codegen.emit import emit_module
 
                 module = emit_module(program, lanes, host.fused)
-                image = machine.assemble(module.text, machine.level(module.operations))
-                return json.dumps(module.library).encode() + b"\n" + image
+                head = json.dumps(module.library).encode() + b"\n"
+                return head + machine.assemble(module.text, machine.level(module.operations))
 
             made_for = (host.triple, host.cpu, host.features, host.version)
             parts = (fingerprint(program), str(lanes), *made_for, emitter_digest(), version("flexhinf"))

@@ -274,8 +274,12 @@ class Composer:
         lying = [
             shape or (block.T.shape if flip else block.shape) for (block, shape), flip in zip(blocks, flipped)
         ]
-        constants = tuple(id(array) for array in arrays if not isinstance(array, Block))
-        key = (function, tuple(lying), tuple(flipped), constants)
+        key = (
+            function,
+            tuple(lying),
+            tuple(flipped),
+            tuple(id(array) for array in arrays if not isinstance(array, Block)),
+        )
         if key in self._pieces:
             return self._pieces[key]
 

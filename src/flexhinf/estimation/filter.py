@@ -194,8 +194,13 @@ class RecursiveFilter(Estimator):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share the arrays of the settings, so nobody may write them."""
-        shared = ("process_noise", "measurement_noise", "initial", "_start")
-        vars(self).update(state, **{name: read_only(state[name]) for name in shared})
+        vars(self).update(
+            state,
+            process_noise=read_only(state["process_noise"]),
+            measurement_noise=read_only(state["measurement_noise"]),
+            initial=read_only(state["initial"]),
+            _start=read_only(state["_start"]),
+        )
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""

@@ -128,8 +128,14 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
         sigma = self.sigma
-        own = {"alpha": sigma.alpha, "beta": sigma.beta, "kappa": sigma.kappa}
-        return {**super().settings(), **own, "redraw": self.redraw, "bounds": dict(self.bounds)}
+        return {
+            **super().settings(),
+            "alpha": sigma.alpha,
+            "beta": sigma.beta,
+            "kappa": sigma.kappa,
+            "redraw": self.redraw,
+            "bounds": dict(self.bounds),
+        }
 
     @property
     def estimator_key(self) -> str:

@@ -144,8 +144,11 @@ class OutputInjectionObserver(RecursiveFilter):
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
-        poles = None if self._poles is None else np.array(self._poles)
-        return {**super().settings(), "poles": poles, "about": self._about}
+        return {
+            **super().settings(),
+            "poles": None if self._poles is None else np.array(self._poles),
+            "about": self._about,
+        }
 
     # What it is ------------------------------------------------------------------------------------
     @property

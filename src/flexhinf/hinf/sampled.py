@@ -137,9 +137,13 @@ def checked_margin(
     values, vectors = np.linalg.eigh(p)
     root = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     rates, directions = np.linalg.eigh(root.T @ margin @ root)
-    fastest = float(np.linalg.eigvalsh(root.T @ terms @ root)[-1])
     return CheckedMargin(
-        pair.gamma, pair.text, float(rates[0]), fastest, root @ directions[:, 0], tuple(solution.state_names)
+        pair.gamma,
+        pair.text,
+        float(rates[0]),
+        float(np.linalg.eigvalsh(root.T @ terms @ root)[-1]),
+        root @ directions[:, 0],
+        tuple(solution.state_names),
     )
 
 

@@ -70,8 +70,11 @@ class Algebra:
                 with writer.loop(str(count)) as k:
                     weight = self._load(weights, k, 1)
                     for first, together in self._vectors(height):
-                        factor = self._load(left, self._at(k, rows, self._ahead(i, first)), together)
-                        product = self._wide(together).real("fmul", factor, self._spread(weight, together))
+                        product = self._wide(together).real(
+                            "fmul",
+                            self._load(left, self._at(k, rows, self._ahead(i, first)), together),
+                            self._spread(weight, together),
+                        )
                         self._store(memory, self._at(k, height, first), product, together)
             if symmetric:  # left of the diagonal, and across it
                 tiles = chain(self._turns("0", number, self._side), [(i, height, "")])
@@ -219,8 +222,8 @@ class Algebra:
                 column = self._times(q, together)
                 value = self._load(rows, self._at(j, pitch, column), together)
                 place = self._at(k, pitch, column)
-                old = self._load(rows, place, together)
-                self._store(work, place, self.multiply_add(wide, spread, value, old), together)
+                total = self.multiply_add(wide, spread, value, self._load(rows, place, together))
+                self._store(work, place, total, together)
 
     def polynomial(
         self,

@@ -274,8 +274,11 @@ class _Emitter:
                 self.module.definitions[name] = self.module.definitions[name].replace(
                     ") nounwind {", ") nounwind alwaysinline {", 1
                 )
-        text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
-        return Module(text, dict(self.module.library), sum(self.sizes.values()))
+        return Module(
+            f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n',
+            dict(self.module.library),
+            sum(self.sizes.values()),
+        )
 
     def _word(self, k: int) -> str:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
