@@ -94,8 +94,8 @@ def tolerance_statement(
         for j in range(i, n)
         if weight[i, j]
     )
-    law = law_polynomials(solution, fields)
-    root, plant = np.linalg.inv(np.linalg.cholesky(weight)).T, problem.expand(1)
+    law, plant = law_polynomials(solution, fields), problem.expand(1)
+    root = np.linalg.inv(np.linalg.cholesky(weight)).T
     statement = claim_of(
         solution,
         problem,
@@ -119,14 +119,25 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
     That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
     and so must the plant in all states that move: those of functions and products are held by an integrator.
     """
-    if not _moves(statement, problem):
+    table = problem.plant.parameters
+    flat, nominal = flat_names(table), table.vector()
+    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
+    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
+    varying = [p for p in statement.parameters if p.low < p.high]
+    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
+    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
+    limit = _MOVED * max(1.0, float(np.abs(nominal).max()))
+    for corner in corners:
+        there = table.named(np.array([*(dict(zip(flat, nominal)) | corner).values()]))
+        if np.abs(np.asarray(problem.flow(point, u, d, there), dtype=float)).max() > limit:
+            break
+    else:  # ẋ = 0 at the nominal equilibrium
         return
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
     drift, penalty = itertools.chain(*statement.drift), itertools.chain(*statement.penalty)
     nonlinear = [term.powers for term in drift if sum(term.powers) + (term.function is not None) > 1]
-    channels = itertools.chain(*statement.g1, *statement.g2)
-    nonlinear += [term.powers for terms in channels for term in terms]
+    nonlinear += [term.powers for terms in itertools.chain(*statement.g1, *statement.g2) for term in terms]
     nonlinear += [powers for powers, _ in penalty if sum(powers) > 1]
     bent |= {i for powers in nonlinear for i, power in enumerate(powers) if power}
     held = {
@@ -142,24 +153,6 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
             f"a law of degree {max(sum(powers) for law in statement.law for powers, _ in law)}",
             "degree=2, whose law is linear, or a goal at which no torque is held",
         )
-
-
-def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether the equilibrium depends on the parameters: ẋ ≠ 0 at the nominal one somewhere in the box."""
-    table = problem.plant.parameters
-    flat, nominal = flat_names(table), table.vector()
-    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
-    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
-    varying = [p for p in statement.parameters if p.low < p.high]
-    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
-    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
-
-    def rates(corner: dict[str, float]) -> np.ndarray:
-        there = np.array([*(dict(zip(flat, nominal)) | corner).values()])
-        return np.abs(np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float))
-
-    limit = _MOVED * max(1.0, float(np.abs(nominal).max()))
-    return any(rates(corner).max() > limit for corner in corners)
 
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
@@ -208,6 +201,7 @@ class BoxExcess:
         self.n, products = changes.n, changes.products()
         columns = [[nearest_double(c) for c in change] for change in products.values()]
         self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
+        self._largest = np.abs(self._changes).max(axis=0, initial=0.0)
         self._factors = np.array(list(products), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
         self._mean = MeanForms(self.n, changes.enclosed)
         self._lines = changes.forms(certificate.functions)
@@ -239,8 +233,7 @@ class BoxExcess:
         left += _ROUNDING * (np.abs(centre) + np.abs(linear).sum(axis=1) + left)
         at_vertices = np.abs(np.tensordot(self._changes, linear, axes=1)).sum(axis=1)
         bound = self._changes @ centre + at_vertices * (1.0 + _ROUNDING) + np.abs(self._changes) @ left
-        largest = np.abs(self._changes).max(axis=0, initial=0.0)
-        return bound.max(axis=0), np.tensordot(largest, np.abs(linear), axes=1)
+        return bound.max(axis=0), np.tensordot(self._largest, np.abs(linear), axes=1)
 
     def _quotients(
         self, face: np.ndarray, middle: np.ndarray, halves: np.ndarray
@@ -259,8 +252,9 @@ class BoxExcess:
                 sum(comb(i, k) * rows[:, i] * centre ** (i - k) for i in range(k, _ORDER + 1))
                 for k in range(_ORDER + 1)
             )
-            spread = sum(np.abs(part) * wide**k for k, part in enumerate(parts, 1))
-            radii[j] = (spread + error) * (1.0 + _ROUNDING) + 1e-13 * (1.0 + np.abs(values[j]))
+            radii[j] = (sum(np.abs(part) * wide**k for k, part in enumerate(parts, 1)) + error) * (
+                1.0 + _ROUNDING
+            ) + 1e-13 * (1.0 + np.abs(values[j]))
         return values, radii
 
 
@@ -338,8 +332,7 @@ class _Changes(Algebra):
             entries = [[self._at_ends(term) for term in entry] for entry in column]
             if all(end == ends[-1] for entry in entries for ends in entry for end in ends):
                 continue
-            for term in itertools.chain(*column):
-                _refuse_powers(term)
+            _refuse_powers(*itertools.chain(*column))
             sums = [
                 [sum((ends[v] for ends in entry), fmpq(0)) for v in range(len(self.corners) + 1)]
                 for entry in entries
@@ -353,11 +346,11 @@ class _Changes(Algebra):
         return products
 
 
-def _refuse_powers(term: Term) -> None:
-    """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
-    if any(term.powers):
-        raise InvalidInput(
-            "The box of parameters cannot be searched for this plant.",
-            f"expected channels that do not depend on the state, got the term {term}",
-            "nominal parameters, or sampled_region",
-        )
+def _refuse_powers(*terms: Term) -> None:
+    for term in terms:
+        if any(term.powers):
+            raise InvalidInput(
+                "The box of parameters cannot be searched for this plant.",
+                f"expected channels that do not depend on the state, got the term {term}",
+                "nominal parameters, or sampled_region",
+            )

@@ -28,9 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexhinf.certify.box import group_ends
-from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Function, Term
-from flexhinf.certify.evaluation import (
+from flexhinf.certify.certificate import (
+    Certificate,
     bracket,
     linear_part,
     linear_system,
@@ -38,6 +37,7 @@ from flexhinf.certify.evaluation import (
     quadratic_part,
     term_weight,
 )
+from flexhinf.certify.claim import Function, Term
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
@@ -95,8 +95,9 @@ def _points(
     rays = rng.standard_normal((_RAYS, len(root)))
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
     grid = np.linspace(0.0, 4.0, 161)[1:]
-    inside = np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0).sum(axis=0)
-    reach = grid[np.maximum(inside - 1, 0)]
+    reach = grid[
+        np.maximum(np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0).sum(axis=0) - 1, 0)
+    ]
     return np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
 
 
@@ -248,9 +249,10 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     if y[-1] >= 0.0:
         return None
     p = _matrix(y[:-1], n) * (2.0 * np.linalg.eigvalsh(q).max() / -y[-1])
-    inner = -(np.swapaxes(a, 1, 2) @ p + p @ a + q)
     through = p @ b
-    square = np.linalg.eigvalsh(np.swapaxes(through, 1, 2) @ np.linalg.solve(inner, through)).max()
+    square = np.linalg.eigvalsh(
+        np.swapaxes(through, 1, 2) @ np.linalg.solve(-(np.swapaxes(a, 1, 2) @ p + p @ a + q), through)
+    ).max()
     return np.append(p[np.triu_indices(n)], 2.0 * square)
 
 

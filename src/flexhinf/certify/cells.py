@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.box import BoxExcess
-from flexhinf.certify.evaluation import polynomial_at
+from flexhinf.certify.certificate import polynomial_at
 from flexhinf.certify.inequality import (
     Inequality,
     QuotientTable,
@@ -119,16 +119,19 @@ class CellBounds:
         self.value_table = self._table(value, shape.value)
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
         self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
-        parts = [self._table(part, shape.whole) for part in (whole, *powers)]
         which, place = np.array(shape.columns).T
-        self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
+        self.table = np.ascontiguousarray(
+            np.stack([self._table(part, shape.whole) for part in (whole, *powers)])[which, :, place].T
+        )
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
 
         def sums(terms: Rational) -> np.ndarray:
             """Sums of absolute coefficients by degree: on each face the same."""
-            degrees = np.array([sum(key) for key in terms], dtype=int)
-            sizes = [abs(nearest_double(value)) for value in terms.values()]
-            return np.bincount(degrees, sizes, self._highest + 1) * (1 + 1e-12)
+            return np.bincount(
+                np.array([sum(key) for key in terms], dtype=int),
+                [abs(nearest_double(value)) for value in terms.values()],
+                self._highest + 1,
+            ) * (1 + 1e-12)
 
         self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
         self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
@@ -154,8 +157,9 @@ class CellBounds:
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
             for key, value in values.items():
-                beta = key[:variable] + key[variable + 1 :]
-                row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
+                row[layout.place[sum(key), key[:variable] + key[variable + 1 :]]] = (
+                    value if sign > 0 or key[variable] % 2 == 0 else -value
+                )
         return table
 
     @property
@@ -172,9 +176,10 @@ class CellBounds:
     def _compile(self) -> None:
         shape = self.shape
         text, host = kernel_text(shape, _ENTRY), machine.host()
-        parts = ("certify", text, host.triple, host.cpu, host.features, host.version)
         self._code = cached(
-            parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, _ENTRY, {})
+            ("certify", text, host.triple, host.cpu, host.features, host.version),
+            lambda: machine.assemble(text, 3),
+            lambda image: machine.Code(image, _ENTRY, {}),
         )
         self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
         lines = [layout.shift_lines() for layout in (shape.value, *shape.quotients, shape.whole)]
@@ -221,8 +226,7 @@ class CellBounds:
         def run(first: int, last: int) -> None:
             whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
             addresses = (whole[name].ctypes.data for name in POINTERS[2:])
-            context = np.array([first, last, *addresses], dtype=np.int64)
-            self._entry(context.ctypes.data)
+            self._entry(np.array([first, last, *addresses], dtype=np.int64).ctypes.data)
 
         if pool is None:
             run(0, len(faces))
@@ -232,8 +236,9 @@ class CellBounds:
                 future.result()
         results = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
         results[:, names["score"] :] += score.T
-        kind = [*((name, float) for name in OUTPUTS), ("score", float, (self.n,))]
-        return results.view(kind)[:, 0].view(np.recarray)
+        return results.view([*((name, float) for name in OUTPUTS), ("score", float, (self.n,))])[:, 0].view(
+            np.recarray
+        )
 
     def rows(self, cells: Records) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
@@ -397,10 +402,10 @@ def _disproved(bounds: CellBounds, cells: Records, results: Records, level: floa
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (results.centre > results.allowance) & np.isfinite(results.allowance)
     stops = results.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
-    inside = results.value < level * (1 - 1e-9)
-    for place in np.flatnonzero((broken | stops) & inside).tolist():
-        reason = "r > 0" if broken[place] else "V stops increasing"
-        outcome, point = _outcome(bounds, cells, results, place, reason)
+    for place in np.flatnonzero((broken | stops) & (results.value < level * (1 - 1e-9))).tolist():
+        outcome, point = _outcome(
+            bounds, cells, results, place, "r > 0" if broken[place] else "V stops increasing"
+        )
         ray = point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None]
         if (polynomial_at(bounds.value_terms, ray) < level).all():
             return outcome
@@ -416,15 +421,18 @@ def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | R
     if d:
         widest, weighted = 1 + np.argmax(cells.h, axis=1), cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
         chosen = np.where(vague, np.where(length < 0.5 * cells.h.max(axis=1), widest, 0), chosen)
-        thin = (chosen == 0) & (length < _NARROW * weighted.max(axis=1))
-        chosen = np.where(thin, 1 + np.argmax(weighted, axis=1), chosen)
+        chosen = np.where(
+            (chosen == 0) & (length < _NARROW * weighted.max(axis=1)), 1 + np.argmax(weighted, axis=1), chosen
+        )
         chosen = np.where(length == 0, widest, chosen)
-    size = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen]
-    small = size < np.where(chosen > 0, _THINNEST, _SHORTEST)
+    small = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen] < np.where(
+        chosen > 0, _THINNEST, _SHORTEST
+    )
     if small.any():
         place = int(np.flatnonzero(small)[0])
-        reason = "not closed" if cells.inner[place] >= 1 else "undecided"
-        return _outcome(bounds, cells, results, place, reason)[0]
+        return _outcome(
+            bounds, cells, results, place, "not closed" if cells.inner[place] >= 1 else "undecided"
+        )[0]
     along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
     row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1

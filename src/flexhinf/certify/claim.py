@@ -121,8 +121,9 @@ class Function(Part):
     pi_halves: Annotated[int, Strict(), Field(ge=-64, le=64)] = 0
 
     def __post_init__(self) -> None:
-        known = self.name in FUNCTIONS
-        require((known, f"a function among {', '.join(FUNCTIONS)}", value_text(self.name, 60)))
+        require(
+            (self.name in FUNCTIONS, f"a function among {', '.join(FUNCTIONS)}", value_text(self.name, 60))
+        )
 
 
 @dataclass(frozen=True)
@@ -168,8 +169,6 @@ class Start(Part):
     def __post_init__(self) -> None:
         check_line("the start rule of the certificate", self.rule)
         grid, lengths = self.amplitudes, [len(row) for row in self.table]
-        spans = not grid or (len(grid) > 1 and grid[0] == 0 and grid[-1] == self.amplitude)
-        fits = not grid or len(lengths) == len(self.path)
         moved = any(row[0] for row in self.table if row) or any(
             term.coefficient and not any(term.powers) and term.function is None
             for row in self.path
@@ -178,12 +177,14 @@ class Start(Part):
         require(
             (self.amplitude > 0, "a positive amplitude of the starts", repr(self.amplitude)),
             (
-                spans and all(a < b for a, b in pairwise(grid)),
+                (not grid or (len(grid) > 1 and grid[0] == 0 and grid[-1] == self.amplitude))
+                and all(a < b for a, b in pairwise(grid)),
                 f"amplitudes that grow from 0 to {self.amplitude!r}",
                 value_text(grid, 100),
             ),
             (
-                fits and all(length in (0, len(grid)) for length in lengths),
+                (not grid or len(lengths) == len(self.path))
+                and all(length in (0, len(grid)) for length in lengths),
                 f"a table of {len(self.path)} rows with {len(grid)} or no values",
                 f"rows of {lengths}",
             ),
@@ -223,8 +224,9 @@ def check_named(what: str, name: str, unit: str) -> None:
 def check_line(what: str, text: str) -> None:
     """Raise unless a text is one short line. The theorem is printed line by line; none may imitate another part."""
     checked_text(what, text)
-    short = "\n" not in text and len(text) <= _LONGEST_LINE
-    require((short, f"one short line as {what}", value_text(text, 60)))
+    require(
+        ("\n" not in text and len(text) <= _LONGEST_LINE, f"one short line as {what}", value_text(text, 60))
+    )
 
 
 def require(*checks: Check) -> None:

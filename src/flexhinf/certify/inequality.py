@@ -74,8 +74,9 @@ class Algebra:
     def forms(self, functions: Iterable[Function]) -> np.ndarray:
         """The coefficients (functions, n) of each ℓᵀx as a linear form of z, rounded to doubles."""
         rows = [terms_of(self.moved(self.line(function.slope))) for function in functions]
-        values = [[nearest_double(row.get(unit, fmpq(0))) for unit in self._units] for row in rows]
-        return np.array(values).reshape(-1, self.n)
+        return np.array(
+            [[nearest_double(row.get(unit, fmpq(0))) for unit in self._units] for row in rows]
+        ).reshape(-1, self.n)
 
 
 class Inequality(Algebra):
@@ -87,10 +88,7 @@ class Inequality(Algebra):
         in_x = self.in_x(certificate.value)
         slope, value = [self.moved(in_x.derivative(i)) for i in range(self.n)], self.moved(in_x)
         law = [self.moved(self.in_x(row)) for row in certificate.law]
-        g2, g1 = (
-            [[self._terms(entry) for entry in row] for row in rows]
-            for rows in (certificate.g2, certificate.g1)
-        )
+        g2, g1 = ([[*map(self._terms, row)] for row in rows] for rows in (certificate.g2, certificate.g1))
 
         def pushed(index: int | None) -> fmpq_mpoly:
             """V_x times the part of the drift with this function, or with none."""
@@ -118,8 +116,9 @@ class Inequality(Algebra):
         total: Rational = {}
         for term in row:
             powers = (self.parameters[name] ** power for name, power in term.parameters)
-            factor = prod(powers, start=rational(term.coefficient))
-            total[term.powers] = total.get(term.powers, fmpq(0)) + factor
+            total[term.powers] = total.get(term.powers, fmpq(0)) + prod(
+                powers, start=rational(term.coefficient)
+            )
         return self.moved(self.x.from_dict(total))
 
 
@@ -224,13 +223,16 @@ def _row(function: Series, node: int, order: int) -> list[float]:
     if node:  # S_0 = (Φ(a) − Φ(0))/a, S_m = (Φ_m − S_{m−1})/a
         start = (first - function(arb_series([0, 1], prec=1))[0]) / a
         taylor = list(accumulate(taylor[:-1], lambda before, part: (part - before) / a, initial=start))
-    result = []
-    for m in range(order + 1):
-        total = sum((taylor[k] * comb(k, m) * (-a) ** (k - m) for k in range(m, order + 1)), arb(0))
-        middle = float(total.mid())
-        narrow = total.is_finite() and total.rad() <= max(abs(middle) * 2.0**-60, NARROW)
-        result.append(middle if narrow else float("nan"))
-    return result
+    totals = [
+        sum((taylor[k] * comb(k, m) * (-a) ** (k - m) for k in range(m, order + 1)), arb(0))
+        for m in range(order + 1)
+    ]
+    return [
+        float(total.mid())
+        if total.is_finite() and total.rad() <= max(abs(float(total.mid())) * 2.0**-60, NARROW)
+        else float("nan")
+        for total in totals
+    ]
 
 
 def _derivative(function: Series, centre: float, order: int) -> float:
@@ -254,8 +256,8 @@ class MeanForms:
         self._parents = []  # of each monomial but 1: one that is a degree less, and the variable between them
         self._derivatives = np.zeros((n, len(rows), len(rows)))
         for place, row in enumerate(rows):
-            less = [(tuple(e - (i == j) for i, e in enumerate(row)), j) for j in range(n)]
-            below = [(self._index[lower], j) for lower, j in less if lower in self._index]
+            less = [(self._index.get(tuple(e - (i == j) for i, e in enumerate(row))), j) for j in range(n)]
+            below = [(lower, j) for lower, j in less if lower is not None]
             self._parents += below[-1:]
             for parent, j in below:
                 self._derivatives[j, place, parent] = row[j]
@@ -267,8 +269,9 @@ class MeanForms:
         values, size = np.zeros((self.count, len(self._index))), len(self._index)
         for column, polynomial in zip(values, polynomials):
             for powers, value in polynomial.items():
-                row = (sum(powers) - 1, *powers[:face], *powers[face + 1 :])
-                column[self._index[row]] += nearest_double(value) * sign ** powers[face]
+                column[self._index[(sum(powers) - 1, *powers[:face], *powers[face + 1 :])]] += (
+                    nearest_double(value) * sign ** powers[face]
+                )
         slopes = np.stack([values @ derivative for derivative in self._derivatives], axis=1)
         seconds = [
             np.abs(slopes[:, i] @ self._derivatives[j]) * (0.5 if i == j else 1.0) for i, j in self._pairs
@@ -294,8 +297,7 @@ class MeanForms:
         at, beyond = self._monomials(middle), self._monomials(np.abs(middle) + half)
         k, pairs, size = self.count, len(self._pairs), len(face)
         spread = np.array([half[i] * half[j] for i, j in self._pairs])
-        value_at, rest = np.zeros((k, size)), np.zeros((k, size))
-        slopes = np.zeros((k, self.n, size))
+        value_at, rest, slopes = np.zeros((k, size)), np.zeros((k, size)), np.zeros((k, self.n, size))
         for number in np.unique(face):
             cells = np.flatnonzero(face == number)
             table, magnitudes = self._tables[number]

@@ -147,8 +147,9 @@ def _places(sizes: dict[str, int]) -> dict[str, int]:
 def kernel_text(shape: Shape, entry: str) -> str:
     """LLVM text of the entry and of the shift it calls."""
     module = ModuleText(Lanes(LANES))
-    longest = max(1, *(layout.degrees[-1] for layout in (shape.whole, shape.value, *shape.quotients)))
-    _write_shift(module, longest)
+    _write_shift(
+        module, max(1, *(layout.degrees[-1] for layout in (shape.whole, shape.value, *shape.quotients)))
+    )
     _Kernel(module, shape).write(entry)
     return str(module)
 
@@ -219,8 +220,7 @@ class _Code(Writer):
 
     def finish(self, head: str, name: str) -> None:
         """Close the function, and add it to the module."""
-        text = [f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"]
-        self.module.definitions[name] = "\n".join(text)
+        self.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"])
 
 
 def _write_shift(module: ModuleText, longest: int) -> None:
@@ -245,8 +245,9 @@ def _write_shift(module: ModuleText, longest: int) -> None:
                     pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
                     narrow = code.let(f"load i32, ptr {pointer}, align 4")
                     places.append(code.at("%coefficients", code.let(f"zext i32 {narrow} to i64")))
-                moved = code.moved_by(a, [code.load(place) for place in places], L)
-                for value, place in zip(moved[:L], places):
+                for value, place in zip(
+                    code.moved_by(a, [code.load(place) for place in places], L)[:L], places
+                ):
                     code.store(value, place)
             code.do(f"br label %{done}")
         code.place(done)
@@ -315,8 +316,7 @@ class _Kernel(_Code):
 
     def low_place(self, place: str, group: Group, b: str, power: int) -> str:
         """Where the coefficient of a power of ρ stands for one of the low monomials."""
-        monomial = self.integer("add", b, str(group.first))
-        return self.work(place, self.affine(monomial, self.top + 1, power))
+        return self.work(place, self.affine(self.integer("add", b, str(group.first)), self.top + 1, power))
 
     def kept(self, place: str, group: Group, b: str) -> list[str]:
         return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
@@ -348,8 +348,9 @@ class _Kernel(_Code):
                 if centre := group.size == 0 and p == 0:
                     self.output(output, scaled)
                 if p <= highest and (lift or not centre):
-                    one_sided = even and p % 2 == 0 and lift > 0
-                    self.add(total, scaled if centre else self.largest(scaled, one_sided))
+                    self.add(
+                        total, scaled if centre else self.largest(scaled, even and p % 2 == 0 and lift > 0)
+                    )
         return tail, total
 
     # The entry -----------------------------------------------------------------------------------
@@ -441,8 +442,7 @@ class _Kernel(_Code):
         reaches = self.compare("ogt", self.plus(centre, spread), self.level)
         undecided = self.logical("xor", self.compare("olt", upper, self.zero), "splat (i1 true)")
         crossing = self.logical("and", undecided, reaches)
-        begun = self.compare("ole", least, self.level)
-        with self.where(self.any(self.logical("and", crossing, begun))):
+        with self.where(self.any(self.logical("and", crossing, self.compare("ole", least, self.level)))):
             self._multipliers(allowance)
         with self.where(self.any(undecided)):
             self._scores()
@@ -479,16 +479,16 @@ class _Kernel(_Code):
             factor = self.select(good, ratio, self.zero)
             total = self.sum()
             for group, b, even in self.each(shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]):
-                pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
-                for p, (f, v) in enumerate(pairs):
+                for p, (f, v) in enumerate(zip(self.kept("low", group, b), self.kept("low_value", group, b))):
                     value = self.minus(f, self.times(factor, v))
                     if group.size == 0 and p == 0:
                         self.add(total, self.fused(factor, self.level, value))
                     else:
                         self.add(total, self.largest(value, even and p % 2 == 0))
             self.add(total, self.plus(self.load(self.tail), self.load(allowance)))
-            rounding = self.plus(self.load(self.value_tail), self.input("value_rounding"))
-            self.add(total, self.times(factor, rounding))
+            self.add(
+                total, self.times(factor, self.plus(self.load(self.value_tail), self.input("value_rounding")))
+            )
             bound, before = self.load(total), self.load(best)
             self.store(self.select(self.compare("olt", bound, before), bound, before), best)
         self.output("upper_inside", self.load(best))

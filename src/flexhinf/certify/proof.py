@@ -18,9 +18,8 @@ from flint import fmpq
 
 from flexhinf.certify.box import Ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
-from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.certificate import Certificate, linear_system, polynomial_at, quadratic_part
 from flexhinf.certify.claim import MOST_STATES, Observer
-from flexhinf.certify.evaluation import linear_system, polynomial_at, quadratic_part
 from flexhinf.certify.inequality import Algebra, Inequality, Rational
 from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, statement_of, terms_of
 from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
@@ -147,9 +146,9 @@ def prove(
         return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
     inequality = Inequality(statement)
     farthest, forms = _extent(inequality, statement.level)
-    reach = _rounded_up(_ROOM * farthest)
+    reach, extent = _rounded_up(_ROOM * farthest), (1.3 * forms + 0.1).tolist()
     for _ in range(4):
-        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist())
+        bounds = CellBounds(inequality, reach, extent)
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break
@@ -197,9 +196,9 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
         if not alive.any():
             break
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
-    forms = inequality.forms(inequality.functions)
     reached = radius + step
-    return float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0)
+    along = directions @ inequality.forms(inequality.functions).T
+    return float(reached.max()), np.abs(along * reached[:, None]).max(axis=0)
 
 
 def certify_tolerances(
@@ -307,11 +306,10 @@ def with_observer(
 
     problem = check_bandwidth(solution, bandwidth)
     size = problem.plant.n
-    sensors = np.zeros((len(problem.plant.outputs), len(solution.P)))
-    sensors[:, :size] = problem.plant.linearise(problem.operating_point[:size])[3]
+    seen = problem.plant.linearise(problem.operating_point[:size])[3]
+    sensors = np.hstack([seen, np.zeros((len(seen), len(solution.P) - size))])
     a, b1, _ = linear_system(certificate, certificate.middle, np.zeros(len(certificate.functions)))
-    linear, noise, seen = a[:size, :size], b1[:size], sensors[:, :size]
-    transform = np.array(certificate.coordinates)
+    linear, transform = a[:size, :size], np.array(certificate.coordinates)
     spread = (transform @ transform.T)[:size, :size]
     price = np.diag(np.diag(seen @ spread @ seen.T)) / bandwidth
     covariance = solve_continuous_are(
@@ -319,10 +317,9 @@ def with_observer(
     )
     gain = covariance @ seen.T @ np.linalg.inv(price)
     energy = share * certificate.level
-    weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, noise, energy)
-    measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
-    known = solution.state_names[size:]
-    observer = Observer(measured, known, gains, weights, storages, gain_error, energy)
+    weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, b1[:size], energy)
+    measured, *matrices = map(matrix_rows, (sensors, gain, weight, storage))
+    observer = Observer(measured, solution.state_names[size:], *matrices, gain_error, energy)
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _no_error_energy(reason)
@@ -355,9 +352,8 @@ def _error_energy(
     squares = np.outer(scale, scale)
     for _ in range(_PASSES):
         weight = _weight(certificate, slopes, certificate.reach + 1.05 * widths)
-        scaled = closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
-        solution = _storage(*scaled)
-        if solution is None:
+        lyapunov = closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
+        if (solution := _storage(*lyapunov)) is None:
             break
         storage, gain_error = solution[0] / squares, solution[1]
         within = np.einsum("ij,ji->i", backwards, np.linalg.solve(storage, backwards.T))

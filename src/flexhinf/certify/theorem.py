@@ -7,7 +7,7 @@ from itertools import zip_longest
 from math import sqrt
 
 from flexhinf.certify.checker import Verification
-from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
+from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Terms
 
 #: Heading of what a file says and nothing checks.
 AUTHOR = "In the author's words, not checked"
@@ -39,29 +39,58 @@ def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, l
 
 
 def _parts(claim: Claim, verification: Verification, whole: bool) -> list[tuple[str, list[str]]]:
-    statements, starts = _statements(claim, verification), list(enumerate(claim.starts, 1))
+    statements, paths = _statements(claim, verification), []
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
-    paths = [
-        f"Starts on path {i}, steps of up to {_down(start.amplitude)}: x = "
-        f"({', '.join(_path(start))}) for 0 <= a <= {_down(start.amplitude)}."
-        for i, start in starts
-    ]
-    region = (
-        f"the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}."
-    )
+    for i, start in enumerate(claim.starts, 1):
+        states = (
+            _joined([_sum(terms, ["a"], start.functions)] * bool(terms) + ["a table of a"] * bool(table))
+            for terms, table in zip_longest(start.path, start.table)
+        )
+        up_to = _down(start.amplitude)
+        paths.append(
+            f"Starts on path {i}, steps of up to {up_to}: x = ({', '.join(states)}) for 0 <= a <= {up_to}."
+        )
     return [
         ("Hypotheses", [*_hypotheses(claim, fed, whole), *_observer(claim), *paths]),
-        ("Region S", [region]),
+        (
+            "Region S",
+            [
+                f"the part of {{V <= {claim.level!r}}} that is connected to the goal; V has degree {claim.degree}."
+            ],
+        ),
         (
             "Proved" if verification.proved else "Claimed, and NOT proved: see the end",
             [f"{i}. {name}: {text}" for i, (name, text) in enumerate(statements, 1)],
         ),
-        ("Not proved", [f"- {text}" for text in _not_proved(claim, verification)]),
+        (
+            "Not proved",
+            [
+                (
+                    "- Other estimators than the stated one, noise of the measurement, sampling and hold, delay, "
+                    "saturation, quantisation"
+                    if claim.observer
+                    else "- An estimator instead of the true state, "
+                    "sampling and hold, delay, saturation, quantisation and noise"
+                )
+                + (", beyond what the budget of 4. covers." if verification.gradient_law else "."),
+                "- Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at "
+                "rest there, and where the integrators start, is as the file says: only that these x lie in S is "
+                "proved."
+                if claim.starts
+                else "- Which steps start in S: the certificate states no starts.",
+                "- Dynamics that the plant does not have: friction of another form, coil current, flexible modes, "
+                "backlash.",
+                "- Parameters outside the stated box, or varying in time."
+                if any(p.low < p.high for p in claim.parameters)
+                else "- Other values of the parameters than the stated ones.",
+                *["- Disturbances that last for ever: no decay rate is claimed."] * (not claim.decay),
+            ],
+        ),
         (
             AUTHOR,
             [
                 f"- What it is about: {claim.about}",
-                *(f"- Path {i} of starts: {start.rule}" for i, start in starts),
+                *(f"- Path {i} of starts: {start.rule}" for i, start in enumerate(claim.starts, 1)),
                 "- All names and units.",
             ],
         ),
@@ -74,26 +103,25 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
     names = [s.name for s in claim.states]
     uncertain = [p for p in claim.parameters if p.low < p.high]
     fixed = [f"{p.name} = {p.low:.10g} {p.unit}".rstrip() for p in claim.parameters if p.low == p.high]
-    of_each = "the equilibrium at the goal (of each robot its own, where it moves with the parameters)"
     rates = []
-    for name, drift, *channels in zip(names, claim.drift, claim.g1, claim.g2):
+    for name, drift, g1, g2 in zip(names, claim.drift, claim.g1, claim.g2):
         rate = [_sum(drift, names, claim.functions)] if drift else []
-        for signals, entries in zip((claim.disturbances, claim.inputs), channels):
-            pairs = zip(signals, entries, strict=True)
-            rate += [_sum(terms, names, (), signal.name) for signal, terms in pairs if terms]
+        driven = zip((*claim.disturbances, *claim.inputs), (*g1, *g2), strict=True)
+        rate += [_sum(terms, names, (), signal.name) for signal, terms in driven if terms]
         rates.append(f"  d/dt {name} = {_joined(rate)}")
-    box = ", ".join(f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
-    degree = max(max((sum(powers) for powers, _ in law), default=0) for law in claim.law)
-    price = "; ".join(" ".join(f"{value!r}" for value in row) for row in claim.r2)
+    box = (f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
+    degree = max((sum(powers) for law in claim.law for powers, _ in law), default=0)
+    price = "; ".join(" ".join(map(repr, row)) for row in claim.r2)
     polynomials = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
     return [
-        f"Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations "
-        f"from {of_each if uncertain else 'the goal'}, with "
+        f"Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations from the "
+        f"{'equilibrium at the goal (of each robot its own, where it moves with the parameters)' * bool(uncertain)}"
+        f"{'goal' * (not uncertain)}, with "
         f"{', '.join(sorted({f.name for f in claim.functions})) or 'no elementary function'}"
         f"{' exactly as it is, not expanded' if claim.functions else ''}; V, the law and all numbers are the file's:",
         *rates,
         *["Parameters: the numbers of the plant as stored, no tolerance."] * (not claim.parameters),
-        *[f"Parameters, the whole box and not only its corners: {box}."] * bool(uncertain),
+        *[f"Parameters, the whole box and not only its corners: {', '.join(box)}."] * bool(uncertain),
         *[f"Parameters, nominal: {', '.join(fixed)}."] * bool(fixed),
         f"Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
         f"Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
@@ -140,41 +168,17 @@ def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str
     return [(name, text) for stated, name, text in statements if stated]
 
 
-def _not_proved(claim: Claim, verification: Verification) -> list[str]:
-    uncertain = any(p.low < p.high for p in claim.parameters)
-    return [
-        (
-            "Other estimators than the stated one, noise of the measurement,"
-            if claim.observer
-            else "An estimator instead of the true state,"
-        )
-        + " sampling and hold, delay, saturation, quantisation"
-        + ("" if claim.observer else " and noise")
-        + (", beyond what the budget of 4. covers." if verification.gradient_law else "."),
-        "Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at rest "
-        "there, and where the integrators start, is as the file says: only that these x lie in S is proved."
-        if claim.starts
-        else "Which steps start in S: the certificate states no starts.",
-        "Dynamics that the plant does not have: friction of another form, coil current, flexible modes, backlash.",
-        "Parameters outside the stated box, or varying in time."
-        if uncertain
-        else "Other values of the parameters than the stated ones.",
-        *["Disturbances that last for ever: no decay rate is claimed."] * (not claim.decay),
-    ]
-
-
 def _observer(claim: Claim) -> list[str]:
-    """The hypothesis about the observer; empty without one."""
     if claim.observer is None:
         return []
-    known = set(claim.observer.known)
+    known = claim.observer.known
     estimated = ", ".join(s.name for s in claim.states if s.name not in known)
     sensors = (tuple((tuple(int(i == j) for j in range(len(row))), v) for i, v in enumerate(row) if v)
                for row in claim.observer.measured)  # fmt: skip
     measured = ", ".join(_row(row, claim.states) for row in sensors)
     gains = "; ".join(" ".join(f"{v:.6g}" for v in row) for row in claim.observer.gain)
     computed = (
-        f" The controller computes {', '.join(claim.observer.known)} itself, from the same: what disturbs a rate of "
+        f" The controller computes {', '.join(known)} itself, from the same: what disturbs a rate of "
         "these (a command) is in what it computes, and moves no error."
         if known
         else ""
@@ -186,11 +190,10 @@ def _observer(claim: Claim) -> list[str]:
 
 
 def _with_estimates(claim: Claim, observer: Observer) -> str:
-    """The statement about output feedback."""
-    names = [s for s in claim.states if s.name not in observer.known]
+    estimated = (s for s in claim.states if s.name not in observer.known)
     axes = ", ".join(
         f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
-        for i, (s, row) in enumerate(zip(names, observer.storage, strict=True))
+        for i, (s, row) in enumerate(zip(estimated, observer.storage, strict=True))
         if row[i] > 0  # where it is not, nothing is proved
     )
     gain = sqrt(claim.gamma**2 + observer.gain_error**2)
@@ -216,15 +219,17 @@ def verification_text(verification: Verification) -> str:
             f"{verification.corners:,} corners of their box.\n{verification.starts:,} intervals of starts in balls. "
             f"{verification.cpu_s:.1f} s of CPU."
         )
-    again = f"{verification.resampled:,} cells, drawn at random, were"
-    if verification.every_cell:
-        every = "Every one of them, and every cell at which the level set ended"
-        again = f"{every} ({verification.resampled:,} in all), was"
     return (
         f"PROVED again from the certificate's data alone: {verification.cells:,} cells on {verification.faces} faces, "
         f"{verification.accepted:,} accepted, {verification.with_level:,} of them by V <= c; rounding is allowed "
         f"{verification.rounding:.1e} in r/rho^2.\n"
-        f"{again} proved a second time in rationals and balls; "
+        + (
+            "Every one of them, and every cell at which the level set ended "
+            f"({verification.resampled:,} in all), was"
+            if verification.every_cell
+            else f"{verification.resampled:,} cells, drawn at random, were"
+        )
+        + " proved a second time in rationals and balls; "
         f"{verification.starts:,} intervals of starts in balls. {verification.cpu_s:.0f} s of CPU."
     )
 
@@ -240,38 +245,25 @@ def _up(value: float) -> str:
     return _down(value, ROUND_CEILING)
 
 
-def _path(start: Start) -> list[str]:
-    """Each state of a start, as a function of a."""
-    return [
-        _joined([_sum(terms, ["a"], start.functions)] * bool(terms) + ["a table of a"] * bool(table))
-        for terms, table in zip_longest(start.path, start.table)
-    ]
-
-
 def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven_by: str = "") -> str:
-    """Terms in full, up to a dozen of them; each times the signal by which it is driven, if any."""
-    texts = [_product(term, names, functions, driven_by) for term in terms[:_MOST_SHOWN]]
-    more = len(terms) - _MOST_SHOWN
-    return _joined([*texts, *([f"{more} more"] if more > 0 else [])])
+    """Terms in full, up to a dozen, as numerator/denominator, parameters before states before the function; each times
+    the signal by which it is driven, if any."""
+    texts = []
+    for term in terms[:_MOST_SHOWN]:
+        below = [_power(name, -e) for name, e in term.parameters if e < 0]
+        above = [_power(name, e) for name, e in term.parameters if e > 0]
+        above += [_power(name, e) for name, e in zip(names, term.powers, strict=True) if e]
+        above += [_bracket(functions[term.function], names)] if term.function is not None else []
+        above += [driven_by] * bool(driven_by)
+        number = f"{abs(term.coefficient):.10g}"
+        text = "*".join(above if above and number == "1" else [number, *above])
+        under = f"/({'*'.join(below)})" if len(below) > 1 else "".join(f"/{factor}" for factor in below)
+        texts.append("-" * (term.coefficient < 0) + text + under)
+    return _joined(texts + [f"{len(terms) - _MOST_SHOWN} more"] * (len(terms) > _MOST_SHOWN))
 
 
 def _joined(texts: list[str]) -> str:
     return " + ".join(texts).replace("+ -", "- ") or "0"
-
-
-def _product(term: Term, names: list[str], functions: tuple[Function, ...], driven_by: str) -> str:
-    """A term as numerator/denominator, parameters before states before its function."""
-    above = [_power(name, e) for name, e in term.parameters if e > 0]
-    below = [_power(name, -e) for name, e in term.parameters if e < 0]
-    above += [_power(name, e) for name, e in zip(names, term.powers, strict=True) if e]
-    if term.function is not None:
-        above.append(_bracket(functions[term.function], names))
-    above += [driven_by] * bool(driven_by)
-    number = f"{abs(term.coefficient):.10g}"
-    text = "*".join(above if above and number == "1" else [number, *above])
-    under = "*".join(below)
-    sign = "-" if term.coefficient < 0 else ""
-    return sign + text + (f"/({under})" if len(below) > 1 else f"/{under}" if below else "")
 
 
 def _power(name: str, exponent: int) -> str:
@@ -294,8 +286,7 @@ def _bracket(function: Function, names: list[str]) -> str:
 
 def common_unit(signals: tuple[Signal, ...]) -> str:
     """The unit of all signals; empty where they differ."""
-    units = {signal.unit for signal in signals}
-    return units.pop() if len(units) == 1 else ""
+    return signals[0].unit if len({signal.unit for signal in signals}) == 1 else ""
 
 
 def _named(signal: Signal) -> str:

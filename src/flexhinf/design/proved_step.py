@@ -25,8 +25,8 @@ from flexhinf.certify import Certificate
 from flexhinf.certify.box import parameter_ranges, tolerance_statement
 from flexhinf.certify.box_gain import CommonValue, common_value, sampled_gain
 from flexhinf.certify.cells import OutOfTime, Progress, time_limit
+from flexhinf.certify.certificate import path_start
 from flexhinf.certify.claim import Start
-from flexhinf.certify.evaluation import path_start
 from flexhinf.certify.proof import NotProved, certify_tolerances
 from flexhinf.certify.starts import largest_values, robot_start, tabled_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem

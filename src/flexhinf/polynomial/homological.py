@@ -159,8 +159,9 @@ class Coordinates:
         if len(entries) <= _NEGLIGIBLE:
             return np.real(change_variables(entries, n, k, self._pairs().conj().T @ self.inverse))
         back = {first: np.ascontiguousarray(block.conj().T) for first, block in self.rotations.items()}
-        rotated = np.real(rotate_pairs(entries, n, k, back))
-        return change_variables(rotated, n, k, self.inverse, self.workspace)
+        return change_variables(
+            np.real(rotate_pairs(entries, n, k, back)), n, k, self.inverse, self.workspace
+        )
 
     def _pairs(self) -> np.ndarray:
         pairs = np.eye(len(self.real), dtype=complex)
@@ -344,8 +345,9 @@ def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
             level = order[begin : min(begin + _CHUNK, high)]
             moved = known[level].astype(solution.dtype)
             for position in range(k):
-                replaced = solution[table[removal[level, position]]]
-                moved -= np.einsum("aj,aj->a", replaced, above[tuples[level, position]])
+                moved -= np.einsum(
+                    "aj,aj->a", solution[table[removal[level, position]]], above[tuples[level, position]]
+                )
             solution[level] = moved / pivots[level]
     return solution
 

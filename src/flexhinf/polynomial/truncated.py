@@ -306,16 +306,18 @@ def _series(name: str, x: float, degree: int) -> np.ndarray:
         if name in CYCLES:
             even, odd, signs = CYCLES[name]
             values, powers = (even(x), odd(x)), range(degree + 1)
-            derivatives = np.array([signs[k % 4] * values[k % 2] for k in powers])
-            result = derivatives / np.array([float(math.factorial(k)) for k in powers])
+            result = np.array([signs[k % 4] * values[k % 2] for k in powers]) / np.array(
+                [float(math.factorial(k)) for k in powers]
+            )
             if name == "expm1":
                 result[0] = math.expm1(x)
             return result
         if name in INVERSES:
             value, a, b, exponent, sign = INVERSES[name]
             q0 = 1 + x * x if a == b else (1 - x) * (1 + x) if a > 0 else (x - 1) * (x + 1)
-            derivative = _power_of_quadratic(q0, 2 * b * x, float(b), exponent, degree)
-            return _integrated(value(x), sign * derivative, degree)
+            return _integrated(
+                value(x), sign * _power_of_quadratic(q0, 2 * b * x, float(b), exponent, degree), degree
+            )
         if name in ("tan", "tanh"):
             return _tangent(name, x, degree)
     except OverflowError:

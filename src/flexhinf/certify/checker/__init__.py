@@ -200,8 +200,7 @@ def _check_matrices(claim: Claim) -> None:
     """T is invertible and R2 is symmetric and positive definite, in rationals."""
     require(matrix_of(claim.coordinates).det() != 0, "the coordinates T are singular")
     r2 = matrix_of(claim.r2)
-    definite = r2 == r2.transpose() and positive_definite(r2)
-    require(definite, "R2 is not symmetric and positive definite")
+    require(r2 == r2.transpose() and positive_definite(r2), "R2 is not symmetric and positive definite")
     require(not claim.shift, "a moved equilibrium is not yet covered by this checker")
 
 

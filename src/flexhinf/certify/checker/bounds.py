@@ -135,9 +135,8 @@ class TaylorTable:
         binomial = np.array([[comb(int(k), p) for k in m] for p in range(self.highest)], dtype=float)
         lower = np.array([[max(int(k) - p, 0) for k in m] for p in range(self.highest)])
         at, width = powers(middle, self.degree + 2), powers(radius, self.highest)
-        taylor = binomial[..., None] * at[lower] * width[:, None]
         head = c[: self._head].reshape(self._low, self.degree - 1, *c.shape[1:])
-        parts = np.einsum("pkc,bkjc->jbpc", taylor, head)
+        parts = np.einsum("pkc,bkjc->jbpc", binomial[..., None] * at[lower] * width[:, None], head)
         low = np.einsum("j,jbpc->bpc", mid, parts).reshape(-1, len(end))
         spread = (
             np.einsum("j,jbpc->bpc", rad, np.abs(parts)).reshape(-1, len(end)) if rad.any() else 0.0 * low
@@ -229,8 +228,9 @@ class Quotient:
         inside = np.minimum(edge, self._count).astype(int)
         remainder = np.maximum(self._remainder[self._count + inside], self._remainder[self._count - inside])
         error = self._error[self._count + index] * np.maximum(width, 1.0) ** ORDER
-        rest = (remainder * width ** (ORDER + 1) + error) * _UP
-        return self._coefficients[self._count + index].T, np.where(edge > self._count, inf, rest)
+        return self._coefficients[self._count + index].T, np.where(
+            edge > self._count, inf, (remainder * width ** (ORDER + 1) + error) * _UP
+        )
 
 
 BITS = 128  # of the balls from which tables are rounded
@@ -279,8 +279,9 @@ class Proof:
         self.mid = (low + high) / 2
         self.rad = np.where(low == high, 0.0, (high - low) / 2 * (1 + 4 * UNIT) + np.abs(self.mid) * 4 * UNIT)
         unit = [tuple(int(i == j) for j in range(self.n)) for i in range(self.n)]
-        slopes = [[float(rounded(s.to_dict().get(e, fmpq(0)))) for e in unit] for s in exact.arguments]
-        self.slopes = np.array(slopes).reshape(-1, self.n)  # ℓᵀT
+        self.slopes = np.array(
+            [[float(rounded(s.to_dict().get(e, fmpq(0)))) for e in unit] for s in exact.arguments]
+        ).reshape(-1, self.n)  # ℓᵀT
         reach = claim.reach * np.abs(self.slopes).sum(1) * 1.01 + 0.1
         with ctx.workprec(BITS):
             self.quotients = [Quotient(f, float(s)) for f, s in zip(claim.functions, reach, strict=True)]
@@ -317,8 +318,9 @@ def _nearly_even(polynomial: Any, reach: float) -> bool:
 def _is_odd(function: Function) -> bool:
     """Whether φ(o + s) − φ(o) is odd in s."""
     whole = {"sin": function.pi_halves % 2 == 0, "cos": function.pi_halves % 2 == 1}
-    other = function.name in ("tanh", "arctan") and function.pi_halves == 0
-    return function.offset == 0 and whole.get(function.name, other)
+    return function.offset == 0 and whole.get(
+        function.name, function.name in ("tanh", "arctan") and function.pi_halves == 0
+    )
 
 
 class _Columns(NamedTuple):
@@ -399,8 +401,9 @@ class Face:
             form, _ = proof.small.on_interval(
                 self._shifted(proof.small, factor, t, h), interval, (proof.mid, proof.rad)
             )
-            size = (np.abs(form.low) + form.radius).sum(0) + form.tail.sum(0) + factor.error(end)
-            remainder += rest * size * _UP
+            remainder += (
+                rest * ((np.abs(form.low) + form.radius).sum(0) + form.tail.sum(0) + factor.error(end)) * _UP
+            )
         form, constants = proof.table.on_interval(
             proof.table.shifted(rows, t, h), interval, (proof.mid, proof.rad)
         )

@@ -63,8 +63,7 @@ def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.
     size = np.abs(form.low) + form.radius
     score = np.abs(form.low[table.square]) + size[table.linear] / 4 + table.in_pair @ size[table.pairs]
     score += (table.terms[table.others] > 0).T.astype(float) @ size[table.others]
-    tail = np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float)
-    score += tail @ form.tail[:-1]
+    score += np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float) @ form.tail[:-1]
     score[0] += form.tail[-1]
     axis = np.where(np.isfinite(score), score, 0.0).argmax(0)
     if table.n == 1:

@@ -35,8 +35,7 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     }
     uncertain = any(p.low < p.high and p.name in used for p in claim.parameters)
     require(not uncertain, "an observer with exact error dynamics needs parameters that are known")
-    names = [s.name for s in claim.states]
-    estimated = [i for i, name in enumerate(names) if name not in observer.known]
+    estimated = [i for i, name in enumerate([s.name for s in claim.states]) if name not in observer.known]
     sensors = matrix_of(observer.measured)
     drift = _error_drift(claim, estimated, sensors)
     noise = _disturbance(claim, estimated)
@@ -62,8 +61,9 @@ def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
     """A of the estimated states. Refuses plants that are nonlinear in what is neither measured nor known."""
     n = len(claim.states)
     known = [i for i in range(n) if i not in estimated]
-    rows = [[sensors[p, j] for j in range(n)] for p in range(sensors.nrows())]
-    seen = rows + [[fmpq(int(i == j)) for j in range(n)] for i in known]
+    seen = [[sensors[p, j] for j in range(n)] for p in range(sensors.nrows())] + [
+        [fmpq(int(i == j)) for j in range(n)] for i in known
+    ]
     rank = fmpq_mat(seen).rank()
 
     def spans(row: list[fmpq]) -> bool:
@@ -98,8 +98,9 @@ def _constant(claim: Claim, terms: Terms, what: str) -> fmpq:
 
 def _number(claim: Claim, term: Term) -> fmpq:
     values = {p.name: as_rational(p.low) for p in claim.parameters}
-    powers = (values[name] ** exponent for name, exponent in term.parameters)
-    return prod(powers, start=as_rational(term.coefficient))
+    return prod(
+        (values[name] ** exponent for name, exponent in term.parameters), start=as_rational(term.coefficient)
+    )
 
 
 # The slopes of the law --------------------------------------------------------------------------------

@@ -72,8 +72,9 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
         return 0, []
     count, failed = 0, list[tuple[fmpq, Corner]]()
     forms = [list(map(form_of, row)) for row in parts]
-    named = zip(box_corners(claim, exact.products), weights)
-    for (parameters, products), ends in itertools.product(named, itertools.product(*ranges)):
+    for (parameters, products), ends in itertools.product(
+        zip(box_corners(claim, exact.products), weights), itertools.product(*ranges)
+    ):
         total = value * 0
         for weight, row in zip(products, forms, strict=True):
             for quotient, form in zip((fmpq(1), *ends), row, strict=True):
@@ -128,8 +129,9 @@ def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None
         bend, pieces = arb(0), list[arb]()
         for i in range(ceil(min(float(farthest), _NEAR) * _GRID) + 1):
             middle, half = arb(side * (2 * i + 1)) / (2 * _GRID), arb(1) / (2 * _GRID)
-            around = arb_series([offset + middle + half * arb(0, 1), 1], prec=3)
-            bend = bend.max(abs(series_of(function.name, around)[2]))
+            bend = bend.max(
+                abs(series_of(function.name, arb_series([offset + middle + half * arb(0, 1), 1], prec=3))[2])
+            )
             at = (series_of(function.name, arb_series([offset + middle], prec=1))[0] - start) / middle
             pieces.append(at + bend * half * arb(0, 1))
         for k in range(ceil(log2(max(float(farthest) / _NEAR, 1.0)))):

@@ -166,8 +166,9 @@ def residual(claim: Claim) -> Residual:
         part[e[after:].index(1) + 1 if any(e[after:]) else 0][e[:n]] = coefficient
     in_z = fmpq_mpoly_ctx.get(names[:n], Ordering.degrevlex)
     plain, *factors = map(list, zip(*(map(in_z.from_dict, part) for part in parts.values()), strict=True))
-    certain = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict())
-    gradient = certain and all(_opposite(a, b) for a, b in zip(priced, v_g2, strict=True))
+    gradient = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict()) and all(
+        _opposite(a, b) for a, b in zip(priced, v_g2, strict=True)
+    )
     v, *s = (in_z.from_dict({e[:n]: a for e, a in q.to_dict().items()}) for q in (v, *s))
     return Residual(v, _named(claim, free, parts), plain, factors, s, gradient)
 

@@ -82,8 +82,9 @@ def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
     """Values of the parameters for which the path is looked at: corners of their box, or the box as balls."""
     pairs = {pair for row in start.path for term in row for pair in term.parameters if pair[1]}
     used = [p for p in claim.parameters if p.name in {name for name, _ in pairs}]
-    affine = len(pairs) == len(used) and all(sum(powers) == 2 for powers, _ in claim.value)
-    if not affine or any(p.low <= 0 <= p.high for p in used):
+    if not (len(pairs) == len(used) and all(sum(powers) == 2 for powers, _ in claim.value)) or any(
+        p.low <= 0 <= p.high for p in used
+    ):
         return [{p.name: arb(p.low).union(arb(p.high)) for p in used}]
     corners = itertools.product(*(sorted({p.low, p.high}) for p in used))
     return [{p.name: arb(v) for p, v in zip(used, corner, strict=True)} for corner in corners]
@@ -95,8 +96,9 @@ def enclosed_value(
     """V in the middle of an interval of a between two knots of the table, and on all of it."""
     middle = (left + right) / 2
     center = _value(claim, _path(start, piece, arb(middle), values, 1))[0]
-    slope = _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[1]
-    return center, center + slope * arb(0, 1) * arb(right - middle)
+    return center, center + _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[
+        1
+    ] * arb(0, 1) * arb(right - middle)
 
 
 def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[Any]:
@@ -112,9 +114,8 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
             if term.function is not None:
                 function = start.functions[term.function]
                 offset = offset_of(function)
-                inner = arb_series([offset], prec=terms) + arb(function.slope[0]) * a
                 factor *= (
-                    series_of(function.name, inner)
+                    series_of(function.name, arb_series([offset], prec=terms) + arb(function.slope[0]) * a)
                     - series_of(function.name, arb_series([offset], prec=1))[0]
                 )
             x += factor
@@ -130,10 +131,11 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
 
 def _value(claim: Claim, x: list[Any]) -> Any:
     """V of power series."""
-    highest = [max(powers[i] for powers, _ in claim.value) for i in range(len(x))]
     tables = [
         list(itertools.accumulate([y] * most, operator.mul, initial=y * 0 + 1))
-        for y, most in zip(x, highest, strict=True)
+        for y, most in zip(
+            x, [max(powers[i] for powers, _ in claim.value) for i in range(len(x))], strict=True
+        )
     ]
     total = x[0] * 0
     for exponents, coefficient in claim.value:
@@ -153,8 +155,7 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
     """Bounds of |u_i|, deviations from the input at the goal, along each run without disturbances from a stated start;
     empty where none is proved: without starts, for a law that is not linear and for a V of another degree than two."""
     n, quadratic = len(claim.states), all(sum(powers) == 2 for powers, _ in claim.value)
-    linear = all(sum(powers) == 1 for law in claim.law for powers, _ in law)
-    if not (claim.starts and quadratic and linear):
+    if not (claim.starts and quadratic and all(sum(powers) == 1 for law in claim.law for powers, _ in law)):
         return ()
     ring = fmpq_mpoly_ctx.get([f"x{i}" for i in range(n)], Ordering.degrevlex)
     w = form_of(polynomial_of(claim.value, ring))
@@ -165,8 +166,9 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
         peaks = []
         for law in claim.law:
             k = row_of(polynomial_of(law, ring))
-            square = (k * w.inv() * k.transpose())[0, 0]
-            peaks.append(float((arb(square) * level).sqrt().upper()) * (1 + 1e-12))
+            peaks.append(
+                float((arb((k * w.inv() * k.transpose())[0, 0]) * level).sqrt().upper()) * (1 + 1e-12)
+            )
     return tuple(peaks) if all(bound < float("inf") for bound in peaks) else ()
 
 
