@@ -252,9 +252,8 @@ class BoxExcess:
                 sum(comb(i, k) * rows[:, i] * centre ** (i - k) for i in range(k, _ORDER + 1))
                 for k in range(_ORDER + 1)
             )
-            radii[j] = (sum(np.abs(part) * wide**k for k, part in enumerate(parts, 1)) + error) * (
-                1.0 + _ROUNDING
-            ) + 1e-13 * (1.0 + np.abs(values[j]))
+            spread = sum(np.abs(part) * wide**k for k, part in enumerate(parts, 1))
+            radii[j] = (spread + error) * (1.0 + _ROUNDING) + 1e-13 * (1.0 + np.abs(values[j]))
         return values, radii
 
 
@@ -293,8 +292,10 @@ class _Changes(Algebra):
         known = {name: power for name, power in term.parameters if name not in self._group}
         constant = power_product(known, self.parameters, rational(term.coefficient))
         used = [k for name, _ in term.parameters if (k := self._group.get(name)) is not None]
-        places = [*self.corners, (2,) * len(self._ends)]
-        return [constant * prod((self._ends[k][at[k]] for k in used), start=fmpq(1)) for at in places]
+        return [
+            constant * prod((self._ends[k][at[k]] for k in used), start=fmpq(1))
+            for at in [*self.corners, (2,) * len(self._ends)]
+        ]
 
     def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
         if key not in self._known:

@@ -74,8 +74,10 @@ def cells_of(face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, 
     """N cells as records; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the
     reach. All but the faces are dyadic."""
     d = t.shape[1:]
-    kind = [("face", int), ("t", float, d), ("h", float, d), ("inner", float), ("outer", float)]
-    return np.rec.fromarrays([face, t, h, inner, outer], kind)
+    return np.rec.fromarrays(
+        [face, t, h, inner, outer],
+        [("face", int), ("t", float, d), ("h", float, d), ("inner", float), ("outer", float)],
+    )
 
 
 class CellBounds:
@@ -139,8 +141,10 @@ class CellBounds:
         scale = max(self.reach, 1.0) ** shape.longest.degrees[-1] * max(
             (np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0
         )
-        tables = self.value_table, self.quotient_table, self.table
-        largest = max(float(np.abs(table).sum()) for table in tables) * scale
+        largest = (
+            max(float(np.abs(table).sum()) for table in (self.value_table, self.quotient_table, self.table))
+            * scale
+        )
         self._underflow = _SMALLEST * scale
         if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
             raise NumericalFailure(
@@ -157,9 +161,8 @@ class CellBounds:
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
             for key, value in values.items():
-                row[layout.place[sum(key), key[:variable] + key[variable + 1 :]]] = (
-                    value if sign > 0 or key[variable] % 2 == 0 else -value
-                )
+                place = layout.place[sum(key), key[:variable] + key[variable + 1 :]]
+                row[place] = value * sign ** (key[variable] % 2)
         return table
 
     @property

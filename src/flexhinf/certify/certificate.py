@@ -211,8 +211,8 @@ def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:
 def quadratic_part(value: Polynomial, n: int) -> np.ndarray:
     """P of V_2 = ½ xᵀPx."""
     coefficients, unit = dict(value), np.eye(n, dtype=int)
-    entries = [[coefficients.get(tuple((a + b).tolist()), 0.0) for b in unit] for a in unit]
-    return np.array(entries) * (1.0 + unit)
+    p = np.array([[coefficients.get(tuple((a + b).tolist()), 0.0) for b in unit] for a in unit])
+    return p * (1.0 + unit)
 
 
 def linear_system(

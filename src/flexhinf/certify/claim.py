@@ -354,8 +354,10 @@ class Claim(Part):
             *((sizes[name] == k, f"{k} rows of {name}", f"{sizes[name]}") for name, k in lengths),
             *(rows_fit(name, getattr(self, name), rows, columns) for name, rows, columns in shapes),
         )
-        signals = *self.states, *self.inputs, *self.disturbances
-        distinct("The certificate's signal", [signal.name for signal in signals])
+        distinct(
+            "The certificate's signal",
+            [signal.name for signal in (*self.states, *self.inputs, *self.disturbances)],
+        )
         distinct("The certificate's parameter", [p.name for p in self.parameters])
         self._check_feedback()
         self._check_terms(n)

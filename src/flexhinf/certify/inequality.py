@@ -73,9 +73,11 @@ class Algebra:
 
     def forms(self, functions: Iterable[Function]) -> np.ndarray:
         """The coefficients (functions, n) of each ℓᵀx as a linear form of z, rounded to doubles."""
-        rows = [terms_of(self.moved(self.line(function.slope))) for function in functions]
         return np.array(
-            [[nearest_double(row.get(unit, fmpq(0))) for unit in self._units] for row in rows]
+            [
+                [nearest_double(row.get(unit, fmpq(0))) for unit in self._units]
+                for row in [terms_of(self.moved(self.line(function.slope))) for function in functions]
+            ]
         ).reshape(-1, self.n)
 
 
@@ -115,9 +117,9 @@ class Inequality(Algebra):
         """Terms of a field in z, all with the same function or none, without it."""
         total: Rational = {}
         for term in row:
-            powers = (self.parameters[name] ** power for name, power in term.parameters)
             total[term.powers] = total.get(term.powers, fmpq(0)) + prod(
-                powers, start=rational(term.coefficient)
+                (self.parameters[name] ** power for name, power in term.parameters),
+                start=rational(term.coefficient),
             )
         return self.moved(self.x.from_dict(total))
 
@@ -302,9 +304,11 @@ class MeanForms:
             cells = np.flatnonzero(face == number)
             table, magnitudes = self._tables[number]
             value, size_of = table @ at[:, cells], magnitudes @ beyond[:, cells]
-            second = size_of[k:].reshape(k, pairs, -1)
             value_at[:, cells] = value[:k]
             slopes[:, :, cells] = value[k:].reshape(k, self.n, -1) * half[:, cells]
-            rest[:, cells] = np.einsum("kic,ic->kc", second, spread[:, cells]) + _SUM_ROUNDING * size_of[:k]
+            rest[:, cells] = (
+                np.einsum("kic,ic->kc", size_of[k:].reshape(k, pairs, -1), spread[:, cells])
+                + _SUM_ROUNDING * size_of[:k]
+            )
         rest += _SUM_ROUNDING * (np.abs(slopes).sum(axis=1) + rest)
         return value_at, slopes, rest

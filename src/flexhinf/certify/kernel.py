@@ -336,8 +336,10 @@ class _Kernel(_Code):
                 width = self.fused(self.absolute(c), self.power(4, k - lift), width)
             self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
             if lift:
-                weight = self.work("weight", self.integer("add", b, str(group.first)))
-                self.store(self.plus(self.absolute(value), width), weight)
+                self.store(
+                    self.plus(self.absolute(value), width),
+                    self.work("weight", self.integer("add", b, str(group.first))),
+                )
         total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
         for group, b, even in self.each(layout.groups[: LOW + 1]):
             by_degree = dict(zip(group.degrees, self.coefficients(group, b, place)))
@@ -382,8 +384,10 @@ class _Kernel(_Code):
                 self.store(value, self.work("powers", str(which * size + exponent)))
                 value = self.times(value, base)
         for exponent in range(size):
-            difference = self.minus(self.power(1, exponent), self.power(2, exponent))
-            self.store(difference, self.work("powers", str(4 * size + exponent)))
+            self.store(
+                self.minus(self.power(1, exponent), self.power(2, exponent)),
+                self.work("powers", str(4 * size + exponent)),
+            )
         self.store(self.lanes.constant(1.0), self.work("scale"))
         with self.loop(str(len(self.shape.longest.monomials)), "1") as b:
             parent, variable = (self.word(self.pointers["signs"], self.affine(b, 2, i)) for i in (0, 1))

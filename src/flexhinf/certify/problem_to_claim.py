@@ -110,7 +110,6 @@ def plant_fields(
         output, [reader.states, [reader.context.constant(rational(value)) for value in table.vector()]]
     )
     split = [(row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates)]
-    fields = dict(zip(("drift", "g2", "g1"), zip(*split), strict=True))
     box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())}
     box |= ranges or {}
     if fixed := sorted(name for name in reader.inside if box[name][0] < box[name][1]):
@@ -119,7 +118,7 @@ def plant_fields(
             f"expected parameters that multiply terms, got {', '.join(fixed)}",
             "its nominal value, or sampled_region",
         )
-    return fields | {
+    return dict(zip(("drift", "g2", "g1"), zip(*split), strict=True)) | {
         "penalty": tuple(map(reader.polynomial, h)),
         "functions": tuple(reader.functions),
         "parameters": tuple(
@@ -210,16 +209,20 @@ class _Reader:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):
             terms, (start, middle, end) = list(terms_of(second).items()), self.edges[2:5]
-            product_only = len(terms) == 1 and not any(terms[0][0][:start] + terms[0][0][end:])
-            require(product_only, "a quotient by something else than a product of parameters")
+            require(
+                len(terms) == 1 and not any(terms[0][0][:start] + terms[0][0][end:]),
+                "a quotient by something else than a product of parameters",
+            )
             ((e, value),) = terms
             return (first if code == ca.OP_DIV else 1) * self.context.from_dict(
                 {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
             )
         power = code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant()
         value = second.leading_coefficient() if power and second else fmpq(0)
-        known = power and value.q == 1 and 0 <= value <= _HIGHEST_POWER
-        require(known, f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}")
+        require(
+            power and value.q == 1 and 0 <= value <= _HIGHEST_POWER,
+            f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}",
+        )
         return first ** int(value.p)
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
@@ -227,8 +230,10 @@ class _Reader:
         slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
             states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
-            linear = sum(states) <= 1 and not any(others + exponents[self.edges[4] :])
-            require(linear, f"{name} of something else than a linear form of the state")
+            require(
+                sum(states) <= 1 and not any(others + exponents[self.edges[4] :]),
+                f"{name} of something else than a linear form of the state",
+            )
             for i, power in self._powers(exponents):
                 self.inside.add(self.names[i])
                 value *= rational(self.values[i]) ** power
@@ -254,9 +259,11 @@ class _Reader:
         factors: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
         for exponents, value in terms_of(rate).items():
             states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
-            single = sum(functions) <= 1 and not (any(functions) and any(inputs))
             require(sum(inputs) <= 1, "an input or a disturbance that does not enter affinely")
-            require(single, "a product of functions, or a function in g1 or g2")
+            require(
+                sum(functions) <= 1 and not (any(functions) and any(inputs)),
+                "a product of functions, or a function in g1 or g2",
+            )
             row = factors[1 + inputs.index(1) if any(inputs) else 0]
             powers = self._powers(exponents)
             self.seen |= {i for i, _ in powers}
@@ -264,8 +271,10 @@ class _Reader:
             index = functions.index(1) if any(functions) else None
             if index is not None and any(states):
                 function = self.functions[index]
-                known = function.offset == 0.0 and function.name in _AT_ZERO
-                require(known, f"a state times {function.name} of a state, away from where that is rational")
+                require(
+                    function.offset == 0.0 and function.name in _AT_ZERO,
+                    f"a state times {function.name} of a state, away from where that is rational",
+                )
                 quarters = _AT_ZERO[function.name]
                 row[states, pairs, None] = row.get((states, pairs, None), fmpq(0)) + value * fmpq(
                     quarters[function.pi_halves % len(quarters)]
@@ -410,8 +419,10 @@ def law_polynomials(solution: ValueFunction, fields: Mapping[str, Any]) -> tuple
             for value, entries in zip(along, fields["g2"]):
                 for weights, term in ((price[:, j], term) for j, row in enumerate(entries) for term in row):
                     key = tuple(a + b for a, b in zip(powers, term.powers))
-                    factors = [numbers[name] ** power for name, power in term.parameters]
-                    factor = prod(factors, start=value * term.coefficient)
+                    factor = prod(
+                        [numbers[name] ** power for name, power in term.parameters],
+                        start=value * term.coefficient,
+                    )
                     for target, weight in zip(rows, weights.tolist() if value else ()):
                         target[key] = target.get(key, 0.0) - weight * factor
     return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)

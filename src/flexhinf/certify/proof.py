@@ -167,8 +167,10 @@ def wide_statement(statement: Certificate) -> Certificate | None:
 
 
 def _provenance(outcome: Outcome, more: str = "") -> dict[str, str]:
-    method = "branch and bound along rays" if outcome.cells else "a definite quadratic form"
-    return {"cells": str(outcome.cells), "method": method + more}
+    return {
+        "cells": str(outcome.cells),
+        "method": ("branch and bound along rays" if outcome.cells else "a definite quadratic form") + more,
+    }
 
 
 def _rounded_up(value: float) -> float:
@@ -185,8 +187,10 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     terms = [(key, nearest_double(value)) for key, value in inequality.value.items()]
-    degrees = range(max(map(sum, inequality.value)) + 1)
-    parts = [polynomial_at([term for term in terms if sum(term[0]) == k], directions) for k in degrees]
+    parts = [
+        polynomial_at([term for term in terms if sum(term[0]) == k], directions)
+        for k in range(max(map(sum, inequality.value)) + 1)
+    ]
     radius, value, alive = *np.zeros((2, len(directions))), np.ones(len(directions), dtype=bool)
     step = 0.02 * np.sqrt(level / parts[2])
     for _ in range(2000):
@@ -345,8 +349,10 @@ def _error_energy(
     """M, X and γ_e of the observer's inequalities. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
     algebra = Algebra(certificate)
-    laws = map(algebra.in_x, certificate.law)
-    slopes = [[terms_of(algebra.moved(law.derivative(j))) for j in range(size)] for law in laws]
+    slopes = [
+        [terms_of(algebra.moved(law.derivative(j))) for j in range(size)]
+        for law in map(algebra.in_x, certificate.law)
+    ]
     backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
     widths, scale = np.zeros(len(backwards)), 1 / np.linalg.norm(backwards, axis=0)
     squares = np.outer(scale, scale)

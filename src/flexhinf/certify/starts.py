@@ -141,8 +141,9 @@ def term_along(
         return []
     if term.function is not None:
         function = statement.functions[term.function]
-        slope = sum((s * _multiple(path[i]) for i, s in enumerate(function.slope) if s), 0.0)
-        along = replace(function, slope=(slope,))
+        along = replace(
+            function, slope=(sum((s * _multiple(path[i]) for i, s in enumerate(function.slope) if s), 0.0),)
+        )
         if along not in functions:
             functions.append(along)
         index = functions.index(along)
@@ -203,8 +204,10 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     """
     driven = [(i, row[0]) for i, row in enumerate(statement.g2) if row[0]]
     rest = rest_path(statement, side)
-    single = rest is not None and rest[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
-    if rest is None or not (single and all(sum(powers) == 1 for law in statement.law for powers, _ in law)):
+    if rest is None or not (
+        rest[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
+        and all(sum(powers) == 1 for law in statement.law for powers, _ in law)
+    ):
         return None
     path, functions, place = rest[0].path, list(rest[0].functions), int(np.flatnonzero(rest[1])[0])
     ((rate, (divisor,)),), known = driven, dict(enumerate(path))
@@ -213,16 +216,19 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     except _NoForm:
         return None
     gains = {powers.index(1): value for powers, value in statement.law[0]}
-    held = _gathered(divided(part, divisor) for part in parts)
-    terms = [replace(term, coefficient=term.coefficient / gains[place]) for term in held]
+    terms = [
+        replace(term, coefficient=term.coefficient / gains[place])
+        for term in _gathered(divided(part, divisor) for part in parts)
+    ]
     terms += [
         replace(term, coefficient=-gain / gains[place] * term.coefficient)
         for i, gain in gains.items()
         if i != place
         for term in path[i]
     ]
-    whole = (*path[:place], _gathered(terms), *path[place + 1 :])
-    return Start(UNCHANGED_INPUT, 1.0, whole, tuple(functions))
+    return Start(
+        UNCHANGED_INPUT, 1.0, (*path[:place], _gathered(terms), *path[place + 1 :]), tuple(functions)
+    )
 
 
 def tabled_start(
@@ -473,8 +479,10 @@ def limit_slice(
     plane = np.linspace(0.0, FURTHEST, 200)[1:, None, None] * unit * ends
     value = np.asarray(solution.value((plane @ np.array([other, point])).reshape(-1, len(point))))
     inside = np.logical_and.accumulate(value.reshape(plane.shape[:2]) <= certificate.level, axis=0)
-    lengths = (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
-    across, up = (np.linspace(-WIDTH_FACTOR * length, WIDTH_FACTOR * length, POINTS) for length in lengths)
+    across, up = (
+        np.linspace(-WIDTH_FACTOR * length, WIDTH_FACTOR * length, POINTS)
+        for length in (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
+    )
     value, residual = _on(solution, certificate, penalty, across[:, None] * other + up[:, None, None] * point)
     return LimitSlice(across, up, value, residual, check.limit, point, moved)
 
@@ -485,10 +493,9 @@ def _on(
     """V and r + αV at deviations (B, A, n), each (B, A)."""
     flat, pair = points.reshape(-1, points.shape[-1]), checked_pair(solution, certificate.gamma, penalty)
     value, slope = solution.value_and_gradient(flat)
-    terms = Inequality(solution, pair.gamma, pair.output).terms(flat, slope)
-    return value.reshape(points.shape[:-1]), (terms.sum(axis=0) + certificate.decay * value).reshape(
-        points.shape[:-1]
-    )
+    residual = Inequality(solution, pair.gamma, pair.output).terms(flat, slope).sum(axis=0)
+    residual += certificate.decay * value
+    return value.reshape(points.shape[:-1]), residual.reshape(points.shape[:-1])
 
 
 def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> WorstStep:

@@ -190,10 +190,11 @@ def _observer(claim: Claim) -> list[str]:
 
 
 def _with_estimates(claim: Claim, observer: Observer) -> str:
-    estimated = (s for s in claim.states if s.name not in observer.known)
     axes = ", ".join(
         f"{s.name} {_down(sqrt(2 * observer.energy / row[i]) * (1 - 1e-9))} {s.unit}".rstrip()
-        for i, (s, row) in enumerate(zip(estimated, observer.storage, strict=True))
+        for i, (s, row) in enumerate(
+            zip((s for s in claim.states if s.name not in observer.known), observer.storage, strict=True)
+        )
         if row[i] > 0  # where it is not, nothing is proved
     )
     gain = sqrt(claim.gamma**2 + observer.gain_error**2)
@@ -298,7 +299,7 @@ def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MOST_S
     text = ""
     for powers, value in polynomial[:most]:
         factors = [s.name + (f"^{e}" if e > 1 else "") for s, e in zip(states, powers, strict=True) if e]
-        sign = (" - " if value < 0 else " + ") if text else "-" if value < 0 else ""
-        text += sign + " ".join([f"{abs(value)!r}"] * (abs(value) != 1.0 or not factors) + factors)
+        text += (" - " if value < 0 else " + ") if text else "-" * (value < 0)
+        text += " ".join([f"{abs(value)!r}"] * (abs(value) != 1.0 or not factors) + factors)
     more = len(polynomial) - most
     return text + (f" + {more} more {'terms' if more > 1 else 'term'}" if more > 0 else "") if text else "0"

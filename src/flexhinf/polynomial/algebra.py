@@ -213,6 +213,8 @@ class PolynomialLaw:
         # the law lies between measurement and input.
         sums = [coefficients[:, k::PARTS] @ row[k::PARTS] for k in range(min(PARTS, row.size))]
         while len(sums) > 1:
-            odd = sums[len(sums) - len(sums) % 2 :]
-            sums = [*(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)), *odd]
+            sums = [
+                *(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)),
+                *sums[len(sums) - len(sums) % 2 :],
+            ]
         return sums[0]

@@ -192,8 +192,10 @@ def _check_sizes(claim: Claim) -> None:
         f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit",
     )
     for function in claim.functions:
-        farthest = sum(abs(s) * w for s, w in zip(function.slope, widest))
-        require(not farthest > _FARTHEST, f"{function.name} is asked for farther than {_FARTHEST:g} from 0")
+        require(
+            not sum(abs(s) * w for s, w in zip(function.slope, widest)) > _FARTHEST,
+            f"{function.name} is asked for farther than {_FARTHEST:g} from 0",
+        )
 
 
 def _check_matrices(claim: Claim) -> None:
@@ -228,6 +230,8 @@ def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
 def _reason(claim: Claim, refusal: Refusal) -> str:
     if refusal.z is None:
         return f"{refusal}."
-    x = np.array(claim.coordinates) @ refusal.z
-    place = ", ".join(f"{s.name} = {v:.5g} {s.unit}".rstrip() for s, v in zip(claim.states, x, strict=True))
+    place = ", ".join(
+        f"{s.name} = {v:.5g} {s.unit}".rstrip()
+        for s, v in zip(claim.states, np.array(claim.coordinates) @ refusal.z, strict=True)
+    )
     return f"{refusal} at {place}, where V = {refusal.value:.6g} (level {claim.level:.6g})."

@@ -228,9 +228,8 @@ class Quotient:
         inside = np.minimum(edge, self._count).astype(int)
         remainder = np.maximum(self._remainder[self._count + inside], self._remainder[self._count - inside])
         error = self._error[self._count + index] * np.maximum(width, 1.0) ** ORDER
-        return self._coefficients[self._count + index].T, np.where(
-            edge > self._count, inf, (remainder * width ** (ORDER + 1) + error) * _UP
-        )
+        rest = (remainder * width ** (ORDER + 1) + error) * _UP
+        return self._coefficients[self._count + index].T, np.where(edge > self._count, inf, rest)
 
 
 BITS = 128  # of the balls from which tables are rounded
@@ -317,10 +316,10 @@ def _nearly_even(polynomial: Any, reach: float) -> bool:
 
 def _is_odd(function: Function) -> bool:
     """Whether φ(o + s) − φ(o) is odd in s."""
-    whole = {"sin": function.pi_halves % 2 == 0, "cos": function.pi_halves % 2 == 1}
-    return function.offset == 0 and whole.get(
-        function.name, function.name in ("tanh", "arctan") and function.pi_halves == 0
-    )
+    return function.offset == 0 and {
+        "sin": function.pi_halves % 2 == 0,
+        "cos": function.pi_halves % 2 == 1,
+    }.get(function.name, function.name in ("tanh", "arctan") and function.pi_halves == 0)
 
 
 class _Columns(NamedTuple):

@@ -33,26 +33,34 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     used = {
         name for row in (claim.drift, *claim.g1) for terms in row for t in terms for name, _ in t.parameters
     }
-    uncertain = any(p.low < p.high and p.name in used for p in claim.parameters)
-    require(not uncertain, "an observer with exact error dynamics needs parameters that are known")
+    require(
+        not any(p.low < p.high and p.name in used for p in claim.parameters),
+        "an observer with exact error dynamics needs parameters that are known",
+    )
     estimated = [i for i, name in enumerate([s.name for s in claim.states]) if name not in observer.known]
     sensors = matrix_of(observer.measured)
     drift = _error_drift(claim, estimated, sensors)
     noise = _disturbance(claim, estimated)
     measured = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
-    symmetric = weight == weight.transpose() and storage == storage.transpose()
-    require(symmetric, "the observer's matrices M and X are not symmetric")
+    require(
+        weight == weight.transpose() and storage == storage.transpose(),
+        "the observer's matrices M and X are not symmetric",
+    )
     require(positive_definite(storage), "the observer's X is not positive definite")
     closed = drift - gain * measured
     rate = closed.transpose() * storage + storage * closed + weight
     if any(entry != 0 for entry in noise.entries()):
-        why = "disturbances reach the estimates' errors, and the observer states no gain for them"
-        require(observer.gain_error != 0, why)
+        require(
+            observer.gain_error != 0,
+            "disturbances reach the estimates' errors, and the observer states no gain for them",
+        )
         pushed = storage * noise
         rate += pushed * pushed.transpose() * (1 / as_rational(observer.gain_error) ** 2)
-    negative = positive_definite(rate * fmpq(-1))
-    require(negative, "(A - LC)'X + X(A - LC) + M + XGG'X/gamma_e^2 is not negative definite")
+    require(
+        positive_definite(rate * fmpq(-1)),
+        "(A - LC)'X + X(A - LC) + M + XGG'X/gamma_e^2 is not negative definite",
+    )
     _check_slopes(claim, observer, estimated, weight, storage)
 
 
@@ -78,10 +86,14 @@ def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
             inside = [[fmpq(int(j == k)) for j in range(n)] for k, power in enumerate(term.powers) if power]
             if term.function is not None:
                 inside.append([as_rational(v) for v in claim.functions[term.function].slope])
-            name = claim.states[i].name
-            require(all(map(spans, inside)), f"the rate of {name} is nonlinear in what is not measured")
-        computed = i not in known or spans(linear[i])
-        require(computed, f"{claim.states[i].name} is not computed from what is measured")
+            require(
+                all(map(spans, inside)),
+                f"the rate of {claim.states[i].name} is nonlinear in what is not measured",
+            )
+        require(
+            i not in known or spans(linear[i]),
+            f"{claim.states[i].name} is not computed from what is measured",
+        )
     return fmpq_mat([[linear[i][j] for j in estimated] for i in estimated])
 
 
@@ -91,8 +103,10 @@ def _disturbance(claim: Claim, estimated: list[int]) -> Any:
 
 
 def _constant(claim: Claim, terms: Terms, what: str) -> fmpq:
-    constant = not any(any(term.powers) for term in terms)
-    require(constant, f"the {what} matrix depends on the state, which an observer is not proved for")
+    require(
+        not any(any(term.powers) for term in terms),
+        f"the {what} matrix depends on the state, which an observer is not proved for",
+    )
     return sum((_number(claim, term) for term in terms), fmpq(0))
 
 
@@ -124,8 +138,10 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
         for i, sign in zip(uncertain, signs, strict=True):
             at[i] += sign * radius[i]
         j = fmpq_mat([at[k : k + count] for k in range(0, len(at), count)])
-        bounded = positive_definite(weight - j.transpose() * r2 * j)
-        require(bounded, "M does not bound the slopes of the law where the states and their estimates are")
+        require(
+            positive_definite(weight - j.transpose() * r2 * j),
+            "M does not bound the slopes of the law where the states and their estimates are",
+        )
 
 
 def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
@@ -133,8 +149,10 @@ def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
     n = len(claim.states)
     context = fmpq_mpoly_ctx.get([f"z{i + 1}" for i in range(n)], Ordering.degrevlex)
     value = polynomial_of(claim.value, context)
-    g2 = fmpq_mat([[_constant(claim, entry, "input") for entry in row] for row in claim.g2])
-    onto = matrix_of(claim.r2).inv() * g2.transpose()
+    onto = (
+        matrix_of(claim.r2).inv()
+        * fmpq_mat([[_constant(claim, entry, "input") for entry in row] for row in claim.g2]).transpose()
+    )
     x = [
         sum((as_rational(a) * z for a, z in zip(row, context.gens(), strict=True)), context.constant(0))
         for row in claim.coordinates

@@ -65,8 +65,10 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     if not positive_definite(value):
         return 0, []
     widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
-    rows = zip(claim.functions, map(row_of, exact.arguments), strict=True)
-    known = [quotient_range(function, (row * widest * row.transpose())[0, 0]) for function, row in rows]
+    known = [
+        quotient_range(function, (row * widest * row.transpose())[0, 0])
+        for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True)
+    ]
     ranges, weights = [ends for ends in known if ends], parameter_corners(claim, exact.products)
     if len(ranges) < len(known) or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0, []
@@ -132,8 +134,10 @@ def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None
             bend = bend.max(
                 abs(series_of(function.name, arb_series([offset + middle + half * arb(0, 1), 1], prec=3))[2])
             )
-            at = (series_of(function.name, arb_series([offset + middle], prec=1))[0] - start) / middle
-            pieces.append(at + bend * half * arb(0, 1))
+            pieces.append(
+                (series_of(function.name, arb_series([offset + middle], prec=1))[0] - start) / middle
+                + bend * half * arb(0, 1)
+            )
         for k in range(ceil(log2(max(float(farthest) / _NEAR, 1.0)))):
             piece = arb(side * _NEAR * 2**k).union(arb(side * _NEAR * 2 ** (k + 1)))
             pieces.append((series_of(function.name, arb_series([offset + piece], prec=1))[0] - start) / piece)

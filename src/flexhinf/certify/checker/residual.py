@@ -46,8 +46,7 @@ def series_of(name: str, argument: arb_series) -> arb_series:
     if name == "tanh":
         below = (2 * argument).exp() + 1
         return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * argument.prec, prec=argument.prec)
-    known = {"sin": argument.sin, "cos": argument.cos, "exp": argument.exp, "log": argument.log}
-    return (known | {"arctan": argument.atan})[name]()
+    return getattr(argument, "atan" if name == "arctan" else name)()
 
 
 def offset_of(function: Function) -> arb:
@@ -188,8 +187,10 @@ def _opposite(first: Any, other: Any) -> bool:
     for powers, value in other.to_dict().items():
         degree = sum(map(int, powers))
         largest[degree] = max(largest.get(degree, fmpq(0)), abs(value))
-    rest = (first + other).to_dict().items()
-    return all(abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12) for p, v in rest)
+    return all(
+        abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12)
+        for p, v in (first + other).to_dict().items()
+    )
 
 
 def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]]:
@@ -204,11 +205,15 @@ def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]
         for p in claim.parameters
         if p.name in used
     }
-    corners = itertools.product(*(sorted(set(ends)) for ends in box.values()))
-    return [dict(zip(box, map(as_rational, corner), strict=True)) for corner in corners]
+    return [
+        dict(zip(box, map(as_rational, corner), strict=True))
+        for corner in itertools.product(*(sorted(set(ends)) for ends in box.values()))
+    ]
 
 
 def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
     """Each product of parameters (columns) at the corners of the box (rows)."""
-    corners = box_corners(claim, products)
-    return [[prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products] for at in corners]
+    return [
+        [prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products]
+        for at in box_corners(claim, products)
+    ]

@@ -151,8 +151,10 @@ def _upper(polynomial: Any, n: int) -> arb:
 # Cells that are accepted or finished ------------------------------------------------------------------
 def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
     """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
-    holds = cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners)
-    require(holds, f"rationals and balls do not confirm {cell}")
+    require(
+        cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners),
+        f"rationals and balls do not confirm {cell}",
+    )
 
 
 class Sample:

@@ -43,8 +43,10 @@ def check_start(claim: Claim, start: Start) -> int:
     number = claim.starts.index(start) + 1 if start in claim.starts else 1
 
     def inside(center: arb, whole: arb, middle: fmpq, depth: int) -> bool:
-        why = f"the start of amplitude {float(middle.p) / float(middle.q):.6g} on path {number} is not inside"
-        require(bool(whole <= level) or not (center > level or depth >= _HALVINGS), why)
+        require(
+            bool(whole <= level) or not (center > level or depth >= _HALVINGS),
+            f"the start of amplitude {float(middle.p) / float(middle.q):.6g} on path {number} is not inside",
+        )
         return bool(whole <= level)
 
     with ctx.workprec(BITS):
@@ -70,10 +72,11 @@ def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int
 
 def _first_pieces(start: Start) -> list[tuple[fmpq, fmpq, int, int]]:
     """Intervals of a that cover the path: their ends, the piece of the table that they lie in, and 0 halvings."""
-    knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
     return [
         (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)
-        for piece, (left, right) in enumerate(pairwise(knots))
+        for piece, (left, right) in enumerate(
+            pairwise([as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)])
+        )
         for i in range(_FIRST)
     ]
 
@@ -86,8 +89,10 @@ def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
         p.low <= 0 <= p.high for p in used
     ):
         return [{p.name: arb(p.low).union(arb(p.high)) for p in used}]
-    corners = itertools.product(*(sorted({p.low, p.high}) for p in used))
-    return [{p.name: arb(v) for p, v in zip(used, corner, strict=True)} for corner in corners]
+    return [
+        {p.name: arb(v) for p, v in zip(used, corner, strict=True)}
+        for corner in itertools.product(*(sorted({p.low, p.high}) for p in used))
+    ]
 
 
 def enclosed_value(
@@ -96,9 +101,8 @@ def enclosed_value(
     """V in the middle of an interval of a between two knots of the table, and on all of it."""
     middle = (left + right) / 2
     center = _value(claim, _path(start, piece, arb(middle), values, 1))[0]
-    return center, center + _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[
-        1
-    ] * arb(0, 1) * arb(right - middle)
+    slope = _value(claim, _path(start, piece, arb(left).union(arb(right)), values, 2))[1]
+    return center, center + slope * arb(0, 1) * arb(right - middle)
 
 
 def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: int) -> list[Any]:
