@@ -14,8 +14,7 @@ from flint import arb, fmpq
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Function, Term
-from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.box_gain import common_value
+from flexhinf.certify.box import common_value, parameter_ranges, tolerance_statement
 from flexhinf.certify.checker import quadratic
 from flexhinf.certify.checker.quadratic import quotient_range
 from flexhinf.certify.proof import certify_tolerances

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import flexhinf.certify.checker as checker
 from flexhinf.certify import Certificate, Parameter, Signal, Start, Term, load_certificate
-from flexhinf.certify.theorem import AUTHOR, theorem_parts, theorem_text
+from flexhinf.certify.certificate import AUTHOR, theorem_parts, theorem_text
 from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
 
 from .a_cubic import CUBIC

@@ -35,15 +35,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise, product
 from math import prod
+from operator import mul
 from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.box import BoxExcess
 from flexhinf.certify.certificate import polynomial_at
 from flexhinf.certify.inequality import (
+    BoxExcess,
     Inequality,
     QuotientTable,
     Rational,
@@ -90,18 +91,19 @@ class CellBounds:
         self.n, self.reach, claim = inequality.n, reach, inequality.certificate
         self.box = BoxExcess(claim, reach) if any(p.low < p.high for p in claim.parameters) else None
         self.lines = inequality.forms(inequality.functions)
-        signs = [parity(function) for function in inequality.functions]
-        pairs = [(inequality.value, True), (inequality.polynomial, True)]
-        pairs += [(factor, sign == -1) for factor, sign in zip(inequality.factors, signs)]  # Φ odd: S even
+        signs = [*map(parity, inequality.functions)]
+        pairs = [  # of each its terms, and whether the even ones are kept; Φ odd: S even
+            (inequality.value, True),
+            (inequality.polynomial, True),
+            *((factor, sign == -1) for factor, sign in zip(inequality.factors, signs)),
+        ]
         split = [by_parity(terms, even) for terms, even in pairs]
         sizes = [[sum(abs(nearest_double(v)) for v in part.values()) for part in pair] for pair in split]
         # V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance
         self.symmetric = 0 not in signs and all(odd <= _ASYMMETRY * (even + odd) for even, odd in sizes)
         if not self.symmetric:
             split = [(terms, {}) for terms, _ in pairs]
-        self.faces = [
-            (face, sign) for face in range(self.n) for sign in ((1,) if self.symmetric else (1, -1))
-        ]
+        self.faces = [*product(range(self.n), (1,) if self.symmetric else (1, -1))]
         (value, whole, *factors), odd = zip(*split)
         highest = max(map(sum, whole))
         self.tables: list[QuotientTable] = []
@@ -109,18 +111,15 @@ class CellBounds:
         for factor, function, most in zip(factors, inequality.functions, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
             self.tables.append(quotient_table(function, most, order))
-            product, line = inequality.z.from_dict(factor), inequality.moved(inequality.line(function.slope))
-            for _ in range(order + 1):
-                powers.append(terms_of(product))
-                product = product * line
+            line = inequality.moved(inequality.line(function.slope))
+            multiples = accumulate([line] * order, mul, initial=inequality.z.from_dict(factor))
+            powers += map(terms_of, multiples)
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
-        terms = [_degrees(part) for part in powers]
-        self.shape = shape = Shape(
-            self.n, _degrees(value), [_degrees(factor) or (2,) for factor in factors], every, terms
-        )
+        degrees = [_degrees(factor) or (2,) for factor in factors]
+        self.shape = shape = Shape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
         self.value_table = self._table(value, shape.value)
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
-        self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
+        self.quotient_table = np.hstack(quotients or [np.zeros((len(self.faces), 1))])
         which, place = np.array(shape.columns).T
         self.table = np.ascontiguousarray(
             np.stack([self._table(part, shape.whole) for part in (whole, *powers)])[which, :, place].T
@@ -284,7 +283,6 @@ def _degrees(terms: Rational) -> tuple[int, ...]:
 
 
 def _aligned(*shape: int) -> np.ndarray:
-    """Zeros that start at a multiple of 64 bytes."""
     count = prod(shape)
     raw = np.zeros(count + 8)
     return raw[(-raw.ctypes.data % 64) // 8 :][:count].reshape(shape)
@@ -347,7 +345,13 @@ def search(
     done, share, whole = 0, 0.0, count * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
-            cells = _next_batch(stack)
+            parts, room = list[Records](), _TOGETHER
+            while stack and room:
+                part = stack.pop()
+                stack += [part[:-room]] * (len(part) > room)
+                parts.append(part[-room:])
+                room -= len(parts[-1])
+            cells = np.concatenate(parts).view(np.recarray)
             if done + len(cells) > most_cells:
                 return Outcome(False, "too many cells", None, float("nan"), float("nan"), done)
             results = bounds.bound(cells, level, pool)
@@ -371,20 +375,7 @@ def search(
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _next_batch(stack: list[Records]) -> Records:
-    parts, room = [], _TOGETHER
-    while stack and room:
-        part = stack.pop()
-        if len(part) > room:
-            stack.append(part[:-room])
-            part = part[-room:]
-        parts.append(part)
-        room -= len(part)
-    return np.concatenate(parts).view(np.recarray)
-
-
 def _following(cells: Records) -> Records:
-    """The intervals of ρ that follow accepted cells outwards."""
     length = cells.outer - cells.inner
     return cells_of(
         cells.face, cells.t, cells.h, cells.outer, np.minimum(cells.outer + _GROWTH * length, 1.0)
@@ -438,8 +429,8 @@ def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | R
         )[0]
     along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
-    row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1
     for part, sign in zip(sides, (1, -1)):
-        part.h[row, column] /= 2
-        part.t[row, column] += sign * part.h[row, column]
+        place = np.arange(len(part)), chosen[chosen > 0] - 1
+        part.h[place] /= 2
+        part.t[place] += sign * part.h[place]
     return np.concatenate([along, *sides]).view(np.recarray)

@@ -77,8 +77,7 @@ class Layout:
     def __init__(self, directions: int, degrees: Sequence[int]) -> None:
         self.directions, self.degrees = directions, tuple(degrees)
         self.monomials, first = monomials_of(directions, max(self.degrees)), 0
-        self.groups: list[Group] = []
-        self.place: dict[tuple[int, tuple[int, ...]], int] = {}
+        self.groups, self.place = list[Group](), dict[tuple[int, tuple[int, ...]], int]()
         for size, betas in groupby(self.monomials, sum):
             group, degrees = list(betas), tuple(k for k in self.degrees if k >= size)
             even = sum(not any(e % 2 for e in beta) for beta in group)
@@ -127,8 +126,8 @@ class Shape:
             for part in (0, *(1 + q for q, degrees in enumerate(terms) if k in degrees))
         ]
         self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
-        scalars = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
-        scalars |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
+        names = "inner", "outer", "middle", "half", "value_rounding", "growth_rounding", "rounding"
+        scalars = dict.fromkeys(names, 1)
         self.inputs = _places({"t": d, "h": d} | scalars | {"error": len(quotients), "s": len(terms)})
         self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
@@ -194,7 +193,6 @@ class _Code(Writer):
         return self.let(f"{operation} i64 {a}, {b}")
 
     def affine(self, index: str, stride: int, offset: str | int) -> str:
-        """index · stride + offset."""
         return self.integer("add", self.integer("mul", index, str(stride)), str(offset))
 
     def logical(self, operation: str, a: str, b: str) -> str:
@@ -219,7 +217,6 @@ class _Code(Writer):
         self.store(self.real(operation, self.load(place), value), place)
 
     def finish(self, head: str, name: str) -> None:
-        """Close the function, and add it to the module."""
         self.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"])
 
 
@@ -259,10 +256,6 @@ def _write_shift(module: ModuleText, longest: int) -> None:
 class _Kernel(_Code):
     """The entry's text: rows, tables and buffers of a group of cells, and what is done to polynomials in them."""
 
-    pointers: dict[str, str]
-    rows: str
-    out: str
-
     def __init__(self, module: ModuleText, shape: Shape) -> None:
         super().__init__(module)
         self.shape = shape
@@ -275,7 +268,6 @@ class _Kernel(_Code):
         self.store(value, self.at(self.out, str(self.shape.outputs[name] + index)))
 
     def result(self, name: str) -> str:
-        """An output that is already known."""
         return self.load(self.at(self.out, str(self.shape.outputs[name])))
 
     def work(self, name: str, index: str = "0") -> str:
@@ -306,7 +298,6 @@ class _Kernel(_Code):
                         yield group, b, even
 
     def coefficients(self, group: Group, b: str, place: str) -> list[str]:
-        """The coefficients of one monomial, by degree, in the cell's own variables."""
         scale = self.load(self.work("scale", self.integer("add", b, str(group.first))))
         start = self.affine(b, len(group.degrees), group.offset)
         return [
@@ -315,7 +306,6 @@ class _Kernel(_Code):
         ]
 
     def low_place(self, place: str, group: Group, b: str, power: int) -> str:
-        """Where the coefficient of a power of ρ stands for one of the low monomials."""
         return self.work(place, self.affine(self.integer("add", b, str(group.first)), self.top + 1, power))
 
     def kept(self, place: str, group: Group, b: str) -> list[str]:
