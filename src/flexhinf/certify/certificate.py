@@ -27,8 +27,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.quadratic import definite_corners
-from flexhinf.certify.checker.residual import Refusal, residual
+from flexhinf.certify.checker.residual import Refusal, look_at_corners, residual
 from flexhinf.certify.checker.starts import check_start, proved_peaks
 from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
@@ -78,7 +77,8 @@ class Certificate(Summarised, Claim):
 
     def definite_corners(self) -> int:
         """The number of corners at which r is a negative definite form, where that proves it without cells; else 0."""
-        return definite_corners(self, residual(self))
+        count, failed = look_at_corners(self, residual(self))
+        return 0 if failed else count
 
     def with_proved_starts(self) -> Certificate:
         """This certificate without the starts for which ball arithmetic does not show V ≤ level."""

@@ -337,11 +337,10 @@ class Claim(Part):
     provenance: Annotated[dict[Name, Name], Field(max_length=100)] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        n, m, w = len(self.states), len(self.inputs), len(self.disturbances)
-        lengths = ("drift", n), ("law", m), ("shift", n if self.shift else 0)
+        n, m, w = map(len, (self.states, self.inputs, self.disturbances))
+        sizes = {"drift": n, "law": m, "shift": n if self.shift else 0}
         shapes = ("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)
         positive = {name: getattr(self, name) for name in ("gamma", "level", "reach")}
-        sizes = {name: len(getattr(self, name)) for name, _ in lengths}
         check_line("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
             check_line("the certificate's provenance", text)
@@ -351,7 +350,10 @@ class Claim(Part):
             *((value > 0, f"a positive {name}", repr(value)) for name, value in positive.items()),
             (self.decay >= 0, "a decay that is not negative", repr(self.decay)),
             *((low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}") for low, high in self.shift),
-            *((sizes[name] == k, f"{k} rows of {name}", f"{sizes[name]}") for name, k in lengths),
+            *(
+                (len(getattr(self, name)) == k, f"{k} rows of {name}", f"{len(getattr(self, name))}")
+                for name, k in sizes.items()
+            ),
             *(rows_fit(name, getattr(self, name), rows, columns) for name, rows, columns in shapes),
         )
         distinct(
@@ -363,10 +365,9 @@ class Claim(Part):
         self._check_terms(n)
 
     def _check_feedback(self) -> None:
-        observer = self.observer
-        expected = "state" if observer is None else "output injection observer"
+        expected = "state" if self.observer is None else "output injection observer"
         require((self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60)))
-        if observer is None:
+        if (observer := self.observer) is None:
             return
         names = [s.name for s in self.states]
         unknown = [name for name in observer.known if name not in names]

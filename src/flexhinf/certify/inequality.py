@@ -25,8 +25,9 @@ q/ρ = Q(w), a polynomial in w = (ρ, t). On the cell |w_i − m_i| ≤ h_i, by 
 All values and derivatives of all polynomials at all centres are one product of matrices.
 
 Over a box of parameters (`BoxExcess`) r is a sum of monomials of the parameters times functions of the state. In each
-parameter by itself (or in its inverse, whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
-variable by itself is largest at a vertex of the box. So with p0 the middle, over the whole box
+parameter by itself (or in its inverse, whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a
+square. A function that is convex in each variable by itself is largest at a vertex of the box. So with p0 the middle,
+over the whole box
 
     r(p) − r(p0)  ≤  max over vertices v of  Σ_q C_vq Q_q(x),
 

@@ -326,10 +326,8 @@ class _Kernel(_Code):
                 width = self.fused(self.absolute(c), self.power(4, k - lift), width)
             self.add(tail, self.plus(self.largest(value, even and lift > 0), width))
             if lift:
-                self.store(
-                    self.plus(self.absolute(value), width),
-                    self.work("weight", self.integer("add", b, str(group.first))),
-                )
+                weight = self.work("weight", self.integer("add", b, str(group.first)))
+                self.store(self.plus(self.absolute(value), width), weight)
         total, middle = self.sum(self.zero if lift else self.load(tail)), self.power(2, 1)
         for group, b, even in self.each(layout.groups[: LOW + 1]):
             by_degree = dict(zip(group.degrees, self.coefficients(group, b, place)))

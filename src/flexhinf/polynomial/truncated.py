@@ -49,10 +49,7 @@ def degree_slice(n: int, k: int) -> slice:
 @lru_cache(16)  # what the last ones have worked out is kept; older ones live as long as their polynomials do
 def space(n: int, degree: int) -> Space:
     """The polynomials in `n` variables through total degree `degree`; the same object each time."""
-    interned = _SPACES.get((n, degree))
-    if interned is None:
-        interned = _SPACES[n, degree] = Space(n, degree)
-    return interned
+    return _SPACES.get((n, degree)) or _SPACES.setdefault((n, degree), Space(n, degree))
 
 
 class Space:
@@ -74,10 +71,7 @@ class Space:
     def support(self, monomials: np.ndarray) -> Support:
         """The interned support of ascending monomial numbers, shape (N,)."""
         key = monomials.astype(np.int32).tobytes()
-        support = self._supports.get(key)
-        if support is None:
-            support = self._supports.setdefault(key, Support(self, monomials))
-        return support
+        return self._supports.get(key) or self._supports.setdefault(key, Support(self, monomials))
 
     def remember(self, pairs: int) -> None:
         """Count stored pairs; when they are too many, forget what every support has worked out."""
@@ -298,7 +292,6 @@ def _tangent(name: str, x: float, degree: int) -> np.ndarray:
 
 
 def _series(name: str, x: float, degree: int) -> np.ndarray:
-    """A function by its name; refuses a point outside of its domain, or where it leaves the finite numbers."""
     _require(math.isfinite(x), name, x, "that is finite")
     low, high, domain = DOMAINS.get(name, (-math.inf, math.inf, ""))
     _require(low < x < high, name, x, domain)
@@ -335,12 +328,9 @@ def power(x: float, exponent: float, degree: int) -> np.ndarray:
     name, exponent = "1/x" if exponent == -1 else f"x**{exponent:g}", float(exponent)
     _require(math.isfinite(x) and math.isfinite(exponent), name, x, "that is finite, and so the exponent,")
     try:
-        whole = exponent.is_integer()
-        if whole and exponent >= 0:
-            top = int(exponent)
-            return np.array(
-                [math.comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)]
-            )
+        whole, top = exponent.is_integer(), int(exponent)
+        if whole and top >= 0:
+            return np.array([comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)])
         _require(x != 0.0 if whole else x > 0.0, name, x, "different from zero" if whole else "> 0")
         result = np.empty(degree + 1)
         result[0] = math.sqrt(x) if exponent == 0.5 else x**exponent

@@ -38,14 +38,20 @@ from flint import ctx
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
 from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.quadratic import check_reach, corner_text, look_at_corners
-from flexhinf.certify.checker.residual import Refusal, matrix_of, positive_definite, require, residual
+from flexhinf.certify.checker.residual import (
+    Refusal,
+    check_reach,
+    corner_text,
+    look_at_corners,
+    matrix_of,
+    positive_definite,
+    require,
+    residual,
+)
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.starts import check_start, proved_peaks
 from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
 from flexhinf.certify.claim import Claim
-
-__all__ = ["Verification", "verify"]
 
 _MOST_KINDS = 64
 _MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
@@ -199,7 +205,6 @@ def _check_sizes(claim: Claim) -> None:
 
 
 def _check_matrices(claim: Claim) -> None:
-    """T is invertible and R2 is symmetric and positive definite, in rationals."""
     require(matrix_of(claim.coordinates).det() != 0, "the coordinates T are singular")
     r2 = matrix_of(claim.r2)
     require(r2 == r2.transpose() and positive_definite(r2), "R2 is not symmetric and positive definite")
@@ -219,7 +224,6 @@ def _face(
 
 
 def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
-    """Prove a sample of cells again, some of them at −z, each at a random corner of the parameters."""
     rng = np.random.default_rng(seed)
     for cell in cells:
         corner = int(rng.integers(len(proof.exact_corners)))

@@ -13,11 +13,12 @@ import numpy as np
 from flint import arb, arb_series, fmpq, fmpq_mat
 
 from flexhinf.certify.checker.bounds import Bounds, CentredForm, TaylorTable
-from flexhinf.certify.checker.quadratic import Corner, corner_text
 from flexhinf.certify.checker.residual import (
+    Corner,
     Refusal,
     Residual,
     as_rational,
+    corner_text,
     form_of,
     offset_of,
     rounded,
@@ -101,7 +102,6 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
 
 
 def _quotient(function: Any, s: fmpq) -> arb:
-    """S(s), its limit at 0."""
     if s == 0:
         return series_of(function.name, arb_series([offset_of(function), 1], prec=2))[1]
     ends = [

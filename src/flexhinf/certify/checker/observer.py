@@ -158,11 +158,11 @@ def _law_slopes(claim: Claim, estimated: list[int]) -> list[list[Any]]:
         for row in claim.coordinates
     ]
     gradient = [value.derivative(i) for i in range(n)]
-    result = []
-    for row in range(onto.nrows()):
-        law = sum((-onto[row, i] * gradient[i] for i in range(n)), context.constant(0))
-        result.append([law.derivative(j).compose(*x, ctx=context) for j in estimated])
-    return result
+    laws = [
+        sum((-onto[row, i] * gradient[i] for i in range(n)), context.constant(0))
+        for row in range(onto.nrows())
+    ]
+    return [[law.derivative(j).compose(*x, ctx=context) for j in estimated] for law in laws]
 
 
 def _hull(claim: Claim, observer: Observer, estimated: list[int], storage: Any) -> list[fmpq]:

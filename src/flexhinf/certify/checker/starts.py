@@ -58,8 +58,13 @@ def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int
     """Number of intervals of a, each halved until `done(V in its middle, V on it, its middle, halvings)` is true, with
     all parameters in the box."""
     count = 0
+    knots = [as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)]
     for values in parameter_values(claim, start):
-        todo = _first_pieces(start)
+        todo = [  # intervals that cover the path, the piece of the table that they lie in, and halvings
+            (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)
+            for piece, (left, right) in enumerate(pairwise(knots))
+            for i in range(_FIRST)
+        ]
         while todo:
             left, right, piece, depth = todo.pop()
             middle = (left + right) / 2
@@ -68,17 +73,6 @@ def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int
             else:
                 todo += [(left, middle, piece, depth + 1), (middle, right, piece, depth + 1)]
     return count
-
-
-def _first_pieces(start: Start) -> list[tuple[fmpq, fmpq, int, int]]:
-    """Intervals of a that cover the path: their ends, the piece of the table that they lie in, and 0 halvings."""
-    return [
-        (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)
-        for piece, (left, right) in enumerate(
-            pairwise([as_rational(a) for a in start.amplitudes] or [fmpq(0), as_rational(start.amplitude)])
-        )
-        for i in range(_FIRST)
-    ]
 
 
 def parameter_values(claim: Claim, start: Start) -> list[dict[str, arb]]:
@@ -134,7 +128,6 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
 
 
 def _value(claim: Claim, x: list[Any]) -> Any:
-    """V of power series."""
     tables = [
         list(itertools.accumulate([y] * most, operator.mul, initial=y * 0 + 1))
         for y, most in zip(
