@@ -13,7 +13,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.certify import Certificate, Term, Verification, load_certificate
 from flexhinf.certify.certificate import theorem_text
-from flexhinf.certify.checker import observer as checked
+from flexhinf.certify.checker import statements as checked
 from flexhinf.certify.claim import Observer
 from flexhinf.errors import InvalidInput
 

@@ -12,7 +12,7 @@ from flint import fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
 from flexhinf.certify.certificate import theorem_text
-from flexhinf.certify.checker import Verification, observer as checked
+from flexhinf.certify.checker import Verification, statements as checked
 from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.claim import Observer
 from flexhinf.errors import InvalidInput

@@ -26,9 +26,8 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
-from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.residual import Refusal, look_at_corners, residual
-from flexhinf.certify.checker.starts import check_start, proved_peaks
+from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
 from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file

@@ -8,7 +8,7 @@ functions and z = (h(x), R2^½ u).
 **How, and what to read.** These files decide, in this order; all of them fit on a few screens:
 
 1. `residual`: r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV in exact rationals.
-2. `quadratic`: where r is a quadratic form for each value of the functions' quotients, definite matrices end the proof.
+2. There too: where r is a quadratic form for each value of the functions' quotients, definite matrices end the proof.
 3. `bounds`: elementary functions become Taylor polynomials with remainders from ball arithmetic; V, its growth along
    rays, and r on cells, with an a-priori bound of all rounding.
 4. `subdivision`: cells follow each other along rays from 0 until V exceeds the level.
@@ -16,7 +16,7 @@ functions and z = (h(x), R2^½ u).
 
 `guidance` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
 again in rationals and balls, without 3.; or every cell: then 1., 2., 4., 5. and `second_route` are all that has to be
-read. `starts` proves 6. and 8. of the theorem, `observer` 7., where they are claimed.
+read. `statements` proves 6., 7. and 8. of the theorem, where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
 What checker and search share is the form of a claim (`claim`). Nothing here imports the search, which takes no
@@ -37,7 +37,6 @@ from flint import ctx
 
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
-from flexhinf.certify.checker.observer import check_observer
 from flexhinf.certify.checker.residual import (
     Refusal,
     check_reach,
@@ -49,7 +48,7 @@ from flexhinf.certify.checker.residual import (
     residual,
 )
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
-from flexhinf.certify.checker.starts import check_start, proved_peaks
+from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
 from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
 from flexhinf.certify.claim import Claim
 
