@@ -133,8 +133,10 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
     point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
     rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
     varying = [p for p in statement.parameters if p.low < p.high]
-    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
-    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
+    corners = [
+        *({p.name: end} for p in varying for end in (p.low, p.high)),
+        *({p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)),
+    ]
     limit = _MOVED * max(1.0, float(np.abs(nominal).max()))
     for corner in corners:
         there = table.named(np.array([*(dict(zip(flat, nominal)) | corner).values()]))
@@ -145,9 +147,11 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
     drift, penalty = itertools.chain(*statement.drift), itertools.chain(*statement.penalty)
-    nonlinear = [term.powers for term in drift if sum(term.powers) + (term.function is not None) > 1]
-    nonlinear += [term.powers for terms in itertools.chain(*statement.g1, *statement.g2) for term in terms]
-    nonlinear += [powers for powers, _ in penalty if sum(powers) > 1]
+    nonlinear = [
+        *(term.powers for term in drift if sum(term.powers) + (term.function is not None) > 1),
+        *(term.powers for terms in itertools.chain(*statement.g1, *statement.g2) for term in terms),
+        *(powers for powers, _ in penalty if sum(powers) > 1),
+    ]
     bent |= {i for powers in nonlinear for i, power in enumerate(powers) if power}
     held = {
         row[0].powers.index(1)
@@ -281,8 +285,10 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
     law = [polynomial_at(row, x) for row in statement.law]
     columns, weights = [], []
     for i, along in enumerate(slope):
-        rows = [(term, np.ones(len(x))) for term in statement.drift[i]]
-        rows += [(term, law[j]) for j, entry in enumerate(statement.g2[i]) for term in entry]
+        rows = [
+            *((term, np.ones(len(x))) for term in statement.drift[i]),
+            *((term, u) for u, entry in zip(law, statement.g2[i]) for term in entry),
+        ]
         for term, factor in rows:
             monomial = np.prod(x ** np.array(term.powers), axis=1)
             if term.function is not None:

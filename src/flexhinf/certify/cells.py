@@ -62,8 +62,6 @@ from flexhinf.errors import NumericalFailure
 Records = Any
 
 _PARTS = 16  # a batch is cut into so many tasks for threads
-_UNIT = 2.0**-53
-_SMALLEST = 1e-300
 _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
@@ -144,7 +142,7 @@ class CellBounds:
             max(float(np.abs(table).sum()) for table in (self.value_table, self.quotient_table, self.table))
             * scale
         )
-        self._underflow = _SMALLEST * scale
+        self._underflow = 1e-300 * scale
         if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
             raise NumericalFailure(
                 "The numbers of the inequality are too large for a proof in double precision.",
@@ -245,7 +243,7 @@ class CellBounds:
     def rows(self, cells: Records) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
-        middle, unit, face = (inner + outer) / 2, 2 * self.roundings * _UNIT, cells.face
+        middle, unit, face = (inner + outer) / 2, 2 * self.roundings * 2.0**-53, cells.face
         half, degrees = np.maximum(outer - middle, middle - inner), np.arange(self._highest + 1)
         powers = outer[:, None] ** degrees * (1 + 1e-12)
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])

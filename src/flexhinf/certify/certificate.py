@@ -497,10 +497,12 @@ def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven
     texts = []
     for term in terms[:_MOST_SHOWN]:
         below = [_power(name, -e) for name, e in term.parameters if e < 0]
-        above = [_power(name, e) for name, e in term.parameters if e > 0]
-        above += [_power(name, e) for name, e in zip(names, term.powers, strict=True) if e]
-        above += [_bracket(functions[term.function], names)] if term.function is not None else []
-        above += [driven_by] * bool(driven_by)
+        above = [
+            *(_power(name, e) for name, e in term.parameters if e > 0),
+            *(_power(name, e) for name, e in zip(names, term.powers, strict=True) if e),
+            *([] if term.function is None else [_bracket(functions[term.function], names)]),
+            *[driven_by] * bool(driven_by),
+        ]
         number = f"{abs(term.coefficient):.10g}"
         text = "*".join(above if above and number == "1" else [number, *above])
         under = f"/({'*'.join(below)})" if len(below) > 1 else "".join(f"/{factor}" for factor in below)

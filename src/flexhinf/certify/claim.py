@@ -382,9 +382,8 @@ class Claim(Part):
         )
 
     def _check_terms(self, n: int) -> None:
-        polynomials = [("value", 2, self.value)]
-        polynomials += [(name, 1, row) for name in ("law", "penalty") for row in getattr(self, name)]
-        for name, lowest, polynomial in polynomials:
+        slopes = ((name, 1, row) for name in ("law", "penalty") for row in getattr(self, name))
+        for name, lowest, polynomial in (("value", 2, self.value), *slopes):
             require(*(powers_fit(name, powers, n, lowest) for powers, _ in polynomial))
             distinct(f"A monomial of {name}", [str(powers) for powers, _ in polynomial])
         known, channels = {p.name for p in self.parameters}, [*self.g1, *self.g2]

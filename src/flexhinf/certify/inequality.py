@@ -113,9 +113,7 @@ class Inequality(Algebra):
         total = self.z.constant(rational(certificate.decay)) * value + pushed(None)
         for along, row in zip(slope, g2):
             total += along * sum((a * b for a, b in zip(row, law)), self.zero)
-        for row in certificate.penalty:
-            h = self.moved(self.in_x(row))
-            total += h * h / 2
+        total += sum((h * h / 2 for h in map(self.moved, map(self.in_x, certificate.penalty))), self.zero)
         for (a, b), price in zip(product(law, law), chain(*certificate.r2)):
             total += a * b * (rational(price) / 2)
         for column in zip(*g1):
@@ -139,11 +137,9 @@ class Inequality(Algebra):
 
 def parity(function: Function) -> int:
     """1 where φ(o + ℓ) − φ(o) is exactly even in ℓ, −1 where it is exactly odd, else 0."""
-    if function.offset != 0.0:
-        return 0
-    if function.name in ("sin", "cos"):
+    if function.offset == 0.0 and function.name in ("sin", "cos"):
         return -1 if (function.pi_halves + (function.name == "cos")) % 2 == 0 else 1
-    return -1 if function.name in ("tanh", "arctan") and function.pi_halves == 0 else 0
+    return -int(function.name in ("tanh", "arctan") and function.offset == function.pi_halves == 0)
 
 
 def by_parity(terms: Rational, even: bool) -> tuple[Rational, Rational]:
@@ -277,24 +273,19 @@ class MeanForms:
             for parent, j in below:
                 self._derivatives[j, place, parent] = row[j]
         self._pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        self._tables = [self._face(polynomials, f, s) for f in range(n) for s in (1, -1)]
-
-    def _face(self, polynomials: Sequence[Rational], face: int, sign: int) -> tuple[np.ndarray, np.ndarray]:
-        """Rows for values and gradients, and for magnitudes of values and second derivatives."""
-        values, size = np.zeros((self.count, len(self._index))), len(self._index)
-        for column, polynomial in zip(values, polynomials):
-            for powers, value in polynomial.items():
-                column[self._index[(sum(powers) - 1, *powers[:face], *powers[face + 1 :])]] += (
-                    nearest_double(value) * sign ** powers[face]
-                )
-        slopes = np.stack([values @ derivative for derivative in self._derivatives], axis=1)
-        seconds = [
-            np.abs(slopes[:, i] @ self._derivatives[j]) * (0.5 if i == j else 1.0) for i, j in self._pairs
-        ]
-        return (
-            np.vstack([values, slopes.reshape(-1, size)]),
-            np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)]),
-        )
+        self._tables = []  # of each face: values and gradients, magnitudes of values and second derivatives
+        for face, sign in product(range(n), (1, -1)):
+            values, size = np.zeros((self.count, len(rows))), len(rows)
+            for column, polynomial in zip(values, polynomials):
+                for powers, value in polynomial.items():
+                    place = self._index[(sum(powers) - 1, *powers[:face], *powers[face + 1 :])]
+                    column[place] += nearest_double(value) * sign ** powers[face]
+            slopes = np.stack([values @ derivative for derivative in self._derivatives], axis=1)
+            seconds = [
+                np.abs(slopes[:, i] @ self._derivatives[j]) * (0.5 if i == j else 1.0) for i, j in self._pairs
+            ]
+            magnitudes = np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)])
+            self._tables.append((np.vstack([values, slopes.reshape(-1, size)]), magnitudes))
 
     def _monomials(self, w: np.ndarray) -> np.ndarray:
         values = np.ones((len(self._index), w.shape[1]))
@@ -461,8 +452,10 @@ class _Changes(Algebra):
         def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
             products[key] = [a + b for a, b in zip(products[key], changes)] if key in products else changes
 
-        rows = [(i, term, None) for i, row in enumerate(claim.drift) for term in row]
-        rows += [(i, t, j) for i, row in enumerate(claim.g2) for j, entry in enumerate(row) for t in entry]
+        rows = [
+            *((i, term, None) for i, row in enumerate(claim.drift) for term in row),
+            *((i, t, j) for i, row in enumerate(claim.g2) for j, entry in enumerate(row) for t in entry),
+        ]
         for i, term, driven in rows:
             *ends, middle = self._at_ends(term)
             if all(end == middle for end in ends):

@@ -425,7 +425,19 @@ class _Kernel(_Code):
             error = self.times(self.input("error", j), self.lanes.constant(1.000001))
             self.add(allowance, self.times(self.load(bound), error))
         self.output("allowance", self.load(allowance))
-        self._load_whole()
+        table, value, before = self.pointers["table"], self.zero, 0  # of A + Σ s_jm Q_j ℓᵐ on the face
+        factors = [self.input("s", q) for q in range(len(shape.terms))]
+        base = self.integer("mul", self.face, str(len(shape.columns)))
+        for group in shape.whole.groups:
+            size, places = len(group.degrees), [(part, place - group.offset) for part, place in shape.columns]
+            columns = [(part, i) for part, i in places if 0 <= i < size]  # of one monomial
+            with self.loop(str(group.count)) as b:
+                start, target = self.affine(b, len(columns), base), self.affine(b, size, group.offset)
+                for entry, (part, i) in enumerate(columns, before):
+                    number = self.number(table, self.integer("add", start, str(entry)))
+                    value = self.fused(factors[part - 1], number, value) if part else number
+                    self.store(value, self.work("whole", self.integer("add", target, str(i))))
+            before += len(columns) * group.count
         self.shift("whole", 1 + len(shape.quotients))
         self.tail, total = self.about_middle(shape.whole, "whole", 2)
         upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
@@ -438,23 +450,6 @@ class _Kernel(_Code):
             self._multipliers(allowance)
         with self.where(self.any(undecided)):
             self._scores()
-
-    def _load_whole(self) -> None:
-        """A + Σ s_jm Q_j ℓᵐ on the face."""
-        shape, table, value, before = self.shape, self.pointers["table"], self.zero, 0
-        factors = [self.input("s", q) for q in range(len(shape.terms))]
-        base = self.integer("mul", self.face, str(len(shape.columns)))
-        for group in shape.whole.groups:
-            size = len(group.degrees)
-            columns = [(part, place - group.offset) for part, place in shape.columns]
-            columns = [(part, i) for part, i in columns if 0 <= i < size]  # of one monomial
-            with self.loop(str(group.count)) as b:
-                start, target = self.affine(b, len(columns), base), self.affine(b, size, group.offset)
-                for entry, (part, i) in enumerate(columns, before):
-                    number = self.number(table, self.integer("add", start, str(entry)))
-                    value = self.fused(factors[part - 1], number, value) if part else number
-                    self.store(value, self.work("whole", self.integer("add", target, str(i))))
-            before += len(columns) * group.count
 
     def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""

@@ -110,8 +110,7 @@ def plant_fields(
         output, [reader.states, [reader.context.constant(rational(value)) for value in table.vector()]]
     )
     split = [(row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates)]
-    box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())}
-    box |= ranges or {}
+    box = {name: (a, a) for name, a in zip(reader.names, reader.values.tolist())} | dict(ranges or {})
     if fixed := sorted(name for name in reader.inside if box[name][0] < box[name][1]):
         raise InvalidInput(
             "A parameter stands inside a function of the state.",

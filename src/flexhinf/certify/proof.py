@@ -323,7 +323,9 @@ def with_observer(
     energy = share * certificate.level
     weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, b1[:size], energy)
     measured, *matrices = map(matrix_rows, (sensors, gain, weight, storage))
-    observer = Observer(measured, solution.state_names[size:], *matrices, gain_error, energy)
+    observer = Observer(
+        measured, solution.state_names[size:], *matrices, gain_error=gain_error, energy=energy
+    )
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _no_error_energy(reason)

@@ -217,14 +217,16 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
         return None
     gains = {powers.index(1): value for powers, value in statement.law[0]}
     terms = [
-        replace(term, coefficient=term.coefficient / gains[place])
-        for term in _gathered(divided(part, divisor) for part in parts)
-    ]
-    terms += [
-        replace(term, coefficient=-gain / gains[place] * term.coefficient)
-        for i, gain in gains.items()
-        if i != place
-        for term in path[i]
+        *(
+            replace(term, coefficient=term.coefficient / gains[place])
+            for term in _gathered(divided(part, divisor) for part in parts)
+        ),
+        *(
+            replace(term, coefficient=-gain / gains[place] * term.coefficient)
+            for i, gain in gains.items()
+            if i != place
+            for term in path[i]
+        ),
     ]
     return Start(
         UNCHANGED_INPUT, 1.0, (*path[:place], _gathered(terms), *path[place + 1 :]), tuple(functions)
@@ -468,9 +470,9 @@ def limit_slice(
 
     starts = [path_start(certificate, start, start.amplitude) for start in certificate.starts]
     choices: list[tuple[np.ndarray, int | None]] = [
-        (x, None) for x in sorted(starts, key=lambda x: -float(solution.value(x)))[:1]
+        *((x, None) for x in sorted(starts, key=lambda x: -float(solution.value(x)))[:1]),
+        *((least[:, i] / least[i, i], i) for i in range(len(least))),
     ]
-    choices += [(least[:, i] / least[i, i], i) for i in range(len(least))]
     other, moved = next((choice for choice in choices if apart(choice) > APART), max(choices, key=apart))
 
     angle = np.linspace(0.0, np.pi, 91)  # how far {V ≤ level} goes in this plane, along rays from the goal

@@ -342,10 +342,7 @@ def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
 def diagonal_sums(matrix: np.ndarray, k: int) -> np.ndarray:
     """Sum of the `k` diagonal entries each tuple points at, shape (count(n, k),)."""
     diagonal, tuples = np.diag(matrix), basis.indices(len(matrix), k)
-    total = np.zeros(len(tuples), matrix.dtype)
-    for position in range(k):
-        total += diagonal[tuples[:, position]]
-    return total
+    return sum((diagonal[position] for position in tuples.T), np.zeros(len(tuples), matrix.dtype))
 
 
 @lru_cache(32)

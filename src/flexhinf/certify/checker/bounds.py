@@ -157,11 +157,7 @@ class TaylorTable:
 
 def powers(base: np.ndarray, count: int) -> np.ndarray:
     """1, base, base², … along a new first axis, by repeated multiplication."""
-    table = np.empty((count, *np.shape(base)))
-    table[0] = 1.0
-    for p in range(1, count):
-        table[p] = table[p - 1] * base
-    return table
+    return np.cumprod([np.ones_like(base), *[base] * (count - 1)], axis=0)
 
 
 def concave_bound(slope: np.ndarray, square: np.ndarray) -> np.ndarray:

@@ -62,14 +62,21 @@ def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.
     """The variable of each cell that adds most to its bound beyond the constant: 0 for ρ, i for the i-th of the t."""
     h, length, edge = cells[table.n - 1 : -2], cells[-1] - cells[-2], cells[-2] >= 1.0
     size = np.abs(form.low) + form.radius
-    score = np.abs(form.low[table.square]) + size[table.linear] / 4 + table.in_pair @ size[table.pairs]
-    score += (table.terms[table.others] > 0).T.astype(float) @ size[table.others]
-    score += np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float) @ form.tail[:-1]
+    spread = np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float)
+    score = (
+        np.abs(form.low[table.square])
+        + size[table.linear] / 4
+        + table.in_pair @ size[table.pairs]
+        + (table.terms[table.others] > 0).T.astype(float) @ size[table.others]
+        + spread @ form.tail[:-1]
+    )
     score[0] += form.tail[-1]
     axis = np.where(np.isfinite(score), score, 0.0).argmax(0)
-    if table.n == 1:
-        return axis
-    return np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
+    return (
+        axis
+        if table.n == 1
+        else np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
+    )
 
 
 _POINTS = 200  # along a ray at which r is looked at

@@ -157,9 +157,13 @@ def residual(claim: Claim) -> Residual:
     v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
     priced = [total(a * u for a, u in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
     half, gamma = fmpq(1, 2), as_rational(claim.gamma)
-    r = total(a * b for a, b in zip(v_x, f, strict=True)) + total(a * b for a, b in zip(v_g2, k, strict=True))
-    r += half * total(a * a for a in h) + half * total(a * b for a, b in zip(k, priced, strict=True))
-    r += half / gamma**2 * total(a * a for a in v_g1) + as_rational(claim.decay) * v
+    r = (
+        total(a * b for a, b in zip(v_x, f, strict=True))
+        + total(a * b for a, b in zip(v_g2, k, strict=True))
+        + half * (total(a * a for a in h) + total(a * b for a, b in zip(k, priced, strict=True)))
+        + half / gamma**2 * total(a * a for a in v_g1)
+        + as_rational(claim.decay) * v
+    )
 
     places = [*map(linear, claim.coordinates), *gens[n:]]
     r, v, *s = (q.compose(*places, ctx=ring) for q in (r, v, *s))
