@@ -214,9 +214,7 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     rng, vertices = np.random.default_rng(seed), box_vertices(statement)
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
 
-    def value(x: np.ndarray) -> np.ndarray:
-        return polynomial_at(statement.value, x)
-
+    value = partial(polynomial_at, statement.value)
     points = _points(value, root, level, rng)
     parts = _parts(statement, vertices, points)
     for _ in range(_AGAIN):
@@ -271,17 +269,15 @@ def box_vertices(statement: Certificate) -> list[dict[str, float]]:
 def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarray) -> np.ndarray:
     """A, Z and G at points (N, n), (3, N)."""
 
-    def derivative(i: int) -> list[tuple[tuple[int, ...], float]]:
-        return [
-            (tuple(e - (j == i) for j, e in enumerate(powers)), coefficient * powers[i])
-            for powers, coefficient in statement.value
-            if powers[i]
-        ]
-
     def weights_of(term: Term) -> np.ndarray:
         return np.array([term_weight(term, vertex) for vertex in vertices])
 
-    slope = [polynomial_at(derivative(i), x) for i in range(len(statement.states))]
+    slope = [
+        polynomial_at(
+            [(tuple(e - (j == i) for j, e in enumerate(k)), c * k[i]) for k, c in statement.value if k[i]], x
+        )
+        for i in range(len(statement.states))
+    ]
     law = [polynomial_at(row, x) for row in statement.law]
     columns, weights = [], []
     for i, along in enumerate(slope):
@@ -359,7 +355,7 @@ def common_value(statement: Certificate) -> CommonValue | None:
     base = np.zeros((count, n + w, n + w))
     base[:, :n, :n] = -q
     parts = np.zeros((len(y), *base.shape))
-    for part, p in zip(parts, _units(n)):
+    for part, p in zip(parts, _matrix(np.eye(n * (n + 1) // 2), n)):
         part[:, :n, :n] = -(np.swapaxes(a, 1, 2) @ p + p @ a)
         part[:, :n, n:] = -p @ b
         part[:, n:, :n] = np.swapaxes(part[:, :n, n:], 1, 2)
@@ -379,15 +375,10 @@ def _slopes(function: Function) -> tuple[float, float]:
 
 
 def _matrix(y: np.ndarray, n: int) -> np.ndarray:
-    """The symmetric matrix (n, n) with the upper triangle y."""
-    p = np.zeros((n, n))
-    p[np.triu_indices(n)] = y
-    return p + np.triu(p, 1).T
-
-
-def _units(n: int) -> list[np.ndarray]:
-    """Basis of the symmetric (n, n) matrices, one for each entry of the upper triangle."""
-    return [_matrix(unit, n) for unit in np.eye(n * (n + 1) // 2)]
+    """The symmetric matrices (…, n, n) with the upper triangles y (…, n (n + 1)/2)."""
+    p, (i, j) = np.zeros((*y.shape[:-1], n, n)), np.triu_indices(n)
+    p[..., i, j] = p[..., j, i] = y
+    return p
 
 
 def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
@@ -399,7 +390,7 @@ def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
     base = np.zeros((count + 2, n, n))
     base[-1] = np.eye(n)
     parts = np.zeros((n * (n + 1) // 2 + 1, *base.shape))
-    for part, p in zip(parts, _units(n)):
+    for part, p in zip(parts, _matrix(np.eye(n * (n + 1) // 2), n)):
         part[:-2] = -(np.swapaxes(a, 1, 2) @ p + p @ a)
         part[-2], part[-1] = p, -p
     parts[-1, :-2] = np.eye(n)

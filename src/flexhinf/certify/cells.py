@@ -110,8 +110,7 @@ class CellBounds:
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
             self.tables.append(quotient_table(function, most, order))
             line = inequality.moved(inequality.line(function.slope))
-            multiples = accumulate([line] * order, mul, initial=inequality.z.from_dict(factor))
-            powers += map(terms_of, multiples)
+            powers += map(terms_of, accumulate([line] * order, mul, initial=inequality.z.from_dict(factor)))
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
         degrees = [_degrees(factor) or (2,) for factor in factors]
         self.shape = shape = Shape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
@@ -159,7 +158,7 @@ class CellBounds:
         for row, (variable, sign) in zip(table, self.faces):
             for key, value in values.items():
                 place = layout.place[sum(key), key[:variable] + key[variable + 1 :]]
-                row[place] = value * sign ** (key[variable] % 2)
+                row[place] = value * sign ** key[variable]
         return table
 
     @property

@@ -126,8 +126,9 @@ class Shape:
             for part in (0, *(1 + q for q, degrees in enumerate(terms) if k in degrees))
         ]
         self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
-        names = "inner", "outer", "middle", "half", "value_rounding", "growth_rounding", "rounding"
-        scalars = dict.fromkeys(names, 1)
+        scalars = dict.fromkeys(
+            ("inner", "outer", "middle", "half", "value_rounding", "growth_rounding", "rounding"), 1
+        )
         self.inputs = _places({"t": d, "h": d} | scalars | {"error": len(quotients), "s": len(terms)})
         self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)

@@ -512,7 +512,6 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
     first = float(solution.value(x))
 
     def rates(x: np.ndarray, on: bool) -> tuple[np.ndarray, np.ndarray]:
-        """(ẋ, d)."""
         f, g1, g2, _ = solution.exact_fields(x[None])
         d = g1[0].T @ solution.gradient(x) / gamma**2 if on else np.zeros(g1.shape[2])
         return f[0] + g1[0] @ d + g2[0] @ solution.inputs(x[None])[0], d

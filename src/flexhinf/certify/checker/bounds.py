@@ -265,8 +265,9 @@ class Proof:
         self.mid = (low + high) / 2
         self.rad = np.where(low == high, 0.0, (high - low) / 2 * (1 + 4 * UNIT) + np.abs(self.mid) * 4 * UNIT)
         unit = [tuple(int(i == j) for j in range(self.n)) for i in range(self.n)]
-        slopes = [[rounded(s[e]) for e in unit] for s in exact.arguments]
-        self.slopes = np.array(slopes, dtype=float).reshape(-1, self.n)  # ℓᵀT
+        self.slopes = np.array([[rounded(s[e]) for e in unit] for s in exact.arguments], dtype=float).reshape(
+            -1, self.n
+        )  # ℓᵀT
         reach = claim.reach * np.abs(self.slopes).sum(1) * 1.01 + 0.1
         with ctx.workprec(BITS):
             self.quotients = [Quotient(f, float(s)) for f, s in zip(claim.functions, reach, strict=True)]
@@ -281,8 +282,9 @@ class Proof:
 
     def parts(self, polynomial: Any) -> tuple[Any, Any]:
         """The part for tables and the part that is only bounded: by symmetry, the odd one."""
-        left = {e: v for e, v in polynomial.to_dict().items() if self.even and sum(map(int, e)) % 2}
-        odd = polynomial.context().from_dict(left)
+        odd = polynomial.context().from_dict(
+            {e: v for e, v in polynomial.to_dict().items() if self.even and sum(map(int, e)) % 2}
+        )
         return polynomial - odd, odd
 
 

@@ -212,14 +212,13 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     sensors = matrix_of(observer.measured)
     drift = _error_drift(claim, estimated, sensors)
     noise = _disturbance(claim, estimated)
-    measured = fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
     require(
         weight == weight.transpose() and storage == storage.transpose(),
         "the observer's matrices M and X are not symmetric",
     )
     require(positive_definite(storage), "the observer's X is not positive definite")
-    closed = drift - gain * measured
+    closed = drift - gain * fmpq_mat([[sensors[p, j] for j in estimated] for p in range(sensors.nrows())])
     rate = closed.transpose() * storage + storage * closed + weight
     if any(entry != 0 for entry in noise.entries()):
         require(
