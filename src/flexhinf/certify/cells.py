@@ -124,8 +124,7 @@ class CellBounds:
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
 
         def sums(terms: Rational) -> np.ndarray:
-            """Sums of absolute coefficients by degree: on each face the same."""
-            return np.bincount(
+            return np.bincount(  # by degree, on each face the same
                 np.array([sum(key) for key in terms], dtype=int),
                 [abs(nearest_double(value)) for value in terms.values()],
                 self._highest + 1,
@@ -382,7 +381,6 @@ def _following(cells: Records) -> Records:
 def _outcome(
     bounds: CellBounds, cells: Records, results: Records, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
-    """The outcome of a search that fails at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
     radius = bounds.reach * (cells.inner[place] + cells.outer[place]) / 2
     point = np.insert(cells.t[place] * radius, variable, sign * radius)

@@ -222,18 +222,23 @@ def linear_system(
     claim: Claim, parameters: Mapping[str, float], slopes: Sequence[float] | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n, n), B1 (n, w) and B2 (n, m) for values of the parameters, each function φ(o + ℓ) − φ(o) as slope · ℓ."""
-    n = len(claim.states)
-    a, b1, b2 = (np.zeros((n, k)) for k in (n, len(claim.disturbances), len(claim.inputs)))
-    for i in range(n):
-        for term in claim.drift[i]:
+    b1, b2 = (
+        np.array(
+            [
+                [sum((term_weight(t, parameters) for t in terms if not any(t.powers)), 0.0) for terms in row]
+                for row in entries
+            ]
+        )
+        for entries in (claim.g1, claim.g2)
+    )
+    a = np.zeros((len(claim.states),) * 2)
+    for row, terms in zip(a, claim.drift):
+        for term in terms:
             weight = term_weight(term, parameters)
             if term.function is None and sum(term.powers) == 1:
-                a[i, term.powers.index(1)] += weight
+                row[term.powers.index(1)] += weight
             elif term.function is not None and not any(term.powers):
-                a[i] += weight * slopes[term.function] * np.array(claim.functions[term.function].slope)
-        for matrix, entries in ((b1, claim.g1[i]), (b2, claim.g2[i])):
-            for j, terms in enumerate(entries):
-                matrix[i, j] += sum(term_weight(term, parameters) for term in terms if not any(term.powers))
+                row += weight * slopes[term.function] * np.array(claim.functions[term.function].slope)
     return a, b1, b2
 
 
@@ -257,8 +262,7 @@ def path_start(claim: Claim, start: Start, amplitude: float) -> np.ndarray:
 #: Heading of what a file says and nothing checks.
 AUTHOR = "In the author's words, not checked"
 
-_MOST_SHOWN = 12  # terms of a sum
-_MOST_MONOMIALS = 60  # of V and the law on a terminal
+_MOST_SHOWN, _MOST_MONOMIALS = 12, 60  # terms of a sum; monomials of V and the law on a terminal
 _DIGITS = 6
 
 

@@ -43,8 +43,7 @@ OUTPUTS = (
     "growth_at_centre",  # ∂V/∂ρ /ρ in the middle
 )
 
-_VECTOR = f"<{LANES} x double>"
-_TRUTHS = f"<{LANES} x i1>"
+_VECTOR, _TRUTHS = f"<{LANES} x double>", f"<{LANES} x i1>"
 _ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
 
 

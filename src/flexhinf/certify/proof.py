@@ -22,7 +22,15 @@ from flexhinf.certify.certificate import Certificate, linear_system, polynomial_
 from flexhinf.certify.claim import MOST_STATES, Observer
 from flexhinf.certify.inequality import Algebra, Inequality, Rational
 from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, statement_of, terms_of
-from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
+from flexhinf.certify.starts import (
+    PATH_POINTS,
+    PATH_SHARE,
+    largest_values,
+    robot_start,
+    start_inside,
+    starts_of,
+    tabled_start,
+)
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.linear_part import solve_riccati
 from flexhinf.hinf.margin import CheckedPenalty
@@ -33,18 +41,15 @@ from flexhinf.validation import HUGE
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
-_ROOM = 1.1  # reach over the largest radius that was seen
-_LARGER = 1.6  # reach over the one that was too small
-_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
+_ROOM, _LARGER = 1.1, 1.6  # reach over the largest radius that was seen, and over the one that was too small
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
-_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
-_FINE = 1.05  # ratio of levels at which the search for the largest one ends
-_MOST_LEVELS = 1e6  # the largest level over the one that a step needs
+_MOST_LEVELS, _FINE = (
+    1e6,
+    1.05,
+)  # largest level over the one that a step needs; ratio at which the search for it ends
 _FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
-_OVER = 1.5  # γ_e over the smallest one
 _PASSES = 20  # of hull, M and X, which follow from each other
-_HALVINGS = 60
 
 
 class NotProved(NumericalFailure):
@@ -255,8 +260,8 @@ def certify_tolerances(
                 f"expected a level, or a step of a plant with an integrator, got level={level!r}, step={step!r}",
                 "level=…, in the units of scale · V",
             )
-        values = largest_values(statement, start, np.linspace(0.0, step, _POINTS))
-        level = _BOX_ROOM * float(values.max()) / _INSIDE
+        values = largest_values(statement, start, np.linspace(0.0, step, PATH_POINTS))
+        level = _BOX_ROOM * float(values.max()) / PATH_SHARE
     statement = replace(statement, level=float(level))
     claim, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
     if not outcome.proved:
@@ -412,12 +417,12 @@ def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple
         low, high = high, 2 * high
         if high > 1e12:
             return None
-    for _ in range(_HALVINGS):
+    for _ in range(60):
         middle = (low + high) / 2
         solution = solve_riccati(closed, pushed / middle**2, weight)
         low, high = (middle, high) if solution is None else (low, middle)
         if high < low * 1.01:
             break
-    gain_error = _OVER * high
+    gain_error = 1.5 * high  # over the smallest one
     solution = solve_riccati(closed, pushed / gain_error**2, weight)
     return None if solution is None else (solution.p, float(gain_error))

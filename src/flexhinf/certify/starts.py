@@ -38,13 +38,16 @@ SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 NOMINAL_INPUT = "the integrator starts where the input of the nominal robot does not jump, whatever the robot"
 
-_STEPS = 30  # of the amplitude that the quadratic part of V predicts
-_LONGEST = 20  # give up at this many times that amplitude
+_STEPS, _LONGEST = (
+    30,
+    20,
+)  # of the amplitude that the quadratic part of V predicts; give up at so many times that
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 
-_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
+#: Points of a path at which V is looked at, and the share of the level that it stays below, so that the check is quick.
+PATH_POINTS, PATH_SHARE = 400, 1 - 1e-3
+
 _KNOTS = 200  # of a table
-_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
 _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
 _ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
 
@@ -283,20 +286,22 @@ def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray)
 def start_inside(statement: Certificate, start: Start, step: float | None) -> tuple[Start, ...]:
     """The path up to `step`, or as far as V stays below the level at all corners; empty if `step` is not inside."""
     if step is not None:
-        inside = largest_values(statement, start, np.linspace(0.0, step, _POINTS)).max() < statement.level
+        inside = largest_values(statement, start, np.linspace(0.0, step, PATH_POINTS)).max() < statement.level
         if inside or start.table:
             return (replace(start, amplitude=float(step)),) if inside else ()
     amplitude = 1e-3
     amplitude *= float(np.sqrt(statement.level / largest_values(statement, start, np.array([amplitude]))[0]))
-    grid = np.linspace(0.0, _FURTHEST * amplitude, _FURTHEST * _POINTS + 1)
-    beyond = np.flatnonzero(largest_values(statement, start, grid) >= _INSIDE * statement.level)
+    grid = np.linspace(0.0, _FURTHEST * amplitude, _FURTHEST * PATH_POINTS + 1)
+    beyond = np.flatnonzero(largest_values(statement, start, grid) >= PATH_SHARE * statement.level)
     last = float(grid[max(beyond[0] - 1, 0) if len(beyond) else -1])
     return (replace(start, amplitude=last),) if last > 0.0 else ()
 
 
 # Runs from the largest starts --------------------------------------------------------------------------
-_SETTLED = 1e-6  # the run ends where V is below this share of its first value
-_RUN_STEPS = 20_000  # of a run at least, if it took all that time
+_SETTLED, _RUN_STEPS = (
+    1e-6,
+    20_000,
+)  # a run ends where V is below this share of its first value, and has steps at least
 _TIME_CONSTANTS = 100.0  # time constants of the slowest mode of the linear loop
 
 
@@ -368,11 +373,8 @@ POINTS, WIDTH_FACTOR = 121, 1.25
 #: A plane's second direction keeps this from the first (1 − cosine, V_2 as the metric); how far the plane is looked at.
 APART, FURTHEST = 0.1, 4.0
 
-#: A step that is shown with a disturbance has this share of the largest proved amplitude: the rest is for d.
-SHARE = 0.8
-
-#: Samples of the run with a disturbance.
-SAMPLES = 1000
+#: A step with a disturbance has this share of the largest proved amplitude: the rest is for d. And so many samples.
+SHARE, SAMPLES = 0.8, 1000
 
 
 @dataclass(frozen=True, eq=False)

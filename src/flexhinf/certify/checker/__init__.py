@@ -52,8 +52,7 @@ from flexhinf.certify.checker.statements import check_observer, check_start, pro
 from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
 from flexhinf.certify.claim import Claim
 
-_MOST_KINDS = 64
-_MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
+_MOST_KINDS, _MOST_UNCERTAIN = 64, 12  # of products; of parameters, whose corners are all looked at
 _LEAST_LEVEL = 1e-100
 _LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
 _MOST_CELLS = 10**8  # of all faces together

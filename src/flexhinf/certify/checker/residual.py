@@ -228,8 +228,7 @@ def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq
     ]
 
 
-_MOST_CORNERS = 2**15
-_MOST_FAILED = 64  # corners that are kept
+_MOST_CORNERS, _MOST_FAILED = 2**15, 64  # that are looked at, and kept
 _GRID = 512  # pieces of an interval of length one
 _NEAR, _FARTHEST = 64, 10**6  # |ℓᵀx| of a function: in short pieces, and in ones that double
 

@@ -45,8 +45,7 @@ from flexhinf.certify.checker.residual import (
 from flexhinf.certify.claim import Claim, Observer, Start, Term, Terms
 
 BITS = 128
-_HALVINGS = 40  # of the amplitude, before an interval is refused
-_FIRST = 16  # pieces
+_FIRST, _HALVINGS = 16, 40  # pieces, and how often one is halved before it is refused
 
 
 def check_start(claim: Claim, start: Start) -> int:
@@ -155,8 +154,7 @@ def _value(claim: Claim, x: list[Any]) -> Any:
     return total
 
 
-_CLOSE = 1.002  # the bound of V over a value that V has on the path
-_PEAK_HALVINGS = 30
+_CLOSE, _PEAK_HALVINGS = 1.002, 30  # the bound of V over a value that V has on the path
 
 
 def proved_peaks(claim: Claim) -> tuple[float, ...]:
