@@ -292,7 +292,6 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
                 monomial = monomial * bracket(function, x @ np.array(function.slope))
             columns.append(along * factor * monomial)
             weights.append(weights_of(term))
-    largest = (np.array(weights).T @ np.array(columns)).max(axis=0)
     z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
     for (a, b), price in zip(itertools.product(law, law), itertools.chain(*statement.r2)):
         z = z + 0.5 * price * a * b
@@ -304,7 +303,7 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
             for term in entry
         ]
         g += 0.5 * sum(parts, np.zeros_like(g)) ** 2
-    return np.stack([largest, z, g.max(axis=0)])
+    return np.stack([(np.array(weights).T @ np.array(columns)).max(axis=0), z, g.max(axis=0)])
 
 
 _FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at
