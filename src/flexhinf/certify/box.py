@@ -238,7 +238,6 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
 
 
 def _gamma(parts: np.ndarray, scale: float) -> np.ndarray:
-    """The smallest γ at each point; inf where there is none."""
     a, z, g = parts
     room = -scale * a - z
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -35,7 +35,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise, product
+from itertools import accumulate, product
 from math import prod
 from operator import mul
 from typing import Any
@@ -151,7 +151,6 @@ class CellBounds:
 
     # Tables -------------------------------------------------------------------------------------
     def _table(self, terms: Rational, layout: Layout) -> np.ndarray:
-        """Coefficients (faces, count) of a polynomial on the faces, rounded to doubles."""
         table = np.zeros((len(self.faces), layout.count))
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
@@ -230,8 +229,7 @@ class CellBounds:
             run(0, len(faces))
         else:
             edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
-            for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
-                future.result()
+            list(pool.map(run, edges[:-1], edges[1:]))
         results = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
         results[:, names["score"] :] += score.T
         return results.view([*((name, float) for name in OUTPUTS), ("score", float, (self.n,))])[:, 0].view(

@@ -258,15 +258,17 @@ def check_terms(
     for term in (term for row in rows for term in row):
         names = [parameter for parameter, _ in term.parameters]
         unknown = [parameter for parameter in names if parameter not in known]
-        there = term.function is None or term.function < len(functions)
         require(
             powers_fit(name, term.powers, n, lowest if term.function is None else 0),
             (not unknown, "parameters that are stated", value_text(unknown, 80)),
-            (there, f"functions below {len(functions)}", f"{term.function}"),
+            (
+                term.function is None or term.function < len(functions),
+                f"functions below {len(functions)}",
+                f"{term.function}",
+            ),
         )
         distinct("A term's parameter", names)
-    lengths = [len(function.slope) for function in functions]
-    require(*((length == n, f"slopes of length {n}", f"{length}") for length in lengths))
+    require(*((len(f.slope) == n, f"slopes of length {n}", f"{len(f.slope)}") for f in functions))
 
 
 @dataclass(frozen=True, repr=False)
@@ -338,23 +340,24 @@ class Claim(Part):
 
     def __post_init__(self) -> None:
         n, m, w = map(len, (self.states, self.inputs, self.disturbances))
-        sizes = {"drift": n, "law": m, "shift": n if self.shift else 0}
-        shapes = ("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)
-        positive = {name: getattr(self, name) for name in ("gamma", "level", "reach")}
         check_line("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
             check_line("the certificate's provenance", text)
         require(
             (n > 0 and m > 0 and w > 0, "states, inputs and disturbances", f"{n}, {m}, {w} of them"),
             (len(self.value) > 0, "a V that is not zero", "no monomial"),
-            *((value > 0, f"a positive {name}", repr(value)) for name, value in positive.items()),
+            (self.gamma > 0, "a positive gamma", repr(self.gamma)),
+            (self.level > 0, "a positive level", repr(self.level)),
+            (self.reach > 0, "a positive reach", repr(self.reach)),
             (self.decay >= 0, "a decay that is not negative", repr(self.decay)),
             *((low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}") for low, high in self.shift),
-            *(
-                (len(getattr(self, name)) == k, f"{k} rows of {name}", f"{len(getattr(self, name))}")
-                for name, k in sizes.items()
-            ),
-            *(rows_fit(name, getattr(self, name), rows, columns) for name, rows, columns in shapes),
+            (len(self.drift) == n, f"{n} rows of drift", f"{len(self.drift)}"),
+            (len(self.law) == m, f"{m} rows of law", f"{len(self.law)}"),
+            (len(self.shift) in (0, n), f"{n} rows of shift", f"{len(self.shift)}"),
+            rows_fit("g1", self.g1, n, w),
+            rows_fit("g2", self.g2, n, m),
+            rows_fit("coordinates", self.coordinates, n, n),
+            rows_fit("r2", self.r2, m, m),
         )
         distinct(
             "The certificate's signal",
@@ -372,13 +375,18 @@ class Claim(Part):
         names = [s.name for s in self.states]
         unknown = [name for name in observer.known if name not in names]
         e, p = len(names) - len(observer.known), len(observer.measured)
-        shapes = ("measured", p, len(names)), ("gain", e, p), ("weight", e, e), ("storage", e, e)
-        below = observer.energy < self.level
         require(
             (not unknown, "known states among the states", value_text(unknown, 80)),
             (e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}"),
-            *(rows_fit(f"the observer's {name}", getattr(observer, name), *shape) for name, *shape in shapes),
-            (below, f"errors of an energy below the level {self.level!r}", repr(observer.energy)),
+            rows_fit("the observer's measured", observer.measured, p, len(names)),
+            rows_fit("the observer's gain", observer.gain, e, p),
+            rows_fit("the observer's weight", observer.weight, e, e),
+            rows_fit("the observer's storage", observer.storage, e, e),
+            (
+                observer.energy < self.level,
+                f"errors of an energy below the level {self.level!r}",
+                repr(observer.energy),
+            ),
         )
 
     def _check_terms(self, n: int) -> None:

@@ -106,7 +106,6 @@ class Inequality(Algebra):
         g2, g1 = ([[*map(self._terms, row)] for row in rows] for rows in (certificate.g2, certificate.g1))
 
         def pushed(index: int | None) -> fmpq_mpoly:
-            """V_x times the part of the drift with this function, or with none."""
             parts = (self._terms(t for t in row if t.function == index) for row in certificate.drift)
             return sum((a * b for a, b in zip(slope, parts)), self.zero)
 
@@ -125,7 +124,6 @@ class Inequality(Algebra):
         self.factors = [terms_of(part * self.moved(self.line(f.slope))) for f, part in pairs if part]
 
     def _terms(self, row: Iterable[Term]) -> fmpq_mpoly:
-        """Terms of a field in z, all with the same function or none, without it."""
         total: Rational = {}
         for term in row:
             total[term.powers] = total.get(term.powers, fmpq(0)) + prod(

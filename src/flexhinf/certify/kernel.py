@@ -154,8 +154,6 @@ def kernel_text(shape: Shape, entry: str) -> str:
 
 
 class _Code(Writer):
-    """Writing helpers: vectors in memory, loops, running sums."""
-
     zero = "zeroinitializer"
     plus = partialmethod(Writer.real, "fadd")
     minus = partialmethod(Writer.real, "fsub")

@@ -262,8 +262,9 @@ def certify_tolerances(
             )
         values = largest_values(statement, start, np.linspace(0.0, step, PATH_POINTS))
         level = _BOX_ROOM * float(values.max()) / PATH_SHARE
-    statement = replace(statement, level=float(level))
-    claim, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
+    claim, outcome = prove(
+        replace(statement, level=float(level)), threads=threads, progress=progress, most_cells=most_cells
+    )
     if not outcome.proved:
         raise NotProved(claim, outcome)
     if step is not None and not outcome.cells:

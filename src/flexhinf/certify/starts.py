@@ -154,7 +154,6 @@ def term_along(
 
 
 def _multiple(terms: Terms) -> float:
-    """The factor m of a state m a, proportional to the amplitude."""
     for term in terms:
         if len(terms) > 1 or (term.powers, term.parameters, term.function) != ((1,), (), None):
             raise _NoForm

@@ -97,7 +97,6 @@ def _contract_one_index(
     start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
 
     def contract(top: int, left: int) -> None:
-        """Contract axis 1 of a tile (rows, n, tails from `left` on) and keep what is sorted."""
         opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
         if s == 0:
             np.matmul(opened[:, :, 0], matrix, out=kept)

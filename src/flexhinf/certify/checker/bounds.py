@@ -182,17 +182,14 @@ class Quotient:
             worst = 0.0
             for i in range(count + 1):
                 place, s = count + side * i, arb(side * i) / GRID
-                worst = max(worst, self._highest(s))
+                series = self._series(s + arb(0, 1 / GRID), ORDER + 3)  # within one step of the grid
+                bound = float(abs(series[ORDER + 2]).upper()) * _UP
+                worst = max(worst, bound if isfinite(bound) else inf)
                 self._remainder[place] = worst
                 self._coefficients[place], self._error[place] = self._about(s)
 
     def _series(self, about: arb, terms: int) -> arb_series:
         return series_of(self._name, arb_series([self._offset + about, 1], prec=terms))
-
-    def _highest(self, about: arb) -> float:
-        """max |φ^(M+2)/(M+2)!| within one step of the grid."""
-        bound = float(abs(self._series(about + arb(0, 1 / GRID), ORDER + 3)[ORDER + 2]).upper()) * _UP
-        return bound if isfinite(bound) else inf
 
     def _about(self, s: arb) -> tuple[list[float], float]:
         """Doubles a_m of the Taylor polynomial about s, in powers of s, and their error where |s − s_i| ≤ 1."""

@@ -44,8 +44,7 @@ def refuse(
     h, begin, end = cells[n - 1 : -2], cells[-2], cells[-1]
     edge, short = begin >= 1.0, end - begin < _SHORTEST
     narrow = (h.max(0) < _NARROWEST) | (h.min(0) < _EXACT) if n > 1 else np.ones(len(end), bool)
-    inside = bounds.value < bounds.level
-    allowance = bounds.remainder + bounds.rounding
+    inside, allowance = bounds.value < bounds.level, bounds.remainder + bounds.rounding
     positive = np.isfinite(allowance) & (bounds.constant > 1e3 * allowance) & (bounds.least_growth > 0)
     for refused, why in (
         (edge & undecided & (inside | narrow), "the level set reaches beyond the stated reach"),

@@ -83,7 +83,6 @@ def cell_ended(proof: Proof, cell: Cell) -> bool:
 
 
 def _places(context: Any, cell: Cell, middle: fmpq, half: fmpq) -> list[Any]:
-    """ρ and t as polynomials of s."""
     boxes = [(middle, half), *zip(map(as_rational, cell.t), map(as_rational, cell.h), strict=True)]
     return [context.constant(m) + r * s for (m, r), s in zip(boxes, context.gens(), strict=True)]
 

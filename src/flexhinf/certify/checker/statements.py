@@ -179,7 +179,6 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
 
 
 def _largest_value(claim: Claim, start: Start) -> arb:
-    """An upper bound of V on a path of starts, for all parameters in the box."""
     seen, bound = arb(0), arb(0)
 
     def close(center: arb, whole: arb, middle: fmpq, depth: int) -> bool:
@@ -208,8 +207,7 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     )
     estimated = [i for i, name in enumerate([s.name for s in claim.states]) if name not in observer.known]
     sensors = matrix_of(observer.measured)
-    drift = _error_drift(claim, estimated, sensors)
-    noise = _disturbance(claim, estimated)
+    drift, noise = _error_drift(claim, estimated, sensors), _disturbance(claim, estimated)
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
     require(
         weight == weight.transpose() and storage == storage.transpose(),
