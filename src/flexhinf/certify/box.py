@@ -292,8 +292,8 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
             columns.append(along * factor * monomial)
             weights.append(weights_of(term))
     z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
-    for (a, b), price in zip(itertools.product(law, law), itertools.chain(*statement.r2)):
-        z = z + 0.5 * price * a * b
+    prices = zip(itertools.product(law, law), itertools.chain(*statement.r2))
+    z = sum((0.5 * price * a * b for (a, b), price in prices), z)
     g = np.zeros((len(vertices), len(x)))
     for column in zip(*statement.g1):
         parts = [

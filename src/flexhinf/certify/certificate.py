@@ -195,12 +195,11 @@ def term_weight(term: Term, parameters: Mapping[str, float]) -> float:
 
 def polynomial_at(polynomial: Iterable[tuple[tuple[int, ...], float]], x: np.ndarray) -> np.ndarray:
     """A polynomial at points (N, n), one monomial after the other: nothing is larger than a column of x."""
-    result = np.zeros(len(x))
-    for powers, coefficient in polynomial:
-        result += prod(
-            (column**power for column, power in zip(x.T, powers) if power), start=np.full(len(x), coefficient)
-        )
-    return result
+    monomials = (
+        prod((column**power for column, power in zip(x.T, powers) if power), start=np.full(len(x), value))
+        for powers, value in polynomial
+    )
+    return sum(monomials, np.zeros(len(x)))
 
 
 def linear_part(rows: Sequence[Polynomial], n: int) -> np.ndarray:

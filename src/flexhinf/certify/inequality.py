@@ -110,14 +110,12 @@ class Inequality(Algebra):
             return sum((a * b for a, b in zip(slope, parts)), self.zero)
 
         total = self.z.constant(rational(certificate.decay)) * value + pushed(None)
-        for along, row in zip(slope, g2):
-            total += along * sum((a * b for a, b in zip(row, law)), self.zero)
+        total += sum((along * a * b for along, row in zip(slope, g2) for a, b in zip(row, law)), self.zero)
         total += sum((h * h / 2 for h in map(self.moved, map(self.in_x, certificate.penalty))), self.zero)
-        for (a, b), price in zip(product(law, law), chain(*certificate.r2)):
-            total += a * b * (rational(price) / 2)
-        for column in zip(*g1):
-            along = sum((a * b for a, b in zip(slope, column)), self.zero)
-            total += along * along * (1 / (2 * rational(certificate.gamma) ** 2))
+        prices = zip(product(law, law), chain(*certificate.r2))
+        total += sum((a * b * (rational(price) / 2) for (a, b), price in prices), self.zero)
+        driven = (sum((a * b for a, b in zip(slope, column)), self.zero) for column in zip(*g1))
+        total += sum((a * a for a in driven), self.zero) * (1 / (2 * rational(certificate.gamma) ** 2))
         self.value, self.polynomial = terms_of(value), terms_of(total)
         pairs = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
         self.functions = [function for function, factor in pairs if factor]

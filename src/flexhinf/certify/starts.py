@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -162,8 +161,8 @@ def _multiple(terms: Terms) -> float:
 
 def multiplied(term: Term, coefficient: float, parameters: Iterable[tuple[str, int]]) -> Term:
     """A term times a number and powers of parameters."""
-    powers = Counter(dict(term.parameters))
-    powers.update(dict(parameters))
+    mine, others = dict(term.parameters), dict(parameters)
+    powers = {name: mine.get(name, 0) + others.get(name, 0) for name in mine | others}
     pairs = tuple(sorted((name, power) for name, power in powers.items() if power))
     return Term(term.coefficient * coefficient, term.powers, pairs, term.function)
 

@@ -141,10 +141,9 @@ def rank(n: int, tuples: np.ndarray) -> np.ndarray:
     tuples = np.asarray(tuples, dtype=np.int64)
     k = tuples.shape[1]
     table = _binomials(n + k + 1)
-    result = np.full(len(tuples), count(n, k) - 1, np.int64)
-    for j in range(k):  # minus the number of tuples that come later, counted at the first differing place
-        result -= table[n - 1 - tuples[:, j] + k - j - 1, k - j]
-    return result
+    # how many tuples come later, counted at the first differing place
+    later = (table[n - 1 - tuples[:, j] + k - j - 1, k - j] for j in range(k))
+    return count(n, k) - 1 - sum(later, np.zeros(len(tuples), np.int64))
 
 
 @lru_cache(64)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from math import ceil, comb, inf, isfinite
+from math import ceil, comb, inf, isfinite, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,11 +113,8 @@ class TaylorTable:
                     size = sizes[p + 1]
                     c[begin[p] : begin[p] + size] += center[axis] * c[begin[p + 1] : begin[p + 1] + size]
         c = c[self._gathers[-1]]
-        scale = np.ones((len(self.beta), half.shape[1]))
-        for axis in range(self.n - 1):
-            scale *= powers(half[axis], self.degree + 1)[self.beta[:, axis]]
-        c *= scale[self._block, None]
-        return c
+        factors = (powers(half[axis], self.degree + 1)[self.beta[:, axis]] for axis in range(self.n - 1))
+        return c * prod(factors, start=np.ones((len(self.beta), half.shape[1])))[self._block, None]
 
     def on_interval(
         self, c: np.ndarray, interval: Any, weights: Any, lift: int = 0

@@ -265,10 +265,12 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     for (parameters, products), ends in itertools.product(
         zip(box_corners(claim, exact.products), weights), itertools.product(*ranges)
     ):
-        total = value * 0
-        for weight, row in zip(products, forms, strict=True):
-            for quotient, form in zip((fmpq(1), *ends), row, strict=True):
-                total -= form * (weight * quotient)
+        terms = (
+            form * (weight * quotient)
+            for weight, row in zip(products, forms, strict=True)
+            for quotient, form in zip((fmpq(1), *ends), row, strict=True)
+        )
+        total = value * 0 - sum(terms, value * 0)
         count += 1
         least = min(leading_minors(total))
         if not least > 0:

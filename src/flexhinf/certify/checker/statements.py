@@ -116,9 +116,8 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
     for i, row in enumerate(start.path):
         x = arb_series([0], prec=terms)
         for term in row:
-            factor = arb(term.coefficient) * a ** term.powers[0]
-            for name, exponent in term.parameters:
-                factor *= values[name] ** exponent
+            powers = (values[name] ** exponent for name, exponent in term.parameters)
+            factor = prod(powers, start=arb(term.coefficient) * a ** term.powers[0])
             if term.function is not None:
                 function = start.functions[term.function]
                 offset = offset_of(function)
