@@ -296,10 +296,7 @@ def start_inside(statement: Certificate, start: Start, step: float | None) -> tu
 
 
 # Runs from the largest starts --------------------------------------------------------------------------
-_SETTLED, _RUN_STEPS = (
-    1e-6,
-    20_000,
-)  # a run ends where V is below this share of its first value, and has steps at least
+_SETTLED, _RUN_STEPS = 1e-6, 20_000  # share of the first V at which a run ends, and its steps at least
 _TIME_CONSTANTS = 100.0  # time constants of the slowest mode of the linear loop
 
 
@@ -348,8 +345,16 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
             return float(solution.value(x)) - end
 
         below.terminal = True  # type: ignore[attr-defined]
-        fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _RUN_STEPS}
-        run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=below, **fine)
+        run = solve_ivp(
+            rates,
+            (0.0, longest),
+            first,
+            "LSODA",
+            events=below,
+            rtol=1e-8,
+            atol=1e-10,
+            max_step=longest / _RUN_STEPS,
+        )
         if run.status != 1:
             raise NumericalFailure(
                 "The run from the largest proved start does not settle.",
@@ -523,10 +528,9 @@ def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> Wor
         if not on and d.any():
             rate, d = rates(x, on)
         rows.append((k * h, x, d, float(solution.value(x)), spent))
-        energy = float(d @ d)
         a, da = rates(x + 0.5 * h * rate, on)
         b, db = rates(x + 0.5 * h * a, on)
         c, dc = rates(x + h * b, on)
         x = x + h / 6.0 * (rate + 2.0 * a + 2.0 * b + c)
-        spent += 0.5 * gamma**2 * h / 6.0 * float(energy + 2.0 * da @ da + 2.0 * db @ db + dc @ dc)
+        spent += 0.5 * gamma**2 * h / 6.0 * float(d @ d + 2.0 * da @ da + 2.0 * db @ db + dc @ dc)
     return WorstStep(start.rule, amplitude, *(np.array(column) for column in zip(*rows)))
