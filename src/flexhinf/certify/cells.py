@@ -223,7 +223,8 @@ class CellBounds:
         def run(first: int, last: int) -> None:
             whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
             addresses = (whole[name].ctypes.data for name in POINTERS[2:])
-            self._entry(np.array([first, last, *addresses], dtype=np.int64).ctypes.data)
+            context = np.array([first, last, *addresses], dtype=np.int64)  # lives until the call ends
+            self._entry(context.ctypes.data)
 
         if pool is None:
             run(0, len(faces))
