@@ -104,8 +104,7 @@ class CellBounds:
         self.faces = [*product(range(self.n), (1,) if self.symmetric else (1, -1))]
         (value, whole, *factors), odd = zip(*split)
         highest = max(map(sum, whole))
-        self.tables: list[QuotientTable] = []
-        powers: list[Rational] = []
+        self.tables, powers = list[QuotientTable](), list[Rational]()
         for factor, function, most in zip(factors, inequality.functions, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
             self.tables.append(quotient_table(function, most, order))

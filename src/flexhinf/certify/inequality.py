@@ -400,8 +400,7 @@ class _Changes(Algebra):
 
     def __init__(self, certificate: Certificate) -> None:
         super().__init__(certificate)
-        self.enclosed: list[Rational] = []
-        self._known: dict[object, int] = {}
+        self.enclosed, self._known = list[Rational](), dict[object, int]()
         self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
         groups = parameter_groups(certificate)
         if 2 ** len(groups) > _MOST_VERTICES:

@@ -181,9 +181,8 @@ class _Reader:
             list(self.context.gens()[a:b]) for a, b in pairwise(self.edges)
         ]
         self.names, self.values = tuple(parameters), values
-        self.functions: list[Function] = []
-        self.seen: set[int] = set()
-        self.inside: set[str] = set()  # functions of the state
+        self.functions, self.seen = list[Function](), set[int]()
+        self.inside = set[str]()  # functions of the state
 
     # Running code ------------------------------------------------------------------------------
     def run(self, function: Any, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:

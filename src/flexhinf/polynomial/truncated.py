@@ -63,10 +63,8 @@ class Space:
         self.n, self.degree = n, degree
         self.edges = np.array([size(n, k - 1) for k in range(degree + 2)])
         self.size = int(self.edges[-1])
-        self.remembered = 0
-        self._supports: dict[bytes, Support] = {}
-        self.zero = self.support(np.zeros(0, np.intp))
-        self.constant = self.support(np.zeros(1, np.intp))
+        self.remembered, self._supports = 0, dict[bytes, Support]()
+        self.zero, self.constant = (self.support(np.zeros(k, np.intp)) for k in (0, 1))
 
     def support(self, monomials: np.ndarray) -> Support:
         """The interned support of ascending monomial numbers, shape (N,)."""
@@ -96,8 +94,7 @@ class Support:
         self.space, self.monomials = space, monomials
         self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
         self.has_constant = self.edges[1] > 0
-        self.sums: dict[Support, tuple[Support, Any, Any]] = {}
-        self.products: dict[Support, _Product] = {}
+        self.sums, self.products = dict[Support, tuple[Support, Any, Any]](), dict[Support, _Product]()
         self.steps: list[_Product] | None = None
 
     def ranks(self, k: int) -> np.ndarray:
