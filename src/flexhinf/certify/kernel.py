@@ -455,13 +455,12 @@ class _Kernel(_Code):
         best = self.sum(self.lanes.constant(float("inf")))
         with self.loop(str(shape.states)) as candidate:
             place = self.integer("mul", candidate, str(self.top + 1))
-            first = self.let(f"icmp eq i64 {candidate}, 0")
-            place = self.let(f"select i1 {first}, i64 1, i64 {place}")
+            place = self.let(f"select i1 {self.let(f'icmp eq i64 {candidate}, 0')}, i64 1, i64 {place}")
             slope, growth = (self.load(self.work(name, place)) for name in ("low", "low_value"))
             ratio = self.real("fdiv", slope, growth)
             positive = self.compare("ogt", ratio, self.zero)
-            good = self.logical("and", positive, self.compare("olt", ratio, self.lanes.constant(1e200)))
-            factor = self.select(good, ratio, self.zero)
+            small = self.compare("olt", ratio, self.lanes.constant(1e200))
+            factor = self.select(self.logical("and", positive, small), ratio, self.zero)
             total = self.sum()
             for group, b, even in self.each(shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]):
                 for p, (f, v) in enumerate(zip(self.kept("low", group, b), self.kept("low_value", group, b))):
