@@ -43,10 +43,9 @@ _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
 _ROOM, _LARGER = 1.1, 1.6  # reach over the largest radius that was seen, and over the one that was too small
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
-_MOST_LEVELS, _FINE = (
-    1e6,
-    1.05,
-)  # largest level over the one that a step needs; ratio at which the search for it ends
+#: Of the largest level over the one that a step needs: how large it may be, and the ratio at which its search ends.
+_MOST_LEVELS, _FINE = 1e6, 1.05
+
 _FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
 _PASSES = 20  # of hull, M and X, which follow from each other

@@ -37,10 +37,7 @@ SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 NOMINAL_INPUT = "the integrator starts where the input of the nominal robot does not jump, whatever the robot"
 
-_STEPS, _LONGEST = (
-    30,
-    20,
-)  # of the amplitude that the quadratic part of V predicts; give up at so many times that
+_STEPS, _LONGEST = 30, 20  # of the amplitude that the quadratic part of V predicts; over it, where to give up
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 
 #: Points of a path at which V is looked at, and the share of the level that it stays below, so that the check is quick.

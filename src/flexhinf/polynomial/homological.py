@@ -235,7 +235,7 @@ _ROWS = 8_192  # gradients formed at a time for a residual
 _REFINE, _ACCEPT = (
     1e-14,
     3e-14,
-)  # residuals above which a large solution is refined, and the eigenvectors given up
+)  # residuals above which a large solution is refined, and eigenvectors given up
 
 
 @dataclass(frozen=True)

@@ -78,10 +78,7 @@ def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.
     )
 
 
-_POINTS, _NEAREST = (
-    200,
-    1e-6,
-)  # along a ray at which r is looked at; the nearest, relative to where the ray ends
+_POINTS, _NEAREST = 200, 1e-6  # along a ray at which r is looked at, and the first, relative to the last
 
 
 def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> None:
