@@ -232,10 +232,7 @@ def _power(rotation: bytes, m: int) -> np.ndarray:
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _EASY = 2_000  # coefficients up to which a refinement step costs nothing to speak of
 _ROWS = 8_192  # gradients formed at a time for a residual
-_REFINE, _ACCEPT = (
-    1e-14,
-    3e-14,
-)  # residuals above which a large solution is refined, and eigenvectors given up
+_REFINE, _ACCEPT = 1e-14, 3e-14  # residuals above which a large solution is refined, and the basis given up
 
 
 @dataclass(frozen=True)
