@@ -147,7 +147,7 @@ def solve_degrees(
             records.append(DegreeRecord(k, solution.method, solution.residual, perf_counter() - begin))
         advance(k)
     value[2] = riccati.p[np.triu_indices(n)] / 2
-    return value, tuple(records), equation.condition if problem.degree > 2 else float("nan")
+    return value, tuple(records), equation.eigenbasis.condition if problem.degree > 2 else float("nan")
 
 
 def _channel_rows(problem: ScaledProblem, gradients: Parts, k: int) -> np.ndarray | None:
