@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.problem.modes import Mode, modes_of
+from flexhinf.analysis.modes import Mode, modes_of
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji

@@ -10,6 +10,7 @@ import control
 import numpy as np
 import pytest
 
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.channels import (
     LEAST_FRACTION,
     Channel,
@@ -18,7 +19,6 @@ from flexhinf.design.problem.channels import (
     channels,
     find_scalings,
 )
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.weights import LinearDesign, LinearFamily, LinearProblem
 from flexhinf.errors import NoFeasibleGamma
 

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import LinearCorners
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.channels import (
     PREFIX,
     Channel,
@@ -34,7 +35,6 @@ from flexhinf.design.problem.channels import (
     tolerance_channels,
     with_channels,
 )
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.weights import (
     DampingOutOfReach,
     LinearDesign,

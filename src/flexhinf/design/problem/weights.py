@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 import numpy as np
 import scipy.linalg
 
-from flexhinf.design.problem.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
+from flexhinf.analysis.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import linear_law
 from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma

@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.modes import closed_loop
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.problem.presets import DesignProblem, choose
 from flexhinf.design.requirements import sample_requirements, sampled_runs, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots

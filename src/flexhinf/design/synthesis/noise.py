@@ -36,8 +36,8 @@ from functools import cached_property
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.arm import payload_ends

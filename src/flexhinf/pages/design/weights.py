@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.design.problem.modes import JointScales
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.presets import Robustness, required_damping
 from flexhinf.design.problem.weights import SearchResult, TargetBehaviour
 from flexhinf.design.result import Design
