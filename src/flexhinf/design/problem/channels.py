@@ -74,25 +74,30 @@ class Channel:
         return np.pad(self.by_state, (0, n - len(self.by_state)))
 
 
+def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:
+    """[A B] (n, n + m) at a corner of the tolerances, the robot at its own equilibrium at a pose."""
+    known = plant.parameters.known(robot.corner(signs))
+    equilibrium = robot.operating_point(pose, parameters=known)
+    return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
+
+
 def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     """Channels of all uncertain parameters, each at the pose where it changes the robot most."""
     plant = robot.plant()
     channel_list: list[Channel] = []
+    linear = [(pose, plant.linearise(*robot.operating_point(pose))) for pose in poses]
     for parameter in robot.uncertain:
         name, changes = parameter.name, []
-        for pose in poses:
+        for pose, (a, b, torques, _) in linear:
             # [T_x T_u] from the nominal robot to each end of the interval, each at its own equilibrium.
-            a, b, torques, _ = plant.linearise(*robot.operating_point(pose))
-            nominal, ends = np.hstack([a, b]), []
-            size = np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
-            for sign in (1.0, -1.0):
-                there = _linearised(robot, plant, {name: sign}, pose)
-                change = np.linalg.lstsq(torques, there - nominal, rcond=None)[0]
-                ends.append(np.where(np.abs(change) > ROUNDING * size, change, 0.0))
-            changes.append(np.array(ends))  # (2, 2 joints, n + m)
+            nominal = np.hstack([a, b])
+            least = ROUNDING * np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
+            differences = (_linearised(robot, plant, {name: sign}, pose) - nominal for sign in (1.0, -1.0))
+            ends = np.array([np.linalg.lstsq(torques, each, rcond=None)[0] for each in differences])
+            changes.append(np.where(np.abs(ends) > least, ends, 0.0))  # (2, 2 joints, n + m)
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
-        joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), None)
-        channel_list += _rank_one(name if joint is None else name.removesuffix(f"_{joint}"), largest, plant.n)
+        joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
+        channel_list += _rank_one(name.removesuffix(f"_{joint}") if joint else name, largest, plant.n)
     return tuple(channel_list)
 
 
@@ -107,22 +112,15 @@ def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Chann
     )
 
 
-def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:
-    """[A B] (n, n + m) at a corner of the tolerances, the robot at its own equilibrium at a pose."""
-    known = plant.parameters.known(robot.corner(signs))
-    equilibrium = robot.operating_point(pose, parameters=known)
-    return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
-
-
 def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
     """Singular parts of half the difference between the ends, each made as long as the end that it reaches less."""
-    parts, nothing = [], (np.zeros(n), np.zeros(ends.shape[2] - n))
-    for k, (up, down) in enumerate((ends[:, :, :n], ends[:, :, n:])):
+    parts, (no_state, no_input) = [], (np.zeros(n), np.zeros(ends.shape[2] - n))
+    for by_input, (up, down) in enumerate((ends[:, :, :n], ends[:, :, n:])):
         left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
         for size, t, c in zip(sizes, left.T, right):
             if size > SMALL * sizes[0]:
                 root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
-                driven = (nothing[0], root * c) if k else (root * c, nothing[1])
+                driven = (no_state, root * c) if by_input else (root * c, no_input)
                 parts.append(Channel(quantity, root * t, *driven))
     return parts
 
@@ -133,11 +131,8 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
     equilibrium at the goal (n,), link positions in rad or m."""
     plant = problem.plant
     nominal = np.hstack(plant.linearise(*robot.operating_point(goal))[:2])  # traced once, for all corners
-
-    def acts(name: str) -> bool:
-        return not np.allclose(_linearised(robot, plant, {name: 1.0}, goal), nominal, rtol=1e-12, atol=0.0)
-
-    names = [parameter.name for parameter in robot.uncertain if acts(parameter.name)]
+    ends = {p.name: _linearised(robot, plant, {p.name: 1.0}, goal) for p in robot.uncertain}
+    names = [name for name, end in ends.items() if not np.allclose(end, nominal, rtol=1e-12, atol=0.0)]
     return LinearCorners.of(
         problem,
         lambda signs: robot.corner(dict(zip(names, signs, strict=True))),
@@ -198,8 +193,7 @@ class RobustProblem:
         n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
         enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
         for channel, log in zip(self.channels, scalings.log):
-            s2 = float(np.exp(2.0 * log))
-            padded = channel.padded(n)
+            s2, padded = float(np.exp(2.0 * log)), channel.padded(n)
             enter += scalings.fraction * np.outer(channel.torque, channel.torque) / s2
             seen += scalings.fraction * s2 * np.outer(padded, padded)
             price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
@@ -242,10 +236,9 @@ class RobustProblem:
 
     def fraction(self, scalings: Scalings) -> float:
         """The largest fraction of the tolerances for which some level has a solution, within `FRACTION_WIDTH`."""
-        level = LARGEST * self.nominal.gamma_star()
-        if self.feasible(level, replace(scalings, fraction=1.0)):
-            return 1.0
-        low, high = 0.0, 1.0
+        level, low, high = LARGEST * self.nominal.gamma_star(), 0.0, 1.0
+        if self.feasible(level, replace(scalings, fraction=high)):
+            return high
         while high - low > FRACTION_WIDTH:
             middle = 0.5 * (low + high)
             fits = self.feasible(level, replace(scalings, fraction=middle))
@@ -266,16 +259,41 @@ def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
     `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
     `LEAST_FRACTION` of the tolerances can be covered.
     """
+    from scipy.optimize import minimize
+
+    def better(scalings: Scalings, other: Scalings) -> bool:
+        if scalings.fraction < 1.0 or other.fraction < 1.0:
+            return scalings.fraction > other.fraction
+        return problem.gamma_star(scalings) < problem.gamma_star(other)
+
     best = _balanced(problem, problem.nominal.design_at(ratio))
     for _ in range(BALANCES):
         if best.fraction < LEAST_FRACTION:
             break
         within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
         again = _balanced(problem, problem.design(ratio, within))
-        if not _better(problem, again, best):
+        if not better(again, best):
             break
         best = again
-    best = _polished(problem, best)
+    if len(problem.nominal.a) <= MOST_STATES:  # a simplex search over one factor for each quantity
+        start, groups = best, list(dict.fromkeys(channel.group for channel in problem.channels))
+        places = np.array([groups.index(channel.group) for channel in problem.channels])
+
+        def moved(factors: np.ndarray) -> Scalings:
+            return replace(start, log=start.log + factors[places])
+
+        def cost(factors: np.ndarray) -> float:
+            if start.fraction < 1.0:
+                return -problem.fraction(moved(factors))
+            try:
+                return float(np.log(problem.gamma_star(moved(factors))))
+            except (NoFeasibleGamma, NumericalFailure):
+                return np.inf
+
+        options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
+        end = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
+        end = replace(end, fraction=problem.fraction(end))
+        best = end if better(end, start) else start
     if best.fraction < LEAST_FRACTION:
         raise NoFeasibleGamma(
             "No attenuation level holds for these tolerances, nor for a part of them.",
@@ -283,12 +301,6 @@ def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
             "the preset damped, or another bandwidth or damping",
         )
     return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
-
-
-def _better(problem: RobustProblem, scalings: Scalings, other: Scalings) -> bool:
-    if scalings.fraction < 1.0 or other.fraction < 1.0:
-        return scalings.fraction > other.fraction
-    return problem.gamma_star(scalings) < problem.gamma_star(other)
 
 
 def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
@@ -304,33 +316,6 @@ def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
         z = channel.by_input @ design.gain + channel.padded(len(loop))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return Scalings(log, problem.fraction(Scalings(log)))
-
-
-def _polished(problem: RobustProblem, start: Scalings) -> Scalings:
-    """The best of a simplex search over one factor for each quantity; none with many states."""
-    from scipy.optimize import minimize
-
-    if len(problem.nominal.a) > MOST_STATES:
-        return start
-    groups = list(dict.fromkeys(channel.group for channel in problem.channels))
-    places = np.array([groups.index(channel.group) for channel in problem.channels])
-
-    def moved(factors: np.ndarray) -> Scalings:
-        return replace(start, log=start.log + factors[places])
-
-    def cost(factors: np.ndarray) -> float:
-        scalings = moved(factors)
-        if start.fraction == 1.0:
-            try:
-                return float(np.log(problem.gamma_star(scalings)))
-            except (NoFeasibleGamma, NumericalFailure):
-                return np.inf
-        return -problem.fraction(scalings)
-
-    options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
-    scalings = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
-    scalings = replace(scalings, fraction=problem.fraction(scalings))
-    return scalings if _better(problem, scalings, start) else start
 
 
 #: Names of the disturbances that stand for tolerances, numbered from 1.

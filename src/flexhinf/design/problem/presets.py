@@ -140,16 +140,14 @@ class ToleranceChannels:
 
         Raises `NoFeasibleGamma` if no level does.
         """
-        robot, goal = self.family.robot, self.family.goal
-        linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
+        robot, goal, weights = self.family.robot, self.family.goal, (target_frequency, damping)
+        linear, scalings, base = self.linear(*weights), self.scaled(fraction), self.scales.penalty(*weights)
         star = linear.gamma_star(scalings, accuracy)
-        gamma = self.s.gamma_ratio * star
-        enter, seen, price = linear.parts(scalings)
-        base = self.scales.penalty(target_frequency, damping)
+        gamma, (enter, seen, price) = self.s.gamma_ratio * star, linear.parts(scalings)
         nominal = nominal_problem(robot, goal, self.s, base)
         physical = (nominal.disturbances or ()) if self.s.disturbances is not None else ()
         problem = with_channels(nominal.plant, gamma * enter).with_objective(
-            Penalty(np.vstack([self.scales.rows(target_frequency, damping), seen]), nominal.r2 + price),
+            Penalty(np.vstack([self.scales.rows(*weights), seen]), nominal.r2 + price),
             command=command_of(self.s),
             integrate=nominal.integrate,
             disturbances=(*physical, *(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))),
@@ -173,10 +171,7 @@ class ToleranceChannels:
         source: str,
     ) -> DesignProblem:
         """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
-        weights, scalings = (
-            (result.chosen.target_frequency, result.chosen.damping_weights),
-            self.scaled(fraction),
-        )
+        weights, scalings = result.chosen.weights, self.scaled(fraction)
         nominal, law = self.linear(*weights).nominal, linear_law(problem.problem, problem.gamma)
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
         check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
@@ -196,21 +191,22 @@ class ToleranceChannels:
 # From a specification to its problem --------------------------------------------------------------------
 def preset_of(robot: Robot, s: Specification) -> str:
     """The preset of a specification. Raises `InvalidInput` if the specification contradicts itself."""
-
-    behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
-    weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
-    both, advice = "", "leave out one of them"
-    if behaviour and weights:
-        both = f"{behaviour[0]} and {weights[0]}"
-    elif s.preset in ("damped", "robust", "proved") and weights:
-        both, advice = f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`"
-    elif s.preset == "paper" and behaviour:
-        both, advice = f"preset='paper' and {behaviour[0]}", "preset='damped'"
-    elif s.preset == "paper" and s.penalty is not None:
-        both, advice = "preset='paper' and `penalty`", "leave out `preset`"
-    if both:
-        other = "a behaviour for which weights are found, or the preset paper; got both"
-        raise InvalidInput(f"{both} contradict each other.", f"expected either weights, or {other}", advice)
+    behaviour, weights = (
+        next((f"`{name}`" for name in names if getattr(s, name) is not None), "")
+        for names in (("bandwidth", "damping"), ("penalty", "effort"))
+    )
+    searched, paper = s.preset in ("damped", "robust", "proved"), s.preset == "paper"
+    for contradicts, both, advice in (
+        (behaviour and weights, f"{behaviour} and {weights}", "leave out one of them"),
+        (searched and weights, f"preset={s.preset!r} and {weights}", f"leave out {weights}, or `preset`"),
+        (paper and behaviour, f"preset='paper' and {behaviour}", "preset='damped'"),
+        (paper and s.penalty is not None, "preset='paper' and `penalty`", "leave out `preset`"),
+    ):
+        if contradicts:
+            other = "a behaviour for which weights are found, or the preset paper; got both"
+            raise InvalidInput(
+                f"{both} contradict each other.", f"expected either weights, or {other}", advice
+            )
     default = "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
     return s.preset or ("given" if s.penalty is not None else default)
 
@@ -274,12 +270,9 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
     own, penalty, source, priced = robot.penalty, robot.penalty, "the robot's file", "the robot's file"
     if s.penalty is not None:
         penalty, source = Penalty.of(s.penalty), "option --penalty"
-        if isinstance(s.penalty, Penalty):
-            priced = source
-        elif own is None:
-            priced = "ours"
-        else:
-            penalty = replace(penalty, effort=own.effort)
+        whole = isinstance(s.penalty, Penalty)
+        priced = source if whole else "ours" if own is None else priced
+        penalty = penalty if whole or own is None else replace(penalty, effort=own.effort)
     elif penalty is None:
         scales = JointScales.of(robot.plant(), robot.operating_point(goal))
         weights: Any = scales.penalty(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0).states
@@ -293,9 +286,18 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
 def _searched(
     few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    robot, goal = few.robot, few.goal
+    robot, goal, joints = few.robot, few.goal, len(few.goal)
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
+    bandwidth = np.atleast_1d(
+        np.asarray(BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
+    )
+    if len(bandwidth) not in (1, joints):
+        raise InvalidInput(
+            "The bandwidths do not fit the joints.",
+            f"expected one number or {joints}, got {bandwidth.tolist()}",
+            "one bandwidth for all joints",
+        )
+    target = TargetBehaviour(np.broadcast_to(bandwidth, (joints,)).copy(), required_damping(s))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
         every = robot.plant().disturbances
@@ -309,15 +311,12 @@ def _searched(
         return nominal(target_frequency, damping).design_at(s.gamma_ratio)
 
     result, family = _widened(few, target, few, synthesis, scales.held, near)
-    source, chosen = f"found for {target.text}", result.chosen
+    weights, source = result.chosen.weights, f"found for {target.text}"
     if preset == "damped":
-        stated = scales.penalty(chosen.target_frequency, chosen.damping_weights), source, "ours"
+        stated = scales.penalty(*weights), source, "ours"
         return _without_channels(robot, goal, s, preset, stated, target, result)
-
-    tolerances = tolerance_channels(robot, [goal, start])
-    linear = nominal(chosen.target_frequency, chosen.damping_weights)
-    scalings = find_scalings(RobustProblem(linear, family.torques, tolerances), s.gamma_ratio)
-    corners = acting_corners(robot, goal, base())
+    tolerances, corners = tolerance_channels(robot, [goal, start]), acting_corners(robot, goal, base())
+    scalings = find_scalings(RobustProblem(nominal(*weights), family.torques, tolerances), s.gamma_ratio)
 
     def robust_problem(factor: float) -> DesignProblem:
         larger = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners, factor)
@@ -326,7 +325,7 @@ def _searched(
             return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.scaled(1.0))
 
         result, _ = _widened(few, target, family, robust_synthesis, scales.held)
-        problem = larger.problem(result.chosen.target_frequency, result.chosen.damping_weights, 1.0)
+        problem = larger.problem(*result.chosen.weights, 1.0)
         return larger.checked(
             problem, 1.0, target, result, f"{source}, beside the channels of the tolerances"
         )
@@ -356,15 +355,3 @@ def _widened(
     a, b = np.concatenate([family.a, few.many.a[worst]]), np.concatenate([family.b, few.many.b[worst]])
     wider = replace(family, a=a, b=b)
     return search(target, wider, synthesis, held, near=start), wider
-
-
-def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:
-    required = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    values = np.atleast_1d(np.asarray(required, dtype=float))
-    if len(values) not in (1, joints):
-        raise InvalidInput(
-            "The bandwidths do not fit the joints.",
-            f"expected one number or {joints}, got {values.tolist()}",
-            "one bandwidth for all joints",
-        )
-    return np.broadcast_to(values, (joints,)).copy()

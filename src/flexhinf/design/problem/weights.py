@@ -83,11 +83,9 @@ class LinearFamily:
             matrices.append(plant.with_parameters(**values).linearise(*at))
         a = np.zeros((len(matrices), n + joints, n + joints))
         b = np.zeros((len(matrices), n + joints, len(plant.inputs)))
-        for k, (state, inputs, _, _) in enumerate(matrices):
-            a[k, :n, :n], b[k, :n] = state, inputs
+        a[:, :n, :n], b[:, :n] = [each[0] for each in matrices], [each[1] for each in matrices]
         a[:, n:, :joints] = np.eye(joints)
-        torques = np.zeros((n + joints, 2 * joints))
-        torques[:n] = matrices[0][2]
+        torques = np.pad(matrices[0][2], ((0, joints), (0, 0)))
         energy = stiffness_and_inertia(plant, equilibrium)
         return LinearFamily(a, b, torques, robot.joint_names, energy, robot, goal, period)
 
@@ -97,10 +95,11 @@ def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
     names = sorted(parameter.name for parameter in robot.uncertain)
     if not names or not count:
         return []
-    if 2 ** len(names) <= count:
-        signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
-    else:
-        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
+    signs = (
+        1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
+        if 2 ** len(names) <= count
+        else np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
+    )
     return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
 
 
@@ -141,20 +140,16 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
 
 
 def _damping(modes: Sequence[Mode]) -> float:
-    if not all(mode.stable for mode in modes):
-        return -np.inf
-    return min((mode.damping for mode in modes if mode.eigenvalue.imag > 0.0), default=np.inf)
+    oscillations = (mode.damping for mode in modes if mode.eigenvalue.imag > 0.0)
+    return min(oscillations, default=np.inf) if all(mode.stable for mode in modes) else -np.inf
 
 
 def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
     """Bandwidths, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
-    values, vectors = np.linalg.eig(loops)
-    n = loops.shape[1]
-    command = 0.0 - np.eye(n, joints, joints - n)
-    right = np.linalg.solve(vectors, np.broadcast_to(command, (len(loops), n, joints)))
-    residues = vectors[:, :joints].transpose(0, 2, 1) * right  # (members, mode, joint)
-    sizes = np.abs(values)
-    low, high = 0.02 * sizes.min(), 5.0 * sizes.max()
+    (values, vectors), n = np.linalg.eig(loops), loops.shape[1]
+    command = np.broadcast_to(0.0 - np.eye(n, joints, joints - n), (len(loops), n, joints))
+    residues = vectors[:, :joints].transpose(0, 2, 1) * np.linalg.solve(vectors, command)  # (N, mode, joint)
+    low, high = 0.02 * np.abs(values).min(), 5.0 * np.abs(values).max()
     frequencies = np.geomspace(low, high, max(2, int(PER_DECADE * np.log10(high / low))))
     response = np.empty((len(loops), len(frequencies), joints))
     for k, member in enumerate(residues):
@@ -286,6 +281,11 @@ class Candidate:
     behaviour: Behaviour
 
     @property
+    def weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """ω and ζ (n,) of each joint."""
+        return self.target_frequency, self.damping_weights
+
+    @property
     def damping_weight(self) -> float:
         """The largest ζ."""
         return float(self.damping_weights.max())
@@ -314,14 +314,13 @@ def search(
     begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the behaviour cannot be met:
     which limit binds, and the best that was found.
     """
-    start = 1.5 * target.bandwidth
+    start, proportional = 1.5 * target.bandwidth, ()
     if near is not None:
         start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
-    attempt, chosen = _Search(target, family, synthesis, FASTEST * held, start), None
-    if near is not None:
         weights = near.damping_weights * target.damping / near.behaviour.damping
-        tried = (attempt.fit_damped(more * weights) for more in PROPORTIONS)
-        chosen = next((candidate for candidate in tried if candidate), None)
+        proportional = (more * weights for more in PROPORTIONS)
+    attempt = _Search(target, family, synthesis, FASTEST * held, start)
+    chosen = next((candidate for tried in proportional if (candidate := attempt.fit_damped(tried))), None)
     chosen = chosen or attempt.damped()
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:
         chosen = attempt.lowered(chosen)
@@ -349,10 +348,10 @@ class _Search:
             try:
                 design = self.synthesis(frequency, weights)
             except FlexhinfError:
-                return None
+                break
             behaviour = behaviour_of(self.family, design.gain)
             if behaviour.damping == -np.inf:
-                return None
+                break
             self.reached = max(self.reached, float((behaviour.bandwidth / bandwidth).min()))
             ratio = bandwidth / np.maximum(behaviour.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
@@ -360,7 +359,7 @@ class _Search:
                 return self.tried[-1]
             frequency = frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
             if np.any(frequency > self.fastest):
-                return None
+                break
         return None
 
     def fit_damped(self, damping_weight: float | np.ndarray) -> Candidate | None:
@@ -390,22 +389,21 @@ class _Search:
 
     def _refuse(self, best: Candidate | None) -> NoReturn:
         bandwidth, damping = self.target.bandwidth, self.target.damping
-        required = f"a bandwidth of {_text(bandwidth)} rad/s with a damping ratio of {damping:g}"
+        expected = f"expected a bandwidth of {_text(bandwidth)} rad/s with a damping ratio of {damping:g}"
         if best is None:
             raise InvalidInput(
                 "The specification cannot be met: the bandwidth binds.",
-                f"expected {required}; the best found that is stable within the tolerances is "
+                f"{expected}; the best found that is stable within the tolerances is "
                 f"{_text(self.reached * bandwidth)} rad/s",
                 "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
             )
-        reached = max(0.0, 0.95 * best.behaviour.damping)
         refused = DampingOutOfReach(
             "The specification cannot be met: the damping of the oscillations binds.",
-            f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
+            f"{expected} for the robot and its tolerances; the best found at this bandwidth is "
             f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
-            f"damping={reached:.2g}, or another `bandwidth`",
+            f"damping={max(0.0, 0.95 * best.behaviour.damping):.2g}, or another `bandwidth`",
         )
-        refused.reached = reached
+        refused.reached = max(0.0, 0.95 * best.behaviour.damping)
         raise refused
 
     def lowered(self, best: Candidate) -> Candidate:
