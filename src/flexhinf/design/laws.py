@@ -235,9 +235,9 @@ class LawFactory:
 
     def start(self, kind: LawKind) -> dict[str, float]:
         """Values of a law's parameters at which a search begins: for H∞ those of the design."""
-        chosen, limits = float(self.synthesis.chosen.degree), _PARAMETERS["gamma_ratio"]
+        limits, degree = _PARAMETERS["gamma_ratio"], float(self.synthesis.chosen.degree)
         ratio = float(np.clip(self.gamma_ratio, limits.lower, limits.upper))
-        own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: chosen}
+        own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: degree}
         fixed = {DEGREE: self.largest_degree <= 2, CHANNELS: self.synthesis.design_problem.robustness is None}
         free = (p for p in kind.parameters if not fixed.get(p.name, False))
         return {p.name: own[p.name] if p.start is None else p.start for p in free}
@@ -246,19 +246,14 @@ class LawFactory:
         """Values of a law's parameters that stand for the design's own law; None for a law that is never that one."""
         at_goal = self.synthesis.law is self.synthesis.solution  # not a schedule of several poses
         same = kind.degree == 0 or (kind.degree == self.synthesis.chosen.degree and at_goal)
-        if not same or "gamma_ratio" not in kind.tuned:
-            return None
-        return {**self.start(kind), "velocity_weight": NO_VELOCITY}
+        never = not same or "gamma_ratio" not in kind.tuned
+        return None if never else {**self.start(kind), "velocity_weight": NO_VELOCITY}
 
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""
-        bounds, start = {}, self.start(kind)
-        for p in (p for p in kind.parameters if p.name in start):
-            scale = start[p.name] if p.relative else 1.0
-            bounds[p.name] = (p.lower * scale, p.upper * scale)
-        if DEGREE in bounds:
-            bounds[DEGREE] = (2.0, float(self.largest_degree))
-        return bounds
+        start, largest = self.start(kind), {DEGREE: (2.0, float(self.largest_degree))}
+        free = [(p, start[p.name] if p.relative else 1.0) for p in kind.parameters if p.name in start]
+        return {p.name: largest.get(p.name, (p.lower * scale, p.upper * scale)) for p, scale in free}
 
     @property
     def largest_degree(self) -> int:
@@ -289,8 +284,8 @@ class LawFactory:
             if family in ("pd-gravity", "torque"):
                 rotor = values.get("rotor_inertia", 1.0)
                 return TorqueFeedback.tuned(problem, bandwidth, values["damping"], rotor, tracked, rate)
-            rate = rate if kind.integral else None
-            return FeedbackLinearisation.tuned(problem, bandwidth, kind.integral, integral_rate=rate)
+            integral_rate = rate if kind.integral else None
+            return FeedbackLinearisation.tuned(problem, bandwidth, kind.integral, integral_rate=integral_rate)
         if family == "hinf" or family.startswith(NL_HINF):
             size = values.get(CHANNELS, 1.0)
             size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
@@ -315,11 +310,11 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
     names = problem.state_names
     factors = [integral if name.endswith("_integral") else 1.0 for name in names]
     rows = np.array(problem.expand(1).h_parts[1], dtype=float) * factors
-    extra = []
-    if velocity > NO_VELOCITY * (1.0 + ROUNDING):
-        for k, name in enumerate(names):
-            if name.startswith("link_velocity"):
-                position = names.index(name.replace("velocity", "position"))
-                extra.append(velocity * float(np.linalg.norm(rows[:, position])) * np.eye(len(names))[k])
+    pairs = [
+        (k, names.index(name.replace("velocity", "position")))
+        for k, name in enumerate(names)
+        if name.startswith("link_velocity") and velocity > NO_VELOCITY * (1.0 + ROUNDING)
+    ]
+    extra = [velocity * float(np.linalg.norm(rows[:, at])) * np.eye(len(names))[k] for k, at in pairs]
     r2 = effort * np.asarray(problem.penalty.effort, dtype=float)
     return replace(problem, penalty=Penalty(np.vstack([rows, *extra]), effort=r2))

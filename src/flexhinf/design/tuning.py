@@ -46,8 +46,6 @@ from flexhinf.design.loop_setup import LoopSetup, other_quantisation
 from flexhinf.design.requirements import peak_option
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
-Progress = Callable[[str], None]
-
 #: Runs of the criterion, by the metric that is infinite where one diverged.
 RUNS = {
     "peak_input": "the step",
@@ -147,9 +145,9 @@ def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
     Raises `InvalidInput` if its linear loop is unstable at the goal, or one of its runs diverges.
     """
     own = own_metrics(evaluation)
-    lost = [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
-    if not evaluation.linear_failure and not evaluation.margins.stable:
-        lost.insert(0, "its linear loop is unstable at the goal")
+    unstable = not evaluation.linear_failure and not evaluation.margins.stable
+    lost = ["its linear loop is unstable at the goal"] if unstable else []
+    lost += [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
     if lost:
         raise InvalidInput(
             "The design's own law is unstable or diverges, so no law can be measured by it.",
@@ -174,11 +172,10 @@ class Limit:
     def excess(self, metrics: LawMetrics) -> float:
         """ln of the factor by which it is exceeded; 0 where it is kept."""
         value = getattr(metrics, self.metric)
-        if not self.least:
-            return excess(value, self.value)
-        if value <= 0.0:
-            return math.inf
-        return 0.0 if math.isnan(value) else excess(self.value, value)
+        if self.least and math.isnan(value):
+            return 0.0
+        lost = self.least and value <= 0.0
+        return math.inf if lost else excess(*((self.value, value) if self.least else (value, self.value)))
 
     @property
     def text(self) -> str:
@@ -211,13 +208,17 @@ class Criterion:
     @property
     def measure(self) -> str:
         """Text of the measure that is minimised."""
-        below = f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
         return (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
             "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
             "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
             "at the end of these three runs, which are those of the nominal robot without measurement noise."
-        ) + (f"{below}counts as that." if self.resolution else "")
+        ) + (
+            f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
+            "counts as that."
+            if self.resolution
+            else ""
+        )
 
     def ratios(self, metrics: LawMetrics) -> dict[str, float]:
         """Load deviation, settling time, and the two errors over those of the design, by name."""
@@ -308,26 +309,23 @@ def criterion_for(
 def check_mode(mode: str, advice: str) -> None:
     """Refuse what is none of `MODES`."""
     if mode not in MODES:
-        found = f"expected {', '.join(MODES)}, got {mode!r}"
-        raise InvalidInput("There is no such way to tune.", found, advice)
+        raise InvalidInput(
+            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice
+        )
 
 
 def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
     """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
     s, joints = setup.specification, setup.limits
-    sensitivity = "--peak-sensitivity" if s.peak_sensitivity else "default"
-    limits: dict[str, tuple[float, str] | None] = {
-        "peak_sensitivity": (s.peak_sensitivity_limit, sensitivity),
-        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
+    peak = peak_option(unit, joints.peak_source) if joints.limits_peak else joints.saturation_source
+    limits = {
+        "peak_sensitivity": (s.peak_sensitivity_limit, s.peak_sensitivity and "--peak-sensitivity"),
+        "gain_margin": (s.gain_margin_limit, s.gain_margin and "--gain-margin"),
+        "peak_input": (joints.strongest, peak) if joints.limits_effort else None,
+        "damping": (s.damping, "--damping") if s.damping else None,
+        "bandwidth": None if s.bandwidth is None else (float(np.min(s.bandwidth)), "--bandwidth"),
     }
-    if joints.limits_effort:
-        peak = peak_option(unit, joints.peak_source)
-        limits["peak_input"] = (joints.strongest, peak if joints.limits_peak else joints.saturation_source)
-    if s.damping:
-        limits["damping"] = (s.damping, "--damping")
-    if s.bandwidth is not None:
-        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
-    return limits
+    return {name: (limit[0], limit[1] or "default") for name, limit in limits.items() if limit is not None}
 
 
 def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
@@ -377,10 +375,14 @@ class TunedLaw:
     @property
     def failure(self) -> str:
         """Why the law is not compared: no candidate keeps every limit; empty for a law that does."""
-        none = (
-            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary"
+        return (
+            ""
+            if self.feasible
+            else (
+                f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary; "
+                f"the nearest: {self.reason}"
+            )
         )
-        return "" if self.feasible else f"{none}; the nearest: {self.reason}"
 
     @property
     def name(self) -> str:
@@ -415,7 +417,10 @@ class Tuner:
     seed: int = 0  # of the searches' samples; the same for all laws
 
     def tune_all(
-        self, kinds: Sequence[LawKind], wanted: Sequence[str] = (), progress: Progress = lambda text: None
+        self,
+        kinds: Sequence[LawKind],
+        wanted: Sequence[str] = (),
+        progress: Callable[[str], None] = lambda text: None,
     ) -> dict[str, TunedLaw | str]:
         """All rounds for all laws: the tuned law by name, or why it cannot be made.
 
@@ -456,8 +461,8 @@ class Tuner:
             return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
         choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
-        sensors = choices or (tuple(s.measured),)
-        laws = [self._search(kind, each, None, self._budget[0], 0) for each in sensors]
+        sets = choices or (tuple(s.measured),)
+        laws = [self._search(kind, sensors, None, self._budget[0], 0) for sensors in sets]
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
@@ -494,7 +499,6 @@ class Tuner:
         return next((own for own in self._own_candidate(kind) if own.feasible), tuning.best)
 
     def _own_candidate(self, kind: LawKind) -> tuple[Candidate, ...]:
-        """The design's own law, as the criterion has judged it, for a law that is of its kind."""
         if (values := self.factory.own(kind)) is None:
             return ()
         values = {name: values[name] for name in self._free(kind)}
@@ -517,7 +521,6 @@ class Tuner:
         others: Sequence[TunedLaw] = (),
         exchange: bool = False,
     ) -> TunedLaw:
-        """The best law over all free parameters, from the design's or from the best so far."""
         start, limits, degree = self._free(kind), self.factory.bounds(kind), self._budget[3]
         begin = start if before is None else dict(before.best.parameters)
         starts = []

@@ -259,14 +259,12 @@ def _without_channels(
     target: TargetBehaviour | None = None,
     result: SearchResult | None = None,
 ) -> DesignProblem:
-    """The problem of a penalty, with the sources of its weights and of R2."""
     problem = nominal_problem(robot, goal, s, stated[0])
     star = smallest_gamma(problem)
     return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star, target, result)
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
-    """A penalty that is stated, with the sources of its weights and of R2."""
     own, penalty, source, priced = robot.penalty, robot.penalty, "the robot's file", "the robot's file"
     if s.penalty is not None:
         penalty, source = Penalty.of(s.penalty), "option --penalty"

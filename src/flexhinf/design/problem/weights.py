@@ -328,8 +328,6 @@ def search(
 
 
 class _Search:
-    """Candidates of one search, from target frequencies `start` up to `fastest`, rad/s."""
-
     def __init__(
         self, target: TargetBehaviour, family: LinearFamily, synthesis: Any, fastest: float, start: np.ndarray
     ) -> None:
@@ -363,7 +361,6 @@ class _Search:
         return None
 
     def fit_damped(self, damping_weight: float | np.ndarray) -> Candidate | None:
-        """The candidate of `fit`, or None where not every oscillation is damped as required."""
         candidate = self.fit(damping_weight)
         return candidate if candidate and candidate.behaviour.damping >= self.target.damping else None
 

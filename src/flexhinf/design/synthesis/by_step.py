@@ -358,7 +358,6 @@ class _BandwidthSearch:
         self.held = np.array([robot.operating_point(task.goal, s.extras, values)[1] for values in parameters])
 
     def shares(self, peaks: np.ndarray) -> np.ndarray:
-        """Shares (2, n) of the limits that `peaks` use; 0 where there is no limit."""
         return np.where(np.isfinite(self.limits), peaks / self.limits, 0.0)
 
     def slower(self, bandwidth: np.ndarray, peaks: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:

@@ -206,7 +206,6 @@ class _Search:
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
-        """Search: the default levels, the families, then single levels; with the trade-off of all candidates."""
         default = self.candidate(self.setup.stated_noise)
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
@@ -259,7 +258,6 @@ class _Search:
         return NoiseSearch(chosen, default, trade_off, len(self.tried), tuple(self.unavoidable))
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with its avoidable excess over the limits: that beyond `unavoidable`."""
         left = {name: excess - self.unavoidable.get(name, 0.0) for name, excess in candidate.missed.items()}
         least = np.log1p(0.5 * TOLERANCE)
         return replace(candidate, avoidable={name: excess for name, excess in left.items() if excess > least})
@@ -370,7 +368,6 @@ class _Search:
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
         population, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
         return table.vectors([table.known(values) for values in population.values[:-1]])

@@ -28,16 +28,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design import responses
-from flexhinf.design.checks import AlongMove, MarginLimits, scheduled
-from flexhinf.design.design_file import check_stated_units
+from flexhinf.design import checks, design_file, plans, proved_step, requirements, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
-from flexhinf.design.plans import stated_move
 from flexhinf.design.problem.channels import tolerance_channels
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
-from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
-from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
@@ -46,9 +41,7 @@ from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
-from flexhinf.robot import Robot
-from flexhinf.robot.kinematics import check_holding
-from flexhinf.robot.plausibility import check_delay, check_fast
+from flexhinf.robot import Robot, kinematics, plausibility
 
 #: Most noise of a motor, over that with the preset damped.
 NOISE = 3.0
@@ -162,7 +155,6 @@ class _WholeLoop:
         self.kept = [(0.0, self.own)]
 
     def run(self) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
-        """The problem of the preset robust, its noise levels, and how they were found."""
         best, own = self.best(), self.own
         self.task.progress(f"weights and noise levels for the tolerances: {self.count} loops tried")
         corner = "" if best.corner < 0 else self.box.population.describe(best.corner)
@@ -276,13 +268,12 @@ class _WholeLoop:
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
         corners = [self.box.population.values[k] for k in which]
-        runs = sampled_runs(setup, corners, duration, nominal.run.settings["sub_steps"])
+        runs = requirements.sampled_runs(setup, corners, duration, nominal.run.settings["sub_steps"])
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
         used = np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
         return runs.overshoot, float(used)
 
     def judged(self, loop: EquilibriumLoop) -> tuple[Margins, np.ndarray]:
-        """Margins of a loop, and the RMS (m,) of each input by the measurement noise."""
         loop_margins = margins(loop)
         if self.noise is None:
             return loop_margins, np.zeros(len(loop_margins.noise_to_input))
@@ -327,9 +318,13 @@ class Synthesis:
     chosen: DegreeChoice  # the degree that is used
     rays: int  # rays in which regions were sampled
     law: Law  # the chosen solution, or a schedule with those of other poses
-    along: AlongMove | None = None  # margins of the running loop along the stated move; None without one
+    along: checks.AlongMove | None = (
+        None  # margins of the running loop along the stated move; None without one
+    )
     robust: WholeLoopSearch | None = None  # of weights and noise levels for the tolerances; preset robust
-    proved: ProvedLaw | None = None  # the law with its certificate for all tolerances; preset proved
+    proved: proved_step.ProvedLaw | None = (
+        None  # the law with its certificate for all tolerances; preset proved
+    )
 
     @property
     def solution(self) -> HJISolution:
@@ -357,11 +352,11 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
 
     Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
-    check_stated_units(robot, s)
-    move = stated_move(robot, s)
+    design_file.check_stated_units(robot, s)
+    move = plans.stated_move(robot, s)
     start, goal = responses.start_and_goal(robot, s, move)
-    check_fast(robot, s.period)
-    check_delay(robot, s.delay)
+    plausibility.check_fast(robot, s.period)
+    plausibility.check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
     steps = _Steps(robot, s, goal, start, progress)
     synthesis = steps.proved() if preset_of(robot, s) == "proved" else steps.synthesis()
@@ -374,18 +369,17 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
         1.0 + TOLERANCE,
         steps.damping(synthesis.design_problem),
     )
-    limits = MarginLimits(
+    limits = checks.MarginLimits(
         most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
     )
     more = partial(steps.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
     several = None if s.via or synthesis.proved else more
-    law, along = scheduled(synthesis.setup(robot, s), move, limits, several)
+    law, along = checks.scheduled(synthesis.setup(robot, s), move, limits, several)
     return replace(synthesis, law=law, along=along)
 
 
 class _Steps(Task):
     def synthesis(self) -> Synthesis:
-        """The law about the goal, or a schedule with the poses that are stated."""
         robust = preset_of(self.robot, self.s) == "robust"
         problem, noise, whole = self.robust_problem() if robust else (*self.searched_problem(), None)
         chosen, choices, rays = self.degrees(problem, noise)
@@ -398,14 +392,16 @@ class _Steps(Task):
 
         The search is about the law with the true state fed back; noise levels are found for it as for other laws.
         """
-        proved = proved_law(self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress)
+        proved = proved_step.proved_law(
+            self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress
+        )
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise, rays = self.noise_search(problem), by_step.rays_of(len(law.state_names), self.s.rays)
         (solved,) = by_step.solve_degrees(problem.problem, (law.degree,), problem.gamma)
         chosen = replace(solved, solution=law)
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=proved)
 
-    def keeps_effort(self, law: ProvedLaw) -> str:
+    def keeps_effort(self, law: proved_step.ProvedLaw) -> str:
         """The input that the step of a law takes on the running loop, as text; "" where it is within the limit."""
         limits = responses.joint_limits(self.robot, self.s)
         if not limits.limits_effort:
@@ -413,7 +409,7 @@ class _Steps(Task):
         self.progress("the step on the running loop")
         noise = self.noise_search(law.design_problem)
         setup = self.setup(law.solution, noise and noise.chosen.levels)
-        peak = setup.step(LENGTH / float(np.min(law.bandwidth))).peak_input
+        peak = setup.step(proved_step.LENGTH / float(np.min(law.bandwidth))).peak_input
         kept = peak <= (1.0 + TOLERANCE) * limits.effort[0]
         return "" if kept else f"with the estimator the step takes an input of {peak:.3g}"
 
@@ -441,7 +437,6 @@ class _Steps(Task):
         return regions[choices.index(chosen)], tuple(regions), rays
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
-        """The preset robust: weights and noise levels for the tolerances, searched from those of the preset damped."""
         tolerance_channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
         plain = replace(self, s=replace(self.s, preset="damped", rays=0))
         damped, noise = plain.searched_problem()
@@ -572,7 +567,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         return f"; {file} states it" if source == file else "", f"`{name}`"
 
     for pose in (goal, start, *s.via):
-        check_holding(robot, pose, limits.effort, stated)
+        kinematics.check_holding(robot, pose, limits.effort, stated)
 
 
 def checked_penalty(s: Specification, problem: DesignProblem) -> Any:
