@@ -442,5 +442,4 @@ def _refused(s: Specification, synthesis: Synthesis) -> str:
         return "no proof was asked for (--proof-seconds 0)"
     if synthesis.law is not synthesis.solution:
         return "the law is a schedule of several poses"
-    sampled = chosen.looked and 0.0 < chosen.level < np.inf
-    return "" if sampled else "there is no sampled region to prove"
+    return "" if (chosen.looked and 0.0 < chosen.level < np.inf) else "there is no sampled region to prove"

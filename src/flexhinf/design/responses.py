@@ -74,8 +74,7 @@ def start_and_goal(robot: Robot, s: Specification, move: Plan | None) -> tuple[n
     n = len(robot.joint_names)
     end = None if move is None else np.reshape(move(move.duration), -1)
     goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
-    start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
-    return start, goal
+    return default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n], goal
 
 
 def run_length(slowest: float) -> float:
@@ -268,14 +267,13 @@ class Move:
         peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
-        rows = zip(self.response.metrics, self.response.positions.T, self.planned.T)
         return [
             {
                 "joint": row["joint"], "largest_error": float(np.abs(position - planned).max()),
                 "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
                 "peak_speed": row["peak_speed"], "final_error": steady_state_error(position, planned),
             }
-            for row, position, planned in rows
+            for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
         ]  # fmt: skip
 
 
@@ -383,8 +381,7 @@ class JointLimits:
     def beyond_range(self, response: Response) -> LimitUse:
         """Largest distance of a joint outside of its range (lower, upper), rad or m; the limit is 0."""
         beyond = np.maximum(np.maximum(self.lower - response.positions, response.positions - self.upper), 0.0)
-        ones = np.ones(len(self.joints))
-        return self._use(response, beyond, ones, self.position_units)._replace(limit=0.0)
+        return self._use(response, beyond, np.ones(len(self.joints)), self.position_units)._replace(limit=0.0)
 
     def _use(self, run: Response, values: np.ndarray, limits: np.ndarray, units: Sequence[str]) -> LimitUse:
         counted = values if run.diverged_at is None else None

@@ -188,9 +188,8 @@ def compare_rigid(
     loops: list[Any] = []
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
-        controller = Controller(law, None, specification.period, saturation, start="bumpless")
         x, u = start
-        run = Loop(true_plant, controller).run(
+        run = Loop(true_plant, Controller(law, None, specification.period, saturation, start="bumpless")).run(
             duration=duration, initial_state=x, initial_input=u, seed=specification.seed
         )
         response = Response(run, goal, x[: len(goal)], tuple(joints))

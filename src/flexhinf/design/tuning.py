@@ -441,9 +441,8 @@ class Tuner:
                     ) from error
                 tuned[kind.name] = text
         # Laws that contain others last.
-        ordered = sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name))
         for what, exchange in (("tune from the others", False), ("tune from the best", True)):
-            for kind in ordered:
+            for kind in sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name)):
                 law = tuned[kind.name]
                 if isinstance(law, TunedLaw):
                     progress(f"{kind.name}: {what}")
@@ -460,8 +459,7 @@ class Tuner:
             metrics = self.criterion.own
             return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
-        choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
-        sets = choices or (tuple(s.measured),)
+        sets = (() if self.same_sensors or s.estimator == "none" else kind.sensors) or (tuple(s.measured),)
         laws = [self._search(kind, sensors, None, self._budget[0], 0) for sensors in sets]
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 

@@ -363,5 +363,4 @@ def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: f
     plant = problem.plant.with_parameters(tolerance_channels=np.sqrt(size) * np.asarray(known))
     without, whole = (np.array(p.expand(1).h_parts[1], dtype=float) for p in (nominal, problem))
     rows = np.vstack([np.sqrt(1.0 - size) * without, np.sqrt(size) * whole])  # hᵀh is linear in the size
-    effort = (1.0 - size) * nominal.r2 + size * problem.r2
-    return replace(problem, plant=plant, penalty=Penalty(rows, effort))
+    return replace(problem, plant=plant, penalty=Penalty(rows, (1.0 - size) * nominal.r2 + size * problem.r2))

@@ -81,9 +81,9 @@ class NoiseCandidate:
     def score(self, of_laws: bool = False) -> float:
         """Decades of noise, and mainly the limits that are missed; between different laws all that are, else those
         that are avoidable."""
-        missed = self.missed if of_laws else self.avoidable
         counted = sum(
-            excess * (self.noise_counts if limit == "noise" else 1.0) for limit, excess in missed.items()
+            excess * (self.noise_counts if limit == "noise" else 1.0)
+            for limit, excess in (self.missed if of_laws else self.avoidable).items()
         )
         return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 
@@ -226,8 +226,7 @@ class _Search:
             start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
         else:
             begun.sort(key=lambda entry: self.counted(entry[0]).score())
-            several = STARTS if len(self.unit) <= FEW else 1
-            ends = [self.descend(x) for _, x in begun[:several]]
+            ends = [self.descend(x) for _, x in begun[: (STARTS if len(self.unit) <= FEW else 1)]]
             chosen, start = min(ends, key=lambda entry: (entry[0].unstable or 0, entry[0].score()))
         if chosen.unstable:
             # No levels make every corner stable: the best of some candidates, where the share of unstable corners

@@ -250,8 +250,7 @@ class _WholeLoop:
         return *weights, float(np.clip(x[4], LEAST_FRACTION, 1.0))
 
     def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
-        setup = self.task.solved(solved, 2, levels)
-        return setup.equilibrium_loop(estimated=self.task.s.estimator != "none")
+        return self.task.solved(solved, 2, levels).equilibrium_loop(estimated=self.task.s.estimator != "none")
 
     def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
         """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
@@ -282,13 +281,12 @@ class _WholeLoop:
     def missed(self, loop_margins: Margins, noises: np.ndarray) -> float:
         """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
         own, s = self.own.margins, self.task.s
-        damping = required_damping(s, self.target)
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
         louder = noises / (NOISE * np.maximum(self.own.noises, 1e-300))
         ratios = [
             loop_margins.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
             min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
-            min(damping, own.damping) / max(loop_margins.damping, 1e-9),
+            min(required_damping(s, self.target), own.damping) / max(loop_margins.damping, 1e-9),
             float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
             float(louder.max()) if self.own.noises.any() else 0.0,
         ]
@@ -444,8 +442,7 @@ class _Steps(Task):
         self.progress("channels of the tolerances")
         robust = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         degree = plain.degrees(damped, noise)[0].degree
-        search = _WholeLoop(self, damped, robust, noise and noise.chosen.levels, degree)
-        problem, levels, whole = search.run()
+        problem, levels, whole = _WholeLoop(self, damped, robust, noise and noise.chosen.levels, degree).run()
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
         own = self.noise_search(problem, levels)
