@@ -86,6 +86,7 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
     plant = robot.plant()
     channel_list: list[Channel] = []
     linear = [(pose, plant.linearise(*robot.operating_point(pose))) for pose in poses]
+    no_state, no_input = np.zeros(plant.n), np.zeros(len(plant.inputs))
     for parameter in robot.uncertain:
         name, changes = parameter.name, []
         for pose, (a, b, torques, _) in linear:
@@ -97,7 +98,15 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
             changes.append(np.where(np.abs(ends) > least, ends, 0.0))  # (2, 2 joints, n + m)
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
         joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
-        channel_list += _rank_one(name.removesuffix(f"_{joint}") if joint else name, largest, plant.n)
+        quantity = name.removesuffix(f"_{joint}") if joint else name
+        # Singular parts of half the difference between the ends, each made as long as the end that it reaches less.
+        for by_input, (up, down) in enumerate((largest[:, :, : plant.n], largest[:, :, plant.n :])):
+            left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
+            for size, t, c in zip(sizes, left.T, right):
+                if size > SMALL * sizes[0]:
+                    root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
+                    driven = (no_state, root * c) if by_input else (root * c, no_input)
+                    channel_list.append(Channel(quantity, root * t, *driven))
     return tuple(channel_list)
 
 
@@ -110,19 +119,6 @@ def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Chann
         "expected parameters with a tolerance that changes how the robot moves, got none",
         "tolerance = 10 beside a value in the robot's file, or preset='damped'",
     )
-
-
-def _rank_one(quantity: str, ends: np.ndarray, n: int) -> list[Channel]:
-    """Singular parts of half the difference between the ends, each made as long as the end that it reaches less."""
-    parts, (no_state, no_input) = [], (np.zeros(n), np.zeros(ends.shape[2] - n))
-    for by_input, (up, down) in enumerate((ends[:, :, :n], ends[:, :, n:])):
-        left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
-        for size, t, c in zip(sizes, left.T, right):
-            if size > SMALL * sizes[0]:
-                root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
-                driven = (no_state, root * c) if by_input else (root * c, no_input)
-                parts.append(Channel(quantity, root * t, *driven))
-    return parts
 
 
 # Products of tolerances ---------------------------------------------------------------------------------

@@ -73,12 +73,17 @@ class LinearFamily:
     def of(
         robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
     ) -> LinearFamily:
-        """Family of a robot at a pose (n,), and at `members` corners of its tolerances, sampled with this seed."""
+        """Family of a robot at a pose (n,), and at corners of its tolerances: all where there are no more than
+        `members`, else so many at random with this seed, whatever the parameters' order."""
         plant, equilibrium = robot.plant(), robot.operating_point(goal)
         joints, n = len(robot.joint_names), plant.n
         matrices = [plant.linearise(*equilibrium)]  # traced once, shared by all members
-        for corner in _corners(robot, members, seed):
-            values = plant.parameters.known(corner)
+        names = sorted(parameter.name for parameter in robot.uncertain) if members else []
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (members, len(names)))
+        if 2 ** len(names) <= members:
+            signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
+        for row in signs.tolist() if names else ():
+            values = plant.parameters.known(robot.corner(dict(zip(names, row))))
             at = robot.operating_point(goal, parameters=values)
             matrices.append(plant.with_parameters(**values).linearise(*at))
         a = np.zeros((len(matrices), n + joints, n + joints))
@@ -88,19 +93,6 @@ class LinearFamily:
         torques = np.pad(matrices[0][2], ((0, joints), (0, 0)))
         energy = stiffness_and_inertia(plant, equilibrium)
         return LinearFamily(a, b, torques, robot.joint_names, energy, robot, goal, period)
-
-
-def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
-    """All corners where there are no more than `count`; otherwise so many at random, whatever the parameters' order."""
-    names = sorted(parameter.name for parameter in robot.uncertain)
-    if not names or not count:
-        return []
-    signs = (
-        1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
-        if 2 ** len(names) <= count
-        else np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
-    )
-    return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
 
 
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
@@ -129,7 +121,12 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
         phi, held = family.sampled
         every = np.linalg.eig(phi + held @ gain)
         modes[0] = sampled_modes(*every, family.period, family.joints, *family.energy, lasting=TWO_SAMPLES)
-    damping = [_damping(each) for each in modes]
+    damping = [
+        min((mode.damping for mode in each if mode.eigenvalue.imag > 0.0), default=np.inf)
+        if all(mode.stable for mode in each)
+        else -np.inf
+        for each in modes
+    ]
     bandwidth, worst = np.zeros(joints), [int(np.argmin(damping))]
     if min(damping) > -np.inf:
         every = _bandwidths(loops, joints)
@@ -137,11 +134,6 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     vibrations = [mode for each in modes for mode in each if mode.vibration]
     own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
     return Behaviour(bandwidth, min(damping), damping[0], np.array(own), worst)
-
-
-def _damping(modes: Sequence[Mode]) -> float:
-    oscillations = (mode.damping for mode in modes if mode.eigenvalue.imag > 0.0)
-    return min(oscillations, default=np.inf) if all(mode.stable for mode in modes) else -np.inf
 
 
 def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
