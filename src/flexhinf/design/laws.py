@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
-from flexhinf.design.problem.channels import sized_channels
+from flexhinf.design.problem.presets import sized_channels
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji

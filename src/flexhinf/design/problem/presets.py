@@ -5,52 +5,205 @@ preset    penalty
 ========  ========================================================================================================
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
 damped    searched for a bandwidth and a damping, see `flexhinf.design.problem.weights`
-robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.problem.channels`
+robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.problem.weights`
 given     the penalty of the specification
 ========  ========================================================================================================
 
 Without a preset: `given` with weights; `damped` with a bandwidth or a damping, or where the robot states no penalty of
 its own; otherwise `paper`.
+
+Tolerances as disturbances: each uncertain parameter becomes a channel (Shen & Tamura 1995).
+
+A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear
+part,
+
+    w = Δ (T_x x + T_u u),   |Δ| ≤ 1,
+
+with T taken between the ends of the interval, the robot at its own equilibrium at each of them. Split into rank-one
+parts, each is a torque t w' driven by a signal z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the
+stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change bends, as with 1/R, a part is as long as towards the
+end where more changes, so that |Δ| ≤ 1 holds at both. Constant terms, such as the weight of a payload, are left
+to the integral.
+
+A channel covers its tolerance alone. At a corner of the tolerances products of them act, such as m·g·l and k_t/R, and a
+robot there changes by a little more than the sum of its channels. So the linear part of the dissipation inequality is
+checked at the corners themselves, and the tolerances of the channels are enlarged step by step until it holds there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from flexhinf.analysis import LinearCorners
 from flexhinf.analysis.modes import JointScales
-from flexhinf.design.problem.channels import (
-    PREFIX,
-    Channel,
-    RobustProblem,
-    Scalings,
-    acting_corners,
-    enlarge_tolerances,
-    find_scalings,
-    tolerance_channels,
-    with_channels,
-)
 from flexhinf.design.problem.weights import (
+    Channel,
     DampingOutOfReach,
     LinearDesign,
     LinearFamily,
     LinearProblem,
+    RobustProblem,
+    Scalings,
     SearchResult,
     TargetBehaviour,
     behaviour_of,
+    find_scalings,
     search,
 )
 from flexhinf.design.specification import RINGS, Specification
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import linear_law, smallest_gamma
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
 
+# Tolerances as channels ---------------------------------------------------------------------------------
+#: Rank-one parts smaller than this fraction of a parameter's largest are left out.
+SMALL = 1e-3
+
+#: A change smaller than this, relative to the robot's own torques, is rounding.
+ROUNDING = 1e-10
+
+#: Factors by which the tolerances are enlarged, one after the other, until the inequality holds at the corners.
+ENLARGED = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
+
+Design = TypeVar("Design")
+
+
+def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:
+    """[A B] (n, n + m) at a corner of the tolerances, the robot at its own equilibrium at a pose."""
+    known = plant.parameters.known(robot.corner(signs))
+    equilibrium = robot.operating_point(pose, parameters=known)
+    return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
+
+
+def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """Channels of all uncertain parameters, each at the pose where it changes the robot most."""
+    plant = robot.plant()
+    channel_list: list[Channel] = []
+    linear = [(pose, plant.linearise(*robot.operating_point(pose))) for pose in poses]
+    no_state, no_input = np.zeros(plant.n), np.zeros(len(plant.inputs))
+    for parameter in robot.uncertain:
+        name, changes = parameter.name, []
+        for pose, (a, b, torques, _) in linear:
+            # [T_x T_u] from the nominal robot to each end of the interval, each at its own equilibrium.
+            nominal = np.hstack([a, b])
+            least = ROUNDING * np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
+            differences = (_linearised(robot, plant, {name: sign}, pose) - nominal for sign in (1.0, -1.0))
+            ends = np.array([np.linalg.lstsq(torques, each, rcond=None)[0] for each in differences])
+            changes.append(np.where(np.abs(ends) > least, ends, 0.0))  # (2, 2 joints, n + m)
+        largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
+        joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
+        quantity = name.removesuffix(f"_{joint}") if joint else name
+        # Singular parts of half the difference between the ends, each made as long as the end that it reaches less.
+        for by_input, (up, down) in enumerate((largest[:, :, : plant.n], largest[:, :, plant.n :])):
+            left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
+            for size, t, c in zip(sizes, left.T, right):
+                if size > SMALL * sizes[0]:
+                    root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
+                    driven = (no_state, root * c) if by_input else (root * c, no_input)
+                    channel_list.append(Channel(quantity, root * t, *driven))
+    return tuple(channel_list)
+
+
+def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """The `channels` of a robot. Raises `InvalidInput` if there are none."""
+    if channel_list := channels(robot, poses):
+        return channel_list
+    raise InvalidInput(
+        f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+        "expected parameters with a tolerance that changes how the robot moves, got none",
+        "tolerance = 10 beside a value in the robot's file, or preset='damped'",
+    )
+
+
+# Products of tolerances ---------------------------------------------------------------------------------
+def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
+    """The plant of a problem without channels at the corners of those tolerances that change it, each at its own
+    equilibrium at the goal (n,), link positions in rad or m."""
+    plant = problem.plant
+    nominal = np.hstack(plant.linearise(*robot.operating_point(goal))[:2])  # traced once, for all corners
+    ends = {p.name: _linearised(robot, plant, {p.name: 1.0}, goal) for p in robot.uncertain}
+    names = [name for name, end in ends.items() if not np.allclose(end, nominal, rtol=1e-12, atol=0.0)]
+    return LinearCorners.of(
+        problem,
+        lambda signs: robot.corner(dict(zip(names, signs, strict=True))),
+        len(names),
+        lambda values: robot.operating_point(goal, parameters=values),
+    )
+
+
+def enlarge_tolerances(
+    first: Design, design_at: Callable[[float], Design], failing: Callable[[Design], int]
+) -> Design:
+    """The first design with enlarged tolerances whose inequality holds at every corner; `first` if there is none.
+
+    `first` is of the tolerances as they are; `design_at` makes the design of a factor of them, and may raise where the
+    larger tolerances are out of reach; `failing` counts the corners that break the inequality of a design.
+    """
+    for factor in ENLARGED[1:] if failing(first) else ():
+        try:
+            larger = design_at(factor)
+        except FlexhinfError:  # out of reach: the page says how many corners the first design leaves
+            break
+        if not failing(larger):
+            return larger
+    return first
+
+
+#: Names of the disturbances that stand for tolerances, numbered from 1.
+PREFIX = "tolerance"
+
+
+@dataclass(frozen=True)
+class UncertainFlow:
+    """The robot's ẋ with torques L w at links and motors, beside its own disturbances; L is a parameter."""
+
+    flow: Any
+    torques: int  # number of the robot's own disturbances: torques at links and motors
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """The rates of all states, of any element."""
+        own, tolerances = d[: self.torques], d[self.torques :]
+        return self.flow(x, u, own + np.asarray(p.tolerance_channels) @ tolerances, p)
+
+
+def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
+    """The robot's plant with disturbances w that enter as torques L w; `enter` (2 joints, k) is L."""
+    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
+    return Plant(
+        UncertainFlow(plant.flow, len(plant.disturbances)),
+        plant.output,
+        states=plant.states,
+        inputs=plant.inputs,
+        disturbances=(*plant.disturbances, *names),
+        parameters={**plant.parameters.values, "tolerance_channels": enter},
+        outputs=plant.outputs,
+        units=plant.units,
+        groups=plant.groups,
+        limits=plant.limits,
+    )
+
+
+def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
+    """A problem whose channels stand for a fraction `size` of the tolerances, as `RobustProblem.parts` has it.
+
+    `problem` has the channels of the whole tolerances, `nominal` none.
+    """
+    if size <= 0.0 or size >= 1.0:
+        return nominal if size <= 0.0 else problem
+    known = problem.plant.parameters.values["tolerance_channels"]
+    plant = problem.plant.with_parameters(tolerance_channels=np.sqrt(size) * np.asarray(known))
+    without, whole = (np.array(p.expand(1).h_parts[1], dtype=float) for p in (nominal, problem))
+    rows = np.vstack([np.sqrt(1.0 - size) * without, np.sqrt(size) * whole])  # hᵀh is linear in the size
+    return replace(problem, plant=plant, penalty=Penalty(rows, (1.0 - size) * nominal.r2 + size * problem.r2))
+
+
+# The problem --------------------------------------------------------------------------------------------
 #: Most turns in which a default damping yields to what weights reach.
 YIELDS = 4
 

@@ -30,8 +30,7 @@ import numpy as np
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
 from flexhinf.design import checks, design_file, plans, proved_step, requirements, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
-from flexhinf.design.problem.channels import tolerance_channels
-from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping
+from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
