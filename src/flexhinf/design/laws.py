@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cached_property
 
 import numpy as np
@@ -14,9 +13,9 @@ from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, Mot
 from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
 from flexhinf.design.problem.presets import sized_channels
 from flexhinf.design.synthesis.steps import Synthesis
-from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
+from flexhinf.validation import unknown_name
 
 #: The design's own law as `flexhinf design` makes it, by whose metrics the criterion divides. It is not tuned for the
 #: criterion, so it is no side of the comparison: that is the next one.
@@ -196,12 +195,8 @@ def law_kind(name: str) -> LawKind:
         )  # fmt: skip
     if name in _BY_NAME:
         return _BY_NAME[name]
-    near = get_close_matches(name, [*_BY_NAME, f"{NL_HINF}-4"], 1, 0.4)
-    raise InvalidInput(
-        f"There is no law {name!r} to compare with.",
-        f"expected names out of {', '.join(_BY_NAME)}, or {NL_HINF}-2 to {NL_HINF}-{LARGEST_DEGREE}; got {name!r}",
-        near[0] if near else "--laws " + ",".join((NL_HINF, "pd")),
-    )
+    known = (*_BY_NAME, *(f"{NL_HINF}-{degree}" for degree in range(2, LARGEST_DEGREE + 1)))
+    raise unknown_name(f"There is no law {name!r} to compare with.", name, known, f"--laws {NL_HINF},pd")
 
 
 def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:

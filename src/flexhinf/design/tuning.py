@@ -460,7 +460,7 @@ class Tuner:
             return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
         sets = (() if self.same_sensors or s.estimator == "none" else kind.sensors) or (tuple(s.measured),)
-        laws = [self._search(kind, sensors, None, self._budget[0], 0) for sensors in sets]
+        laws = [self._search(kind, sensors) for sensors in sets]
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
@@ -470,10 +470,9 @@ class Tuner:
         """
         if law.kind.name == DESIGN:
             return law
-        kind, sensors = law.kind, tuple(law.setup.specification.measured)
         others = [other for other in others if other.parameters and other is not law]
-        samples, simplex = (0 if exchange else self._budget[1]), self._budget[2]
-        return self._search(kind, sensors, law.search, samples, simplex, others, exchange)
+        sensors = tuple(law.setup.specification.measured)
+        return self._search(law.kind, sensors, law.search, others, exchange)
 
     @property
     def _budget(self) -> tuple[int, int, int, int | None]:
@@ -513,13 +512,15 @@ class Tuner:
         self,
         kind: LawKind,
         sensors: tuple[str, ...],
-        before: Tuning | None,
-        samples: int,
-        simplex: int,
+        before: Tuning | None = None,
         others: Sequence[TunedLaw] = (),
         exchange: bool = False,
     ) -> TunedLaw:
-        start, limits, degree = self._free(kind), self.factory.bounds(kind), self._budget[3]
+        start, limits, (first, samples, simplex, degree) = (
+            self._free(kind),
+            self.factory.bounds(kind),
+            self._budget,
+        )
         begin = start if before is None else dict(before.best.parameters)
         starts = []
         for law in others:  # which law is this one with parameters that make no difference?
@@ -538,6 +539,7 @@ class Tuner:
             return self.criterion.judge(metrics_of(evaluation, self.criterion))
 
         bounds, count = {name: limits[name] for name in start}, len(start)
+        samples, simplex = (first, 0) if before is None else (0 if exchange else samples, simplex)
         tuning = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
         known = self._own_candidate(kind) if before is None else before.candidates
         candidates = (*known, *tuning.candidates)
