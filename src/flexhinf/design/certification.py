@@ -35,8 +35,7 @@ from flexhinf.design.proved_step import (
 )
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.by_step import DegreeChoice
-from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
+from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant, Penalty
@@ -296,9 +295,9 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
     if s.checked_penalty is not None and not callable(s.checked_penalty):
         weights = Penalty.of(s.checked_penalty).expanded(robot.plant().groups).states
     worst = tuple(pictures.worst_step(solution, certificate, start) for start in certificate.starts)
-    surface, limit = pictures.start_surface, pictures.limit_slice
-    slices = surface(solution, certificate, weights), limit(solution, certificate, weights)
-    return Evidence(certificate, *slices, worst, attained)
+    surface = pictures.start_surface(solution, certificate, weights)
+    limit = pictures.limit_slice(solution, certificate, weights)
+    return Evidence(certificate, surface, limit, worst, attained)
 
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the

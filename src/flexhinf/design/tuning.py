@@ -172,10 +172,10 @@ class Limit:
     def excess(self, metrics: LawMetrics) -> float:
         """ln of the factor by which it is exceeded; 0 where it is kept."""
         value = getattr(metrics, self.metric)
-        if self.least and math.isnan(value):
-            return 0.0
-        lost = self.least and value <= 0.0
-        return math.inf if lost else excess(*((self.value, value) if self.least else (value, self.value)))
+        if not self.least:
+            return excess(value, self.value)
+        short = math.inf if value <= 0.0 else excess(self.value, value)
+        return 0.0 if math.isnan(value) else short
 
     @property
     def text(self) -> str:
