@@ -114,20 +114,14 @@ class WholeLoopSearch:
 class _WholeLoop:
     """The search from a problem of the preset damped with its noise `levels` (None where they are not free).
 
-    The channels of `robust` stand for the tolerances with the true state fed back; the law that steps at the corners
-    has V of the `degree`.
+    The law that steps at the corners has V of the `degree`.
     """
 
-    def __init__(
-        self,
-        task: Task,
-        damped: DesignProblem,
-        robust: DesignProblem,
-        levels: EstimatorNoise | None,
-        degree: int,
-    ) -> None:
+    def __init__(self, task: Task, damped: DesignProblem, levels: EstimatorNoise | None, degree: int) -> None:
         assert damped.search is not None
         assert damped.target is not None
+        task.progress("channels of the tolerances")  # they stand for these with the true state fed back
+        robust = task.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         assert robust.channels is not None
         assert robust.search is not None
         self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s).noise, damped.search
@@ -437,11 +431,8 @@ class _Steps(Task):
         tolerance_channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
         plain = replace(self, s=replace(self.s, preset="damped", rays=0))
         damped, noise = plain.searched_problem()
-        assert damped.target is not None
-        self.progress("channels of the tolerances")
-        robust = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         degree = plain.degrees(damped, noise)[0].degree
-        problem, levels, whole = _WholeLoop(self, damped, robust, noise and noise.chosen.levels, degree).run()
+        problem, levels, whole = _WholeLoop(self, damped, noise and noise.chosen.levels, degree).run()
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
         own = self.noise_search(problem, levels)
