@@ -39,8 +39,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.analysis import LinearCorners
-from flexhinf.analysis.modes import JointScales
+from flexhinf.analysis import LinearCorners, modes
 from flexhinf.design.problem.weights import (
     Channel,
     DampingOutOfReach,
@@ -268,7 +267,7 @@ class ToleranceChannels:
     """The channels of the tolerances, from which the problem of any weights and any fraction of them is made."""
 
     s: Specification
-    scales: JointScales
+    scales: modes.JointScales
     family: LinearFamily
     torques: np.ndarray | None  # (2 joints, k), which torques at links and motors are physical disturbances
     tolerances: tuple[Channel, ...]
@@ -425,7 +424,7 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
         priced = source if whole else "ours" if own is None else priced
         penalty = penalty if whole or own is None else replace(penalty, effort=own.effort)
     elif penalty is None:
-        scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+        scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
         weights: Any = scales.penalty(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0).states
         penalty = Penalty({name: weights[name] for name in ("link_position", "link_position_integral")}, 1.0)
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
@@ -438,7 +437,7 @@ def _searched(
     few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
     robot, goal, joints = few.robot, few.goal, len(few.goal)
-    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
     bandwidth = np.atleast_1d(
         np.asarray(BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
     )

@@ -35,8 +35,7 @@ from functools import cached_property
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins
-from flexhinf.analysis.modes import JointScales
+from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins, modes
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
@@ -193,7 +192,7 @@ class _Search:
             for masses in (payload_ends(robot.uncertain) if damping else ())
         ]
         self.stiff = law.compliance(self.top)
-        self.scales = scales = JointScales.of(setup.model, setup.goal_equilibrium)
+        self.scales = scales = modes.JointScales.of(setup.model, setup.goal_equilibrium)
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
         # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
         self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
@@ -361,9 +360,9 @@ class _Search:
         if not self.setup.robot.uncertain:
             return candidate
         process = candidate.levels.covariance(self.setup.model.states)
-        modes = self.loop.modes(self.corners, process, self.equilibria)
-        self.equilibria = modes.equilibrium
-        return replace(candidate, unstable=int((modes.rate >= 0.0).sum()))
+        growth = self.loop.modes(self.corners, process, self.equilibria)
+        self.equilibria = growth.equilibrium
+        return replace(candidate, unstable=int((growth.rate >= 0.0).sum()))
 
     @cached_property
     def corners(self) -> np.ndarray:
