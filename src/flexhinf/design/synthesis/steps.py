@@ -451,8 +451,8 @@ class _Steps(Task):
         for _ in range(LOWERINGS):
             if noise is None or problem.target is None:
                 break
-            target, missed, slower = problem.target, noise.chosen.missed, 1.0
-            bandwidth, damping = target.bandwidth, target.damping
+            target, missed = problem.target, noise.chosen.missed
+            slower, damping = 1.0, target.damping
             if self.s.bandwidth is None:
                 short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
                 slower = float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
