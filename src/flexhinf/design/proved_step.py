@@ -230,7 +230,6 @@ def proved_law(
     The true state is fed back; `admits` may refuse a law for what it does with the estimator. A robot that states no
     tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
     """
-    _check(robot, s)
     stated = {
         "bandwidths": None if s.bandwidth is None else (1.0,), "dampings": None if s.damping is None else (s.damping,),
         "degrees": s.degrees, "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),

@@ -5,7 +5,7 @@ preset    penalty
 ========  ========================================================================================================
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
 damped    searched for a bandwidth and a damping, see `flexhinf.design.problem.weights`
-robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.problem.weights`
+robust    the same, and every uncertain parameter a disturbance channel, see below
 given     the penalty of the specification
 ========  ========================================================================================================
 
