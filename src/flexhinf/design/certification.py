@@ -38,7 +38,7 @@ from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.hinf import HJISolution
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
 #: With more states no disturbance is searched for: one ascent takes minutes.
@@ -202,7 +202,7 @@ def certify_design(
         )
     synthesis, proofs = synthesise(robot, s, progress), []
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
-    penalty = checked_penalty(s, synthesis.design_problem)
+    penalty = checked_penalty(s, synthesis.problem.plant)
     boxed = _step_law(robot, s, synthesis) if tolerances or synthesis.proved else None
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
@@ -277,12 +277,7 @@ class Evidence:
 
 def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evidence:
     """The pictures and the lower bound of the gain of one certificate."""
-    solution, certificate, box, weights = (
-        certified.choice.solution,
-        certified.certificate,
-        certified.box,
-        None,
-    )
+    solution, certificate, box = certified.choice.solution, certified.certificate, certified.box
     problem = solution.problem if box is None else box.problem
     assert certificate is not None
     assert isinstance(problem, GeneralisedPlant)
@@ -292,8 +287,7 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
         certificate = replace(certificate, attained_gain=attained.gain)
     if box is not None:  # its V is not that of the law, and its robots are many
         return Evidence(certificate, None, None, (), attained)
-    if s.checked_penalty is not None and not callable(s.checked_penalty):
-        weights = Penalty.of(s.checked_penalty).expanded(robot.plant().groups).states
+    weights = None if callable(s.checked_penalty) else checked_penalty(s, robot.plant())
     worst = tuple(pictures.worst_step(solution, certificate, start) for start in certificate.starts)
     surface = pictures.start_surface(solution, certificate, weights)
     limit = pictures.limit_slice(solution, certificate, weights)
@@ -398,7 +392,7 @@ def prove_design(
         try:
             certificate = certify(
                 synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
-                checked_penalty(s, synthesis.design_problem), level,
+                checked_penalty(s, synthesis.problem.plant), level,
                 about=about_text(robot, synthesis.goal, chosen.degree),
                 progress=cells.time_limit(left / 2.0 if levels else left),
             )  # fmt: skip

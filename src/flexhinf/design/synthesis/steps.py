@@ -39,7 +39,7 @@ from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
-from flexhinf.plant import GeneralisedPlant, Law, Penalty
+from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, kinematics, plausibility
 
 #: Most noise of a motor, over that with the preset damped.
@@ -420,7 +420,10 @@ class _Steps(Task):
         chosen, choices = by_step.choose_degree(setup, problem.nominal, solved)
         rays, regions = by_step.rays_of(states, s.rays), list(choices)
         if rays:
-            gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
+            gamma, penalty = (
+                s.checked_gamma_ratio * problem.gamma_star,
+                checked_penalty(s, problem.nominal.plant),
+            )
             for k, choice in enumerate(choices):
                 if choice is chosen or s.degrees is not None:
                     self.progress(f"degree {choice.degree}: sample the region")
@@ -557,8 +560,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         kinematics.check_holding(robot, pose, limits.effort, stated)
 
 
-def checked_penalty(s: Specification, problem: DesignProblem) -> Any:
-    """The checked penalty, its plain names spelled out for every joint."""
+def checked_penalty(s: Specification, plant: Plant) -> Any:
+    """The checked penalty, its plain names spelled out for every joint of a plant."""
     plain = s.checked_penalty is None or callable(s.checked_penalty)
-    groups = problem.nominal.plant.groups
-    return s.checked_penalty if plain else Penalty.of(s.checked_penalty).expanded(groups).states
+    return s.checked_penalty if plain else Penalty.of(s.checked_penalty).expanded(plant.groups).states
