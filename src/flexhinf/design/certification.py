@@ -362,10 +362,8 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
         why = chosen.limit.removeprefix("no region: ").rstrip(".")
         text = f", and the sampled check gives no region ({why})"
     elif inside is False:
-        text, missing = (
-            ": it starts outside the sampled region",
-            ("the step starts outside the sampled region",),
-        )
+        text = ": it starts outside the sampled region"
+        missing = ("the step starts outside the sampled region",)
     else:
         text = ": it starts inside a region that is sampled"
     return StepProof(False, f"Nothing is proved of the step that is asked for{text}.", missing)

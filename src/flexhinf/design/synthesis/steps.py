@@ -355,11 +355,8 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
         return synthesis
     # Margins along the move, and laws at poses on it where one law does not keep them.
     progress("margins along the move")
-    problem, most, damping = (
-        synthesis.design_problem,
-        1.0 + TOLERANCE,
-        steps.damping(synthesis.design_problem),
-    )
+    problem, most = synthesis.design_problem, 1.0 + TOLERANCE
+    damping = steps.damping(problem)
     limits = checks.MarginLimits(
         most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
     )
@@ -420,10 +417,8 @@ class _Steps(Task):
         chosen, choices = by_step.choose_degree(setup, problem.nominal, solved)
         rays, regions = by_step.rays_of(states, s.rays), list(choices)
         if rays:
-            gamma, penalty = (
-                s.checked_gamma_ratio * problem.gamma_star,
-                checked_penalty(s, problem.nominal.plant),
-            )
+            gamma = s.checked_gamma_ratio * problem.gamma_star
+            penalty = checked_penalty(s, problem.nominal.plant)
             for k, choice in enumerate(choices):
                 if choice is chosen or s.degrees is not None:
                     self.progress(f"degree {choice.degree}: sample the region")
