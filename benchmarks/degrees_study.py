@@ -18,9 +18,9 @@ import numpy as np
 from rich.progress import track
 
 import flexhinf as fh
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
 from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.responses import (

@@ -112,7 +112,7 @@ def _reach(found: Any) -> dict[str, Any]:
     search = found.noise_search
     if search is None or not hasattr(search.chosen, "missed"):
         return {}
-    from flexhinf.design.problem.modes import JointScales
+    from flexhinf.analysis.modes import JointScales
 
     scales = JointScales.of(found.setup.model, found.setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)

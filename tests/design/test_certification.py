@@ -138,7 +138,7 @@ def test_what_no_degree_could_mend_ends_the_proofs_for_all_tolerances(
     assert found(ASKED)[0].reason  # of this degree
     monkeypatch.setattr(certification, "sampled_box", lambda *_: None)
     monkeypatch.setattr(certification, "prove_box", lambda *_, **__: SimpleNamespace(certificate=CUBIC))
-    monkeypatch.setattr(certification, "proved_steps", unsettled)
+    monkeypatch.setattr(certification.starts, "proved_steps", unsettled)
     with pytest.raises(NumericalFailure, match="does not settle"):
         found(ASKED)
 

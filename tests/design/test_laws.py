@@ -26,7 +26,7 @@ from flexhinf.design.laws import (
     law_names,
     weighted,
 )
-from flexhinf.design.problem.channels import sized_channels
+from flexhinf.design.problem.presets import sized_channels
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import solve_hji

@@ -14,10 +14,10 @@ from scipy.linalg import expm
 from scipy.optimize import fsolve
 
 import flexhinf as fh
+from flexhinf.analysis.modes import closed_loop
 from flexhinf.design import Design, Specification, design, stages, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import EstimatorNoise
-from flexhinf.design.problem.modes import closed_loop
 from flexhinf.errors import NotDetectable
 from flexhinf.pages import design_files, notes, verdict
 

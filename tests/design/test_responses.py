@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from flexhinf.analysis.modes import closed_loop
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.responses import LoadResponse, Response, Worst, worst_of
 from flexhinf.hinf import HJISolution
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.problem.modes import closed_loop, modes_of, stiffness_and_inertia
+from flexhinf.analysis.modes import closed_loop, modes_of, stiffness_and_inertia
 from flexhinf.design.rigid import SIDES, RigidLaw, rigid_problem
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.robot.arm import Arm

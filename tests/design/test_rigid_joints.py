@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.analysis.modes import JointScales, modes_of, stiffness_and_inertia
 from flexhinf.design.loop_setup import EstimatorNoise, noise_variances
-from flexhinf.design.problem.modes import JointScales, modes_of, stiffness_and_inertia
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, load_robot
 

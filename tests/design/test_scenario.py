@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import EFFORT_FRACTION, plan_move
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.responses import (
     LONGEST,
     SHORTEST,

@@ -18,18 +18,15 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
-from flexhinf.certify import starts
+from flexhinf.certify import Certificate, cells, claim, starts
 from flexhinf.certify.box import parameter_ranges
-from flexhinf.certify.cells import OutOfTime, time_limit
-from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import MOST_STATES
 from flexhinf.certify.proof import certify, check_decay
-from flexhinf.certify.starts import ProvedStep, longest_run, proved_steps
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import measured_problem, preset_of
 from flexhinf.design.proved_step import (
     BoxProof,
     NotWithinTolerances,
+    Ranges,
     about_text,
     common_box,
     prove_box,
@@ -38,11 +35,10 @@ from flexhinf.design.proved_step import (
 )
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.by_step import DegreeChoice
-from flexhinf.design.synthesis.steps import Synthesis, checked_penalty, synthesise
+from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 from flexhinf.hinf import HJISolution
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
 #: With more states no disturbance is searched for: one ascent takes minutes.
@@ -85,11 +81,10 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
     problem, attained, failure = synthesis.problem, None, ""
-    if proved is not None and proved.certificate is not None:
-        problem, level = (
-            proved.problem,
-            proved.inner_level,
-        )  # the penalty whose gain is proved, and its region
+    if (
+        proved is not None and proved.certificate is not None
+    ):  # the penalty whose gain is proved, and its region
+        problem, level = proved.problem, proved.inner_level
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         attained, failure = _attained(problem, law, s, level, STEPS * duration)
     terms: tuple[BudgetTerm, ...] = ()
@@ -110,7 +105,6 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
 def _attained(
     problem: GeneralisedPlant, law: HJISolution, s: Specification, level: float, horizon: float
 ) -> tuple[Attained | None, str]:
-    """The worst disturbance found with which V stays below a level; or why there is none."""
     length = min(LONGEST_DISTURBANCE, horizon)
     try:
         return worst_disturbance(problem, law, None, s.period, level=level, horizon=length, seed=s.seed), ""
@@ -122,9 +116,6 @@ def within_level(terms: tuple[BudgetTerm, ...]) -> tuple[BudgetTerm, ...]:
     """The terms of the budget; none where the step starts above the level, so that no budget is left."""
     return () if terms and terms[-1].budget.start > terms[-1].budget.level else terms
 
-
-Progress = Callable[[str], None]
-Share = Callable[[int, float], None]
 
 #: CPU seconds that the proof for all tolerances of one degree may take in `certify_design`.
 BOX_SECONDS = 120.0
@@ -158,11 +149,7 @@ def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> 
     limited = searched and (limits.limits_peak or limits.limits_speed)
     if preset in ("robust", "proved") or limited or s.degrees is None or len(s.degrees) > 1:
         return ()
-    return (
-        STEPPED
-        if searched
-        else (*STEPPED, *(name for name in SEARCHED if not (tolerances and name == "start")))
-    )
+    return STEPPED if searched else (*STEPPED, *(n for n in SEARCHED if not (tolerances and n == "start")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +159,7 @@ class CertifiedDegree:
     choice: DegreeChoice
     used: bool
     certificate: Certificate | None  # None where nothing was proved; then `reason` says why
-    steps: tuple[ProvedStep, ...]  # Runs from the largest proved starts
+    steps: tuple[starts.ProvedStep, ...]  # Runs from the largest proved starts
     reason: str
     cpu_seconds: float
     # The subject of the certificate, where it is for all robots within the tolerances
@@ -182,8 +169,8 @@ class CertifiedDegree:
 def certify_design(
     robot: Robot,
     s: Specification,
-    progress: Progress,
-    share: Share,
+    progress: Callable[[str], None],
+    share: Callable[[int, float], None],
     *,
     decay: float = 0.0,
     observer: float | None = None,
@@ -202,8 +189,8 @@ def certify_design(
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
             "A proof in so many states would not end.",
-            f"expected a robot of one joint, with at most {MOST_STATES} states, got {len(robot.joint_names)} joints: "
-            "cells grow 10 to 23 times with each state",
+            f"expected a robot of one joint, with at most {claim.MOST_STATES} states, got {len(robot.joint_names)} "
+            "joints: cells grow 10 to 23 times with each state",
             SAMPLED_ADVICE.format("a design with degrees = (2,), damping = 0.3 and rays = 50"),
         )
     check_decay(decay)
@@ -213,39 +200,42 @@ def certify_design(
             "expected parameters with a tolerance, got none",
             "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
         )
-    synthesis = synthesise(robot, s, progress)
-    goal, boxed = synthesis.goal, tolerances or synthesis.proved is not None
+    synthesis, proofs = synthesise(robot, s, progress), []
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
-    penalty = checked_penalty(s, synthesis.design_problem)
-    problem = measured_problem(robot, goal, s) if boxed else None
-    ranges, proofs = {} if problem is None else parameter_ranges(robot, problem.plant), []
+    penalty = checked_penalty(s, synthesis.problem.plant)
+    boxed = _step_law(robot, s, synthesis) if tolerances or synthesis.proved else None
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
         began, box, certificate, steps, reason = time.process_time(), synthesis.proved, None, (), ""
-        solution, used = choice.solution, choice is synthesis.chosen
         try:
-            if problem is not None and box is None:
-                step = float((goal - synthesis.start)[0])
-                law = sampled_box(BoxProof(solution=solution, problem=problem, step=step), ranges)
-                box = prove_box(robot, law, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
-            if box is not None:
+            if boxed is not None:
+                if box is None:
+                    law, ranges = boxed
+                    own = sampled_box(replace(law, solution=choice.solution), ranges)
+                    box = prove_box(robot, own, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
                 certificate = box.certificate
-            else:
-                margin = solution.checked_margin(gamma, penalty)
-                reason = "" if margin.definite else margin.reason()
-            if box is None and not reason:
+            elif (margin := choice.solution.checked_margin(gamma, penalty)).definite:
                 certificate = certify(
-                    solution, gamma, penalty, decay=decay, about=about_text(robot, goal, choice.degree),
-                    observer=observer, threads=threads, progress=share,
+                    choice.solution, gamma, penalty, decay=decay, observer=observer, threads=threads, progress=share,
+                    about=about_text(robot, synthesis.goal, choice.degree),
                 )  # fmt: skip
-            steps = () if certificate is None else proved_steps(solution, certificate)
+            else:
+                reason = margin.reason()
+            steps = () if certificate is None else starts.proved_steps(choice.solution, certificate)
         except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
             if (certificate is not None) if boxed else isinstance(error, InvalidInput):
                 raise  # a step that is proved settles
             reason = reason_of(error) if boxed else error.found
-        seconds = time.process_time() - began
+        seconds, used = time.process_time() - began, choice is synthesis.chosen
         proofs.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
     return tuple(proofs)
+
+
+def _step_law(robot: Robot, s: Specification, synthesis: Synthesis) -> tuple[BoxProof, Ranges]:
+    """The chosen law with the design's step and the z and d of `measured_problem`; and the ranges of the tolerances."""
+    problem, step = measured_problem(robot, synthesis.goal, s), float((synthesis.goal - synthesis.start)[0])
+    law = BoxProof(solution=synthesis.solution, problem=problem, step=step)
+    return law, parameter_ranges(robot, problem.plant)
 
 
 def proved(
@@ -287,21 +277,21 @@ class Evidence:
 
 def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evidence:
     """The pictures and the lower bound of the gain of one certificate."""
-    solution, certificate, weights = certified.choice.solution, certified.certificate, None
-    problem = solution.problem if certified.box is None else certified.box.problem
+    solution, certificate, box = certified.choice.solution, certified.certificate, certified.box
+    problem = solution.problem if box is None else box.problem
     assert certificate is not None
     assert isinstance(problem, GeneralisedPlant)
-    level = certificate.level if certified.box is None else certified.box.inner_level
-    attained, _ = _attained(problem, solution, s, level, longest_run(solution))
+    level = certificate.level if box is None else box.inner_level
+    attained, _ = _attained(problem, solution, s, level, starts.longest_run(solution))
     if attained is not None:
         certificate = replace(certificate, attained_gain=attained.gain)
-    if certified.box is not None:  # its V is not that of the law, and its robots are many
+    if box is not None:  # its V is not that of the law, and its robots are many
         return Evidence(certificate, None, None, (), attained)
-    if s.checked_penalty is not None and not callable(s.checked_penalty):
-        weights = Penalty.of(s.checked_penalty).expanded(robot.plant().groups).states
+    weights = None if callable(s.checked_penalty) else checked_penalty(s, robot.plant())
     worst = tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts)
     surface = starts.start_surface(solution, certificate, weights)
-    return Evidence(certificate, surface, starts.limit_slice(solution, certificate, weights), worst, attained)
+    limit = starts.limit_slice(solution, certificate, weights)
+    return Evidence(certificate, surface, limit, worst, attained)
 
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
@@ -354,32 +344,29 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
             or certificate is None
             or any(p.low < p.high for p in certificate.parameters)
         )
-        text = "The step that is asked for is proved, for "
-        text += "every robot within the tolerances" if box else "the nominal robot"
+        text = f"is proved, for {'every robot within the tolerances' if box else 'the nominal robot'}"
         which = "the proof for all tolerances" if proof.box is not None else "this proof"
         missing = (f"{loop}, to which {which} does not extend",)
         if certificate is not None and not proof.inside:
             text += ", but starts outside the region that is proved for the nominal robot's own V"
-        elif proof.lasts:
-            missing = ()
         elif proof.budget:
-            missing = (f"{loop}, which spends more than the proved level",)
-        return StepProof(True, f"{text}.", missing)
-    text, missing = "Nothing is proved of the step that is asked for", ()
+            missing = () if proof.lasts else (f"{loop}, which spends more than the proved level",)
+        return StepProof(True, f"The step that is asked for {text}.", missing)
+    missing = ()
     if certificate is not None:
-        text += f": it starts outside the proved region{', inside the sampled one' if inside else ''}"
+        text = f": it starts outside the proved region{', inside the sampled one' if inside else ''}"
         missing = ("the step starts outside the proved region",)
     elif not chosen.looked:
-        text += ", and no region was sampled"
+        text = ", and no region was sampled"
     elif np.isnan(chosen.level):
         why = chosen.limit.removeprefix("no region: ").rstrip(".")
-        text += f", and the sampled check gives no region ({why})"
+        text = f", and the sampled check gives no region ({why})"
     elif inside is False:
-        text += ": it starts outside the sampled region"
+        text = ": it starts outside the sampled region"
         missing = ("the step starts outside the sampled region",)
     else:
-        text += ": it starts inside a region that is sampled"
-    return StepProof(False, f"{text}.", missing)
+        text = ": it starts inside a region that is sampled"
+    return StepProof(False, f"Nothing is proved of the step that is asked for{text}.", missing)
 
 
 def prove_design(
@@ -403,22 +390,20 @@ def prove_design(
         try:
             certificate = certify(
                 synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
-                checked_penalty(s, synthesis.design_problem), level,
+                checked_penalty(s, synthesis.problem.plant), level,
                 about=about_text(robot, synthesis.goal, chosen.degree),
-                progress=time_limit(left / 2.0 if levels else left),
+                progress=cells.time_limit(left / 2.0 if levels else left),
             )  # fmt: skip
-        except OutOfTime:
+        except cells.OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
             levels = levels[-1:]  # the smallest takes the least time
         except FlexhinfError as error:
             reasons.append(" ".join((error.found or error.what).split()))
         else:
             certificate = replace(certificate, sampled_level=chosen.level, attained_gain=attained)
-            proved_level = (
-                replace(term, budget=replace(term.budget, level=certificate.level)) for term in worth.budget
-            )
-            budget = within_level(tuple(proved_level))
-            return DesignProof(certificate, "", start, budget, time.thread_time() - began)
+            budget = (replace(t, budget=replace(t.budget, level=certificate.level)) for t in worth.budget)
+            spent = time.thread_time() - began
+            return DesignProof(certificate, "", start, within_level(tuple(budget)), spent)
     return DesignProof(None, reasons[0], cpu_seconds=time.thread_time() - began)
 
 
@@ -427,16 +412,13 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
 
     It is tried for linear laws of robots of one joint, where a region is proved or sampled too.
     """
+    degree = synthesis.solution.degree
     if synthesis.proved is not None or not robot.uncertain or _refused(s, synthesis):
         return proof
-    solution, goal = synthesis.solution, synthesis.goal
-    if solution.degree > 2:
-        reason = f"a law of degree {solution.degree - 1} is not tried; --degrees 2, or --preset proved"
+    if degree > 2:
+        reason = f"a law of degree {degree - 1} is not tried; --degrees 2, or --preset proved"
         return replace(proof, box_reason=reason)
-    problem = measured_problem(robot, goal, s)
-    ranges = parameter_ranges(robot, problem.plant)
-    law = BoxProof(solution=solution, problem=problem, step=float((goal - synthesis.start)[0]))
-    left = max(s.proof_seconds - proof.cpu_seconds, 0.0)
+    (law, ranges), left = _step_law(robot, s, synthesis), max(s.proof_seconds - proof.cpu_seconds, 0.0)
     try:
         return replace(proof, box=prove_box(robot, common_box(law, ranges), ranges, seconds=left))
     except (InvalidInput, NumericalFailure) as error:
@@ -445,11 +427,10 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
 
 def _refused(s: Specification, synthesis: Synthesis) -> str:
     states, chosen = len(synthesis.solution.state_names), synthesis.chosen
-    if states > MOST_STATES:
-        return f"a proof is made in at most {MOST_STATES} states, and this law has {states}"
+    if states > claim.MOST_STATES:
+        return f"a proof is made in at most {claim.MOST_STATES} states, and this law has {states}"
     if not s.proof_seconds:
         return "no proof was asked for (--proof-seconds 0)"
     if synthesis.law is not synthesis.solution:
         return "the law is a schedule of several poses"
-    sampled = chosen.looked and 0.0 < chosen.level < np.inf
-    return "" if sampled else "there is no sampled region to prove"
+    return "" if (chosen.looked and 0.0 < chosen.level < np.inf) else "there is no sampled region to prove"

@@ -28,9 +28,9 @@ from typing import cast
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import has_integrals
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.requirements import (
     REQUIREMENTS,
     Requirement,

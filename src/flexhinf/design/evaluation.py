@@ -25,15 +25,15 @@ from flexhinf.analysis import (
     standard_noises,
     tolerance_corners,
 )
-from flexhinf.analysis.sampled_controller import LawRows
-from flexhinf.design.checks import ImpulseRuns, impulse_runs, impulse_sizes
-from flexhinf.design.loop_setup import LoopSetup, share_derived
-from flexhinf.design.problem.modes import (
+from flexhinf.analysis.modes import (
     Mode,
     modes_of,
     sampled_modes,
     stiffness_and_inertia,
 )
+from flexhinf.analysis.sampled_controller import LawRows
+from flexhinf.design.checks import ImpulseRuns, impulse_runs, impulse_sizes
+from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.requirements import MonteCarlo, move_errors, sampled_runs
 from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
 from flexhinf.errors import FlexhinfError

@@ -5,18 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cached_property
 
 import numpy as np
 
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
-from flexhinf.design.problem.channels import sized_channels
+from flexhinf.design.problem.presets import sized_channels
 from flexhinf.design.synthesis.steps import Synthesis
-from flexhinf.errors import InvalidInput
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
+from flexhinf.validation import unknown_name
 
 #: The design's own law as `flexhinf design` makes it, by whose metrics the criterion divides. It is not tuned for the
 #: criterion, so it is no side of the comparison: that is the next one.
@@ -196,12 +195,8 @@ def law_kind(name: str) -> LawKind:
         )  # fmt: skip
     if name in _BY_NAME:
         return _BY_NAME[name]
-    near = get_close_matches(name, [*_BY_NAME, f"{NL_HINF}-4"], 1, 0.4)
-    raise InvalidInput(
-        f"There is no law {name!r} to compare with.",
-        f"expected names out of {', '.join(_BY_NAME)}, or {NL_HINF}-2 to {NL_HINF}-{LARGEST_DEGREE}; got {name!r}",
-        near[0] if near else "--laws " + ",".join((NL_HINF, "pd")),
-    )
+    known = (*_BY_NAME, *(f"{NL_HINF}-{degree}" for degree in range(2, LARGEST_DEGREE + 1)))
+    raise unknown_name(f"There is no law {name!r} to compare with.", name, known, f"--laws {NL_HINF},pd")
 
 
 def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
@@ -235,9 +230,9 @@ class LawFactory:
 
     def start(self, kind: LawKind) -> dict[str, float]:
         """Values of a law's parameters at which a search begins: for H∞ those of the design."""
-        chosen, limits = float(self.synthesis.chosen.degree), _PARAMETERS["gamma_ratio"]
+        limits, degree = _PARAMETERS["gamma_ratio"], float(self.synthesis.chosen.degree)
         ratio = float(np.clip(self.gamma_ratio, limits.lower, limits.upper))
-        own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: chosen}
+        own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: degree}
         fixed = {DEGREE: self.largest_degree <= 2, CHANNELS: self.synthesis.design_problem.robustness is None}
         free = (p for p in kind.parameters if not fixed.get(p.name, False))
         return {p.name: own[p.name] if p.start is None else p.start for p in free}
@@ -246,19 +241,14 @@ class LawFactory:
         """Values of a law's parameters that stand for the design's own law; None for a law that is never that one."""
         at_goal = self.synthesis.law is self.synthesis.solution  # not a schedule of several poses
         same = kind.degree == 0 or (kind.degree == self.synthesis.chosen.degree and at_goal)
-        if not same or "gamma_ratio" not in kind.tuned:
-            return None
-        return {**self.start(kind), "velocity_weight": NO_VELOCITY}
+        never = not same or "gamma_ratio" not in kind.tuned
+        return None if never else {**self.start(kind), "velocity_weight": NO_VELOCITY}
 
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""
-        bounds, start = {}, self.start(kind)
-        for p in (p for p in kind.parameters if p.name in start):
-            scale = start[p.name] if p.relative else 1.0
-            bounds[p.name] = (p.lower * scale, p.upper * scale)
-        if DEGREE in bounds:
-            bounds[DEGREE] = (2.0, float(self.largest_degree))
-        return bounds
+        start, largest = self.start(kind), {DEGREE: (2.0, float(self.largest_degree))}
+        free = [(p, start[p.name] if p.relative else 1.0) for p in kind.parameters if p.name in start]
+        return {p.name: largest.get(p.name, (p.lower * scale, p.upper * scale)) for p, scale in free}
 
     @property
     def largest_degree(self) -> int:
@@ -289,8 +279,8 @@ class LawFactory:
             if family in ("pd-gravity", "torque"):
                 rotor = values.get("rotor_inertia", 1.0)
                 return TorqueFeedback.tuned(problem, bandwidth, values["damping"], rotor, tracked, rate)
-            rate = rate if kind.integral else None
-            return FeedbackLinearisation.tuned(problem, bandwidth, kind.integral, integral_rate=rate)
+            integral_rate = rate if kind.integral else None
+            return FeedbackLinearisation.tuned(problem, bandwidth, kind.integral, integral_rate=integral_rate)
         if family == "hinf" or family.startswith(NL_HINF):
             size = values.get(CHANNELS, 1.0)
             size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
@@ -315,11 +305,11 @@ def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity
     names = problem.state_names
     factors = [integral if name.endswith("_integral") else 1.0 for name in names]
     rows = np.array(problem.expand(1).h_parts[1], dtype=float) * factors
-    extra = []
-    if velocity > NO_VELOCITY * (1.0 + ROUNDING):
-        for k, name in enumerate(names):
-            if name.startswith("link_velocity"):
-                position = names.index(name.replace("velocity", "position"))
-                extra.append(velocity * float(np.linalg.norm(rows[:, position])) * np.eye(len(names))[k])
+    pairs = [
+        (k, names.index(name.replace("velocity", "position")))
+        for k, name in enumerate(names)
+        if name.startswith("link_velocity") and velocity > NO_VELOCITY * (1.0 + ROUNDING)
+    ]
+    extra = [velocity * float(np.linalg.norm(rows[:, at])) * np.eye(len(names))[k] for k, at in pairs]
     r2 = effort * np.asarray(problem.penalty.effort, dtype=float)
     return replace(problem, penalty=Penalty(np.vstack([rows, *extra]), effort=r2))

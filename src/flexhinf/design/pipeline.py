@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from flexhinf.analysis.modes import JointScales, closed_loop, modes_of
 from flexhinf.design import requirements as required, responses
 from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
 from flexhinf.design.checks import (
@@ -20,7 +21,6 @@ from flexhinf.design.checks import (
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
 from flexhinf.design.plans import plan_move, stated_move
-from flexhinf.design.problem.modes import JointScales, closed_loop, modes_of
 from flexhinf.design.problem.presets import preset_of, required_damping
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of

@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 
-from flexhinf.design.problem.modes import JointScales
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.presets import BANDWIDTH_FRACTION
 from flexhinf.design.responses import JointLimits, Plan, joint_limits
 from flexhinf.design.specification import RUN_SAMPLES, Specification

@@ -21,19 +21,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.certify import Certificate
-from flexhinf.certify.box import (
-    CommonValue,
-    common_value,
-    parameter_ranges,
-    sampled_gain,
-    tolerance_statement,
-)
-from flexhinf.certify.cells import OutOfTime, Progress, time_limit
+from flexhinf.certify import Certificate, box, cells, claim, proof, starts
 from flexhinf.certify.certificate import path_start
-from flexhinf.certify.claim import Start
-from flexhinf.certify.proof import NotProved, certify_tolerances
-from flexhinf.certify.starts import largest_values, robot_start, tabled_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import FIELDS, Specification
@@ -69,7 +58,7 @@ class BoxProof:
     gamma: float = np.inf  # Proved; before the proof, what sampling found
     scale: float = 1.0  # The storage function is scale · V, with V of the law
     p: np.ndarray | None = None  # (n, n); of a linear law it is ½ xᵀPx with this P instead
-    common: CommonValue | None = None  # Where P is from
+    common: box.CommonValue | None = None  # Where P is from
     certificate: Certificate | None = None  # None before the proof
     cpu_seconds: float = 0.0  # That the proof took
 
@@ -91,10 +80,10 @@ class BoxProof:
 Law = TypeVar("Law", bound=BoxProof)
 
 
-def step_start(statement: Certificate, solution: HJISolution, step: float) -> Start:
+def step_start(statement: Certificate, solution: HJISolution, step: float) -> claim.Start:
     """Starts of a step without a jump of the input: by a formula for each robot, otherwise from a table."""
     side = 1.0 if step < 0.0 else -1.0
-    start = robot_start(statement, side) or tabled_start(solution, statement, abs(step), side)
+    start = starts.robot_start(statement, side) or starts.tabled_start(solution, statement, abs(step), side)
     if start is None:
         raise NotWithinTolerances("no start without a jump of the input was found for this plant")
     return start
@@ -102,7 +91,7 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> St
 
 def common_box(law: Law, ranges: Ranges) -> Law:
     """The linear law with the smallest γ for which a common quadratic V exists, and with that V."""
-    common = common_value(tolerance_statement(law.solution, law.problem, ranges, 1.0))
+    common = box.common_value(box.tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if common is None:
         raise NotWithinTolerances("no quadratic V decreases at all corners of the tolerances")
     return replace(law, gamma=common.smallest, p=common.p(max(QUADRATIC_MARGINS)), common=common)
@@ -117,11 +106,11 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
     if law.solution.degree == 2:
         with suppress(NotWithinTolerances):  # on a region, where the slopes are smaller, there may be one
             return common_box(law, ranges)
-    statement = tolerance_statement(law.solution, law.problem, ranges, 1.0)
+    statement = box.tolerance_statement(law.solution, law.problem, ranges, 1.0)
     start = step_start(statement, law.solution, law.step)
-    values = largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
+    values = starts.largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
     about = float(law.problem.r2[0, 0] / law.solution.expansion.r2[0, 0])
-    gamma, scale = sampled_gain(statement, ROOM * float(values.max()), about)
+    gamma, scale = box.sampled_gain(statement, ROOM * float(values.max()), about)
     if not np.isfinite(gamma):
         raise NotWithinTolerances(
             f"at some corner of the tolerances the inequality holds with no γ on the region of a step of "
@@ -139,7 +128,7 @@ def prove_box(
     seconds: float = np.inf,
     most_cells: int = 100_000_000,
     threads: int = 1,
-    progress: Progress | None = None,
+    progress: cells.Progress | None = None,
 ) -> Law:
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
@@ -154,22 +143,22 @@ def prove_box(
     for margin in margins:
         gamma, p = margin * law.gamma, law.p if law.common is None else law.common.p(margin)
         left = seconds - (time.thread_time() - began)
-        limit = time_limit(left if margin == margins[-1] else left / 2.0)
+        limit = cells.time_limit(left if margin == margins[-1] else left / 2.0)
 
-        def watch(cells: int, share: float, limit: Progress = limit) -> None:
+        def watch(cells: int, share: float, limit: cells.Progress = limit) -> None:
             limit(cells, share)
             if progress is not None:
                 progress(cells, share)
 
         try:
-            certificate = certify_tolerances(
+            certificate = proof.certify_tolerances(
                 law.solution, law.problem, ranges, gamma, step=law.step, scale=law.scale, p=p, about=about,
                 most_cells=most_cells if law.p is None or margin == QUADRATIC_MARGINS[-1] else 0, threads=threads,
                 progress=watch,
             )  # fmt: skip
-        except NotProved as error:
+        except proof.NotProved as error:
             reason = f"γ = {gamma:.4g}: {reason_of(error)}"
-        except OutOfTime:
+        except cells.OutOfTime:
             reason = f"γ = {gamma:.4g}: no proof was found within {seconds:g} s of CPU time"
         else:
             spent = time.thread_time() - began
@@ -242,7 +231,6 @@ def proved_law(
     The true state is fed back; `admits` may refuse a law for what it does with the estimator. A robot that states no
     tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
     """
-    _check(robot, s)
     stated = {
         "bandwidths": None if s.bandwidth is None else (1.0,), "dampings": None if s.damping is None else (s.damping,),
         "degrees": s.degrees, "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),
@@ -315,7 +303,7 @@ def search_proved_step(
     base = specification or Specification()
     _check(robot, base)
     measured = measured_problem(robot, np.asarray(goal, dtype=float), base)
-    ranges = parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
+    ranges = box.parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
     candidates: list[ProvedLaw] = []
     reasons: list[str] = []
     presets = (("robust",) if robot.uncertain else ()) + (() if ranges else ("damped",))
@@ -394,7 +382,7 @@ def _laws(
 def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float) -> ProvedLaw:
     solution, measured = candidate.solution, candidate.problem
     wanted = LONGEST if step is None else step
-    statement = tolerance_statement(solution, measured, ranges, 1.0)
+    statement = box.tolerance_statement(solution, measured, ranges, 1.0)
     start = step_start(statement, solution, wanted)
 
     def peak(amplitude: float) -> float:
@@ -414,7 +402,6 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
 
 
 def _peak_effort(solution: HJISolution, measured: GeneralisedPlant, x: np.ndarray, duration: float) -> float:
-    """Largest |u| from a state (n,) on, of the nominal robot; inf where the run diverges."""
     from scipy.integrate import solve_ivp
 
     held, far = np.asarray(measured.operating_input, dtype=float), 1e3 * (1.0 + np.abs(x).max())

@@ -25,10 +25,7 @@ from flexhinf.loop.simulation.metrics import (
     step_metrics,
     tail_of,
 )
-from flexhinf.robot import Robot
-from flexhinf.robot.elastic import DRIVES
-from flexhinf.robot.kinematics import position_ranges
-from flexhinf.robot.signals import UNITS
+from flexhinf.robot import Robot, elastic, kinematics, signals
 
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01
@@ -66,9 +63,7 @@ def default_start(robot: Robot, goal: np.ndarray) -> np.ndarray:
     """Start (n,) of a small step to the goal, towards the middle of each joint's range (down where it has none)."""
     start = np.array(goal, dtype=float)
     for joint, (limits, slides) in enumerate(zip(robot.links.limits, robot.links.slides)):
-        size, low, high = SLIDE if slides else TURN, -np.inf, np.inf
-        if limits is not None:
-            low, high = limits
+        size, (low, high) = SLIDE if slides else TURN, limits or (-np.inf, np.inf)
         up = np.isfinite(low + high) and goal[joint] < (low + high) / 2.0
         start[joint] = np.clip(goal[joint] + (size if up else -size), low, high)
     return start
@@ -79,8 +74,7 @@ def start_and_goal(robot: Robot, s: Specification, move: Plan | None) -> tuple[n
     n = len(robot.joint_names)
     end = None if move is None else np.reshape(move(move.duration), -1)
     goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
-    start = default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n]
-    return start, goal
+    return default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n], goal
 
 
 def run_length(slowest: float) -> float:
@@ -136,7 +130,6 @@ def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
 
 
 def _worst(key: str, doc: str) -> Worst:
-    """A property: the worst of a response's metrics of this name."""
     return cast("Worst", property(lambda response: worst_of(response.metrics, key), doc=doc))
 
 
@@ -167,8 +160,7 @@ class Response:
     @property
     def velocities(self) -> np.ndarray:
         """True link velocities (N, n)."""
-        n = len(self.goal)
-        return self.run.signals["state"][:, n : 2 * n]
+        return self.run.signals["state"][:, len(self.goal) : 2 * len(self.goal)]
 
     @property
     def peak_input(self) -> float:
@@ -275,14 +267,13 @@ class Move:
         peak_input, peak_speed, final_error (the largest in the last tenth of the run)."""
         if self.response.diverged_at is not None:
             return []
-        rows = zip(self.response.metrics, self.response.positions.T, self.planned.T)
         return [
             {
                 "joint": row["joint"], "largest_error": float(np.abs(position - planned).max()),
                 "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
                 "peak_speed": row["peak_speed"], "final_error": steady_state_error(position, planned),
             }
-            for row, position, planned in rows
+            for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
         ]  # fmt: skip
 
 
@@ -328,7 +319,6 @@ def limit_use(
 
 
 def _limited(name: str, doc: str) -> bool:
-    """A property: whether limits of this name are finite for any joint."""
     return cast("bool", property(lambda limits: bool(np.isfinite(getattr(limits, name)).any()), doc=doc))
 
 
@@ -381,8 +371,8 @@ class JointLimits:
 
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
         """Use of the required peak input, or of other limits (n,) of the inputs."""
-        limits = self.peak if limits is None else limits
-        return self._use(response, np.abs(response.inputs), limits, self.effort_units)
+        required = self.peak if limits is None else limits
+        return self._use(response, np.abs(response.inputs), required, self.effort_units)
 
     def speed_use(self, response: Response) -> LimitUse:
         """Use of the speed limits."""
@@ -391,8 +381,7 @@ class JointLimits:
     def beyond_range(self, response: Response) -> LimitUse:
         """Largest distance of a joint outside of its range (lower, upper), rad or m; the limit is 0."""
         beyond = np.maximum(np.maximum(self.lower - response.positions, response.positions - self.upper), 0.0)
-        use = self._use(response, beyond, np.ones(len(self.joints)), self.position_units)
-        return use._replace(limit=0.0)
+        return self._use(response, beyond, np.ones(len(self.joints)), self.position_units)._replace(limit=0.0)
 
     def _use(self, run: Response, values: np.ndarray, limits: np.ndarray, units: Sequence[str]) -> LimitUse:
         counted = values if run.diverged_at is None else None
@@ -401,17 +390,17 @@ class JointLimits:
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     """The limits of a specification, and those of the robot where it states none."""
-    joints = robot.joint_names
-    values, sources = [], []
-    for name, own in (
-        ("peak_effort", robot.effort_limits), ("saturation", robot.effort_limits), ("peak_speed", robot.speed_limits),
-    ):  # fmt: skip
-        stated = getattr(s, name)
-        values.append(np.array(own, dtype=float) if stated is None else per_joint(joints, name, stated))
-        sources.append(ROBOT if stated is None else FIELDS[name].option)
-    signals = DRIVES[robot.drive], "link_velocity", "link_position"
-    units = (tuple(UNITS[signal][slides] for slides in robot.links.slides) for signal in signals)
-    return JointLimits(joints, *values, *position_ranges(robot), *units, *sources)
+    joints, effort = robot.joint_names, robot.effort_limits
+    own = {"peak_effort": effort, "saturation": effort, "peak_speed": robot.speed_limits}
+    stated = {name: getattr(s, name) for name in own}
+    values: list[Any] = [
+        np.array(own[name], dtype=float) if value is None else per_joint(joints, name, value)
+        for name, value in stated.items()
+    ]
+    sources = (ROBOT if value is None else FIELDS[name].option for name, value in stated.items())
+    drives = elastic.DRIVES[robot.drive], "link_velocity", "link_position"
+    units = (tuple(signals.UNITS[signal][slides] for slides in robot.links.slides) for signal in drives)
+    return JointLimits(joints, *values, *kinematics.position_ranges(robot), *units, *sources)
 
 
 def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:

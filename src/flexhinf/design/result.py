@@ -14,13 +14,13 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import tomlkit
 
+from flexhinf.analysis.modes import Mode
 from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
 from flexhinf.design.checks import LimitCycleCheck, PayloadEvaluation
 from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import LawKind
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.modes import Mode
 from flexhinf.design.problem.presets import DesignProblem
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response, Scenario

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.problem.modes import Mode, modes_of
+from flexhinf.analysis.modes import Mode, modes_of
 from flexhinf.design.responses import Response
 from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
@@ -188,9 +188,8 @@ def compare_rigid(
     loops: list[Any] = []
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
-        controller = Controller(law, None, specification.period, saturation, start="bumpless")
         x, u = start
-        run = Loop(true_plant, controller).run(
+        run = Loop(true_plant, Controller(law, None, specification.period, saturation, start="bumpless")).run(
             duration=duration, initial_state=x, initial_input=u, seed=specification.seed
         )
         response = Response(run, goal, x[: len(goal)], tuple(joints))

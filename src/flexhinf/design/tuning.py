@@ -46,8 +46,6 @@ from flexhinf.design.loop_setup import LoopSetup, other_quantisation
 from flexhinf.design.requirements import peak_option
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
 
-Progress = Callable[[str], None]
-
 #: Runs of the criterion, by the metric that is infinite where one diverged.
 RUNS = {
     "peak_input": "the step",
@@ -147,9 +145,9 @@ def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
     Raises `InvalidInput` if its linear loop is unstable at the goal, or one of its runs diverges.
     """
     own = own_metrics(evaluation)
-    lost = [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
-    if not evaluation.linear_failure and not evaluation.margins.stable:
-        lost.insert(0, "its linear loop is unstable at the goal")
+    unstable = not evaluation.linear_failure and not evaluation.margins.stable
+    lost = ["its linear loop is unstable at the goal"] if unstable else []
+    lost += [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
     if lost:
         raise InvalidInput(
             "The design's own law is unstable or diverges, so no law can be measured by it.",
@@ -176,9 +174,8 @@ class Limit:
         value = getattr(metrics, self.metric)
         if not self.least:
             return excess(value, self.value)
-        if value <= 0.0:
-            return math.inf
-        return 0.0 if math.isnan(value) else excess(self.value, value)
+        short = math.inf if value <= 0.0 else excess(self.value, value)
+        return 0.0 if math.isnan(value) else short
 
     @property
     def text(self) -> str:
@@ -211,13 +208,17 @@ class Criterion:
     @property
     def measure(self) -> str:
         """Text of the measure that is minimised."""
-        below = f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
         return (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
             "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
             "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
             "at the end of these three runs, which are those of the nominal robot without measurement noise."
-        ) + (f"{below}counts as that." if self.resolution else "")
+        ) + (
+            f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
+            "counts as that."
+            if self.resolution
+            else ""
+        )
 
     def ratios(self, metrics: LawMetrics) -> dict[str, float]:
         """Load deviation, settling time, and the two errors over those of the design, by name."""
@@ -308,26 +309,23 @@ def criterion_for(
 def check_mode(mode: str, advice: str) -> None:
     """Refuse what is none of `MODES`."""
     if mode not in MODES:
-        found = f"expected {', '.join(MODES)}, got {mode!r}"
-        raise InvalidInput("There is no such way to tune.", found, advice)
+        raise InvalidInput(
+            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice
+        )
 
 
 def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
     """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
     s, joints = setup.specification, setup.limits
-    sensitivity = "--peak-sensitivity" if s.peak_sensitivity else "default"
-    limits: dict[str, tuple[float, str] | None] = {
-        "peak_sensitivity": (s.peak_sensitivity_limit, sensitivity),
-        "gain_margin": (s.gain_margin_limit, "--gain-margin" if s.gain_margin else "default"),
+    peak = peak_option(unit, joints.peak_source) if joints.limits_peak else joints.saturation_source
+    limits = {
+        "peak_sensitivity": (s.peak_sensitivity_limit, s.peak_sensitivity and "--peak-sensitivity"),
+        "gain_margin": (s.gain_margin_limit, s.gain_margin and "--gain-margin"),
+        "peak_input": (joints.strongest, peak) if joints.limits_effort else None,
+        "damping": (s.damping, "--damping") if s.damping else None,
+        "bandwidth": None if s.bandwidth is None else (float(np.min(s.bandwidth)), "--bandwidth"),
     }
-    if joints.limits_effort:
-        peak = peak_option(unit, joints.peak_source)
-        limits["peak_input"] = (joints.strongest, peak if joints.limits_peak else joints.saturation_source)
-    if s.damping:
-        limits["damping"] = (s.damping, "--damping")
-    if s.bandwidth is not None:
-        limits["bandwidth"] = (float(np.min(s.bandwidth)), "--bandwidth")
-    return limits
+    return {name: (limit[0], limit[1] or "default") for name, limit in limits.items() if limit is not None}
 
 
 def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
@@ -377,10 +375,14 @@ class TunedLaw:
     @property
     def failure(self) -> str:
         """Why the law is not compared: no candidate keeps every limit; empty for a law that does."""
-        none = (
-            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary"
+        return (
+            ""
+            if self.feasible
+            else (
+                f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary; "
+                f"the nearest: {self.reason}"
+            )
         )
-        return "" if self.feasible else f"{none}; the nearest: {self.reason}"
 
     @property
     def name(self) -> str:
@@ -415,7 +417,10 @@ class Tuner:
     seed: int = 0  # of the searches' samples; the same for all laws
 
     def tune_all(
-        self, kinds: Sequence[LawKind], wanted: Sequence[str] = (), progress: Progress = lambda text: None
+        self,
+        kinds: Sequence[LawKind],
+        wanted: Sequence[str] = (),
+        progress: Callable[[str], None] = lambda text: None,
     ) -> dict[str, TunedLaw | str]:
         """All rounds for all laws: the tuned law by name, or why it cannot be made.
 
@@ -436,9 +441,8 @@ class Tuner:
                     ) from error
                 tuned[kind.name] = text
         # Laws that contain others last.
-        ordered = sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name))
         for what, exchange in (("tune from the others", False), ("tune from the best", True)):
-            for kind in ordered:
+            for kind in sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name)):
                 law = tuned[kind.name]
                 if isinstance(law, TunedLaw):
                     progress(f"{kind.name}: {what}")
@@ -455,9 +459,8 @@ class Tuner:
             metrics = self.criterion.own
             return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
-        choices = () if self.same_sensors or s.estimator == "none" else kind.sensors
-        sensors = choices or (tuple(s.measured),)
-        laws = [self._search(kind, each, None, self._budget[0], 0) for each in sensors]
+        sets = (() if self.same_sensors or s.estimator == "none" else kind.sensors) or (tuple(s.measured),)
+        laws = [self._search(kind, sensors) for sensors in sets]
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
@@ -467,10 +470,9 @@ class Tuner:
         """
         if law.kind.name == DESIGN:
             return law
-        kind, sensors = law.kind, tuple(law.setup.specification.measured)
         others = [other for other in others if other.parameters and other is not law]
-        samples, simplex = (0 if exchange else self._budget[1]), self._budget[2]
-        return self._search(kind, sensors, law.search, samples, simplex, others, exchange)
+        sensors = tuple(law.setup.specification.measured)
+        return self._search(law.kind, sensors, law.search, others, exchange)
 
     @property
     def _budget(self) -> tuple[int, int, int, int | None]:
@@ -494,7 +496,6 @@ class Tuner:
         return next((own for own in self._own_candidate(kind) if own.feasible), tuning.best)
 
     def _own_candidate(self, kind: LawKind) -> tuple[Candidate, ...]:
-        """The design's own law, as the criterion has judged it, for a law that is of its kind."""
         if (values := self.factory.own(kind)) is None:
             return ()
         values = {name: values[name] for name in self._free(kind)}
@@ -511,14 +512,15 @@ class Tuner:
         self,
         kind: LawKind,
         sensors: tuple[str, ...],
-        before: Tuning | None,
-        samples: int,
-        simplex: int,
+        before: Tuning | None = None,
         others: Sequence[TunedLaw] = (),
         exchange: bool = False,
     ) -> TunedLaw:
-        """The best law over all free parameters, from the design's or from the best so far."""
-        start, limits, degree = self._free(kind), self.factory.bounds(kind), self._budget[3]
+        start, limits, (first, samples, simplex, degree) = (
+            self._free(kind),
+            self.factory.bounds(kind),
+            self._budget,
+        )
         begin = start if before is None else dict(before.best.parameters)
         starts = []
         for law in others:  # which law is this one with parameters that make no difference?
@@ -537,6 +539,7 @@ class Tuner:
             return self.criterion.judge(metrics_of(evaluation, self.criterion))
 
         bounds, count = {name: limits[name] for name in start}, len(start)
+        samples, simplex = (first, 0) if before is None else (0 if exchange else samples, simplex)
         tuning = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
         known = self._own_candidate(kind) if before is None else before.candidates
         candidates = (*known, *tuning.candidates)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.problem.modes import JointScales
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.weights import ROUGH, LinearFamily, LinearProblem
 
 pytest.importorskip("slycot", reason="the norm of python-control")

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.analysis.modes import closed_loop
 from flexhinf.design import Specification
-from flexhinf.design.problem.channels import channels
-from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.problem.presets import (
     BANDWIDTH_FRACTION,
     DAMPING,
     DesignProblem,
+    channels,
     choose,
     preset_of,
     required_damping,

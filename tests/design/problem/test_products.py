@@ -10,8 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.analysis import dissipation_corners
 from flexhinf.design import Specification
-from flexhinf.design.problem.channels import ENLARGED, acting_corners, enlarge_tolerances
-from flexhinf.design.problem.presets import choose
+from flexhinf.design.problem.presets import ENLARGED, acting_corners, choose, enlarge_tolerances
 from flexhinf.errors import NoFeasibleGamma
 
 ARM = fh.paper_arm()

@@ -10,16 +10,18 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.problem.channels import (
+from flexhinf.analysis.modes import JointScales
+from flexhinf.design.problem.presets import channels
+from flexhinf.design.problem.weights import (
     LEAST_FRACTION,
     Channel,
+    LinearDesign,
+    LinearFamily,
+    LinearProblem,
     RobustProblem,
     Scalings,
-    channels,
     find_scalings,
 )
-from flexhinf.design.problem.modes import JointScales
-from flexhinf.design.problem.weights import LinearDesign, LinearFamily, LinearProblem
 from flexhinf.errors import NoFeasibleGamma
 
 pytest.importorskip("slycot", reason="the norm of python-control")

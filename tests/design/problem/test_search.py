@@ -10,7 +10,7 @@ import control
 import numpy as np
 import pytest
 
-from flexhinf.design.problem.modes import JointScales
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.weights import (
     FITS,
     DampingOutOfReach,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design.problem.channels import with_channels
+from flexhinf.design.problem.presets import with_channels
 
 
 @pytest.mark.parametrize("name", ["paper", "cart", "planar-two-link"])

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design.problem.channels import Channel, channels
+from flexhinf.design.problem.presets import channels
+from flexhinf.design.problem.weights import Channel
 
 pytestmark = pytest.mark.oracle
 

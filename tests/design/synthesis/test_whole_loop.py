@@ -14,9 +14,8 @@ from flexhinf.analysis import ToleranceBox
 from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import sampled_runs
-from flexhinf.design.synthesis import whole_loop
-from flexhinf.design.synthesis.steps import Synthesis, synthesise
-from flexhinf.design.synthesis.whole_loop import LEAST_FRACTION, NOISE
+from flexhinf.design.synthesis import steps
+from flexhinf.design.synthesis.steps import LEAST_FRACTION, NOISE, Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.design import weights
 
@@ -38,7 +37,7 @@ def overshoot(e: LawEvaluation, robot: Any) -> float:
 def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(whole_loop, "CANDIDATES", ((10, 20, 4),))
+    monkeypatch.setattr(steps, "CANDIDATES", ((10, 20, 4),))
     robot = only_uncertain(robot_of("paper"), "stiffness", "friction")
     options = {"pose": (np.pi / 2,), "start": (0.0,)}
     (_, damped), (synthesis, robust) = (made(robot, preset, **options) for preset in ("damped", "robust"))
@@ -82,8 +81,8 @@ def test_where_nothing_is_better_the_design_is_that_of_damped(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With no noise to spend, and every other condition as tight as it can be."""
-    monkeypatch.setattr(whole_loop, "CANDIDATES", ((10, 6, 4),))
-    monkeypatch.setattr(whole_loop, "NOISE", 1e-3)
+    monkeypatch.setattr(steps, "CANDIDATES", ((10, 6, 4),))
+    monkeypatch.setattr(steps, "NOISE", 1e-3)
     robot = only_uncertain(robot_of("paper"), "stiffness")
     options = {"pose": (np.pi / 2,), "start": (0.0,), "torque_noise": 1e-5, "estimator": "ekf"}
     (damped, _), (robust, e) = (made(robot, preset, **options) for preset in ("damped", "robust"))
@@ -108,7 +107,7 @@ def test_without_tolerances_the_preset_is_refused_before_any_search(
 def test_a_stated_noise_level_stays_and_other_poses_have_the_same_factors(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(whole_loop, "CANDIDATES", ((10, 8, 4),))
+    monkeypatch.setattr(steps, "CANDIDATES", ((10, 8, 4),))
     robot = only_uncertain(robot_of("paper"), "stiffness", "friction")
     synthesis, e = made(robot, "robust", pose=(1.0,), start=(0.0,), via=((0.5,),), torque_noise=1e-5)
     assert synthesis.robust is not None

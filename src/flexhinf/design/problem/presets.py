@@ -5,52 +5,204 @@ preset    penalty
 ========  ========================================================================================================
 paper     the robot's own; for a robot that states none, the form of Eq. (11): positions and their integrals alone
 damped    searched for a bandwidth and a damping, see `flexhinf.design.problem.weights`
-robust    the same, and every uncertain parameter a disturbance channel, see `flexhinf.design.problem.channels`
+robust    the same, and every uncertain parameter a disturbance channel, see below
 given     the penalty of the specification
 ========  ========================================================================================================
 
 Without a preset: `given` with weights; `damped` with a bandwidth or a damping, or where the robot states no penalty of
 its own; otherwise `paper`.
+
+Tolerances as disturbances: each uncertain parameter becomes a channel (Shen & Tamura 1995).
+
+A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear
+part,
+
+    w = Δ (T_x x + T_u u),   |Δ| ≤ 1,
+
+with T taken between the ends of the interval, the robot at its own equilibrium at each of them. Split into rank-one
+parts, each is a torque t w' driven by a signal z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the
+stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change bends, as with 1/R, a part is as long as towards the
+end where more changes, so that |Δ| ≤ 1 holds at both. Constant terms, such as the weight of a payload, are left
+to the integral.
+
+A channel covers its tolerance alone. At a corner of the tolerances products of them act, such as m·g·l and k_t/R, and a
+robot there changes by a little more than the sum of its channels. So the linear part of the dissipation inequality is
+checked at the corners themselves, and the tolerances of the channels are enlarged step by step until it holds there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from flexhinf.analysis import LinearCorners
-from flexhinf.design.problem.channels import (
-    PREFIX,
-    Channel,
-    RobustProblem,
-    Scalings,
-    acting_corners,
-    enlarge_tolerances,
-    find_scalings,
-    tolerance_channels,
-    with_channels,
-)
-from flexhinf.design.problem.modes import JointScales
+from flexhinf.analysis import LinearCorners, modes
 from flexhinf.design.problem.weights import (
+    Channel,
     DampingOutOfReach,
     LinearDesign,
     LinearFamily,
     LinearProblem,
+    RobustProblem,
+    Scalings,
     SearchResult,
     TargetBehaviour,
     behaviour_of,
+    find_scalings,
     search,
 )
 from flexhinf.design.specification import RINGS, Specification
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import linear_law, smallest_gamma
-from flexhinf.plant import GeneralisedPlant, Penalty
+from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
 
+# Tolerances as channels ---------------------------------------------------------------------------------
+#: Rank-one parts smaller than this fraction of a parameter's largest are left out.
+SMALL = 1e-3
+
+#: A change smaller than this, relative to the robot's own torques, is rounding.
+ROUNDING = 1e-10
+
+#: Factors by which the tolerances are enlarged, one after the other, until the inequality holds at the corners.
+ENLARGED = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
+
+Design = TypeVar("Design")
+
+
+def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:
+    """[A B] (n, n + m) at a corner of the tolerances, the robot at its own equilibrium at a pose."""
+    known = plant.parameters.known(robot.corner(signs))
+    equilibrium = robot.operating_point(pose, parameters=known)
+    return np.hstack(plant.with_parameters(**known).linearise(*equilibrium)[:2])
+
+
+def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """Channels of all uncertain parameters, each at the pose where it changes the robot most."""
+    plant = robot.plant()
+    channel_list: list[Channel] = []
+    linear = [(pose, plant.linearise(*robot.operating_point(pose))) for pose in poses]
+    no_state, no_input = np.zeros(plant.n), np.zeros(len(plant.inputs))
+    for parameter in robot.uncertain:
+        name, changes = parameter.name, []
+        for pose, (a, b, torques, _) in linear:
+            # [T_x T_u] from the nominal robot to each end of the interval, each at its own equilibrium.
+            nominal = np.hstack([a, b])
+            least = ROUNDING * np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
+            differences = (_linearised(robot, plant, {name: sign}, pose) - nominal for sign in (1.0, -1.0))
+            ends = np.array([np.linalg.lstsq(torques, each, rcond=None)[0] for each in differences])
+            changes.append(np.where(np.abs(ends) > least, ends, 0.0))  # (2, 2 joints, n + m)
+        largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
+        joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
+        quantity = name.removesuffix(f"_{joint}") if joint else name
+        # Singular parts of half the difference between the ends, each made as long as the end that it reaches less.
+        for by_input, (up, down) in enumerate((largest[:, :, : plant.n], largest[:, :, plant.n :])):
+            left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
+            for size, t, c in zip(sizes, left.T, right):
+                if size > SMALL * sizes[0]:
+                    root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
+                    driven = (no_state, root * c) if by_input else (root * c, no_input)
+                    channel_list.append(Channel(quantity, root * t, *driven))
+    return tuple(channel_list)
+
+
+def tolerance_channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
+    """The `channels` of a robot. Raises `InvalidInput` if there are none."""
+    if channel_list := channels(robot, poses):
+        return channel_list
+    raise InvalidInput(
+        f"The robot {robot.name!r} states no tolerances that the preset robust could stand for.",
+        "expected parameters with a tolerance that changes how the robot moves, got none",
+        "tolerance = 10 beside a value in the robot's file, or preset='damped'",
+    )
+
+
+# Products of tolerances ---------------------------------------------------------------------------------
+def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) -> LinearCorners:
+    """The plant of a problem without channels at the corners of those tolerances that change it, each at its own
+    equilibrium at the goal (n,), link positions in rad or m."""
+    plant = problem.plant
+    nominal = np.hstack(plant.linearise(*robot.operating_point(goal))[:2])  # traced once, for all corners
+    ends = {p.name: _linearised(robot, plant, {p.name: 1.0}, goal) for p in robot.uncertain}
+    names = [name for name, end in ends.items() if not np.allclose(end, nominal, rtol=1e-12, atol=0.0)]
+    return LinearCorners.of(
+        problem,
+        lambda signs: robot.corner(dict(zip(names, signs, strict=True))),
+        len(names),
+        lambda values: robot.operating_point(goal, parameters=values),
+    )
+
+
+def enlarge_tolerances(
+    first: Design, design_at: Callable[[float], Design], failing: Callable[[Design], int]
+) -> Design:
+    """The first design with enlarged tolerances whose inequality holds at every corner; `first` if there is none.
+
+    `first` is of the tolerances as they are; `design_at` makes the design of a factor of them, and may raise where the
+    larger tolerances are out of reach; `failing` counts the corners that break the inequality of a design.
+    """
+    for factor in ENLARGED[1:] if failing(first) else ():
+        try:
+            larger = design_at(factor)
+        except FlexhinfError:  # out of reach: the page says how many corners the first design leaves
+            break
+        if not failing(larger):
+            return larger
+    return first
+
+
+#: Names of the disturbances that stand for tolerances, numbered from 1.
+PREFIX = "tolerance"
+
+
+@dataclass(frozen=True)
+class UncertainFlow:
+    """The robot's ẋ with torques L w at links and motors, beside its own disturbances; L is a parameter."""
+
+    flow: Any
+    torques: int  # number of the robot's own disturbances: torques at links and motors
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """The rates of all states, of any element."""
+        own, tolerances = d[: self.torques], d[self.torques :]
+        return self.flow(x, u, own + np.asarray(p.tolerance_channels) @ tolerances, p)
+
+
+def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
+    """The robot's plant with disturbances w that enter as torques L w; `enter` (2 joints, k) is L."""
+    names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
+    return Plant(
+        UncertainFlow(plant.flow, len(plant.disturbances)),
+        plant.output,
+        states=plant.states,
+        inputs=plant.inputs,
+        disturbances=(*plant.disturbances, *names),
+        parameters={**plant.parameters.values, "tolerance_channels": enter},
+        outputs=plant.outputs,
+        units=plant.units,
+        groups=plant.groups,
+        limits=plant.limits,
+    )
+
+
+def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
+    """A problem whose channels stand for a fraction `size` of the tolerances, as `RobustProblem.parts` has it.
+
+    `problem` has the channels of the whole tolerances, `nominal` none.
+    """
+    if size <= 0.0 or size >= 1.0:
+        return nominal if size <= 0.0 else problem
+    known = problem.plant.parameters.values["tolerance_channels"]
+    plant = problem.plant.with_parameters(tolerance_channels=np.sqrt(size) * np.asarray(known))
+    without, whole = (np.array(p.expand(1).h_parts[1], dtype=float) for p in (nominal, problem))
+    rows = np.vstack([np.sqrt(1.0 - size) * without, np.sqrt(size) * whole])  # hᵀh is linear in the size
+    return replace(problem, plant=plant, penalty=Penalty(rows, (1.0 - size) * nominal.r2 + size * problem.r2))
+
+
+# The problem --------------------------------------------------------------------------------------------
 #: Most turns in which a default damping yields to what weights reach.
 YIELDS = 4
 
@@ -115,7 +267,7 @@ class ToleranceChannels:
     """The channels of the tolerances, from which the problem of any weights and any fraction of them is made."""
 
     s: Specification
-    scales: JointScales
+    scales: modes.JointScales
     family: LinearFamily
     torques: np.ndarray | None  # (2 joints, k), which torques at links and motors are physical disturbances
     tolerances: tuple[Channel, ...]
@@ -140,16 +292,14 @@ class ToleranceChannels:
 
         Raises `NoFeasibleGamma` if no level does.
         """
-        robot, goal = self.family.robot, self.family.goal
-        linear, scalings = self.linear(target_frequency, damping), self.scaled(fraction)
+        robot, goal, weights = self.family.robot, self.family.goal, (target_frequency, damping)
+        linear, scalings, base = self.linear(*weights), self.scaled(fraction), self.scales.penalty(*weights)
         star = linear.gamma_star(scalings, accuracy)
-        gamma = self.s.gamma_ratio * star
-        enter, seen, price = linear.parts(scalings)
-        base = self.scales.penalty(target_frequency, damping)
+        gamma, (enter, seen, price) = self.s.gamma_ratio * star, linear.parts(scalings)
         nominal = nominal_problem(robot, goal, self.s, base)
         physical = (nominal.disturbances or ()) if self.s.disturbances is not None else ()
         problem = with_channels(nominal.plant, gamma * enter).with_objective(
-            Penalty(np.vstack([self.scales.rows(target_frequency, damping), seen]), nominal.r2 + price),
+            Penalty(np.vstack([self.scales.rows(*weights), seen]), nominal.r2 + price),
             command=command_of(self.s),
             integrate=nominal.integrate,
             disturbances=(*physical, *(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))),
@@ -173,10 +323,7 @@ class ToleranceChannels:
         source: str,
     ) -> DesignProblem:
         """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
-        weights, scalings = (
-            (result.chosen.target_frequency, result.chosen.damping_weights),
-            self.scaled(fraction),
-        )
+        weights, scalings = result.chosen.weights, self.scaled(fraction)
         nominal, law = self.linear(*weights).nominal, linear_law(problem.problem, problem.gamma)
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
         check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
@@ -196,21 +343,22 @@ class ToleranceChannels:
 # From a specification to its problem --------------------------------------------------------------------
 def preset_of(robot: Robot, s: Specification) -> str:
     """The preset of a specification. Raises `InvalidInput` if the specification contradicts itself."""
-
-    behaviour = [f"`{name}`" for name in ("bandwidth", "damping") if getattr(s, name) is not None]
-    weights = [f"`{name}`" for name in ("penalty", "effort") if getattr(s, name) is not None]
-    both, advice = "", "leave out one of them"
-    if behaviour and weights:
-        both = f"{behaviour[0]} and {weights[0]}"
-    elif s.preset in ("damped", "robust", "proved") and weights:
-        both, advice = f"preset={s.preset!r} and {weights[0]}", f"leave out {weights[0]}, or `preset`"
-    elif s.preset == "paper" and behaviour:
-        both, advice = f"preset='paper' and {behaviour[0]}", "preset='damped'"
-    elif s.preset == "paper" and s.penalty is not None:
-        both, advice = "preset='paper' and `penalty`", "leave out `preset`"
-    if both:
-        other = "a behaviour for which weights are found, or the preset paper; got both"
-        raise InvalidInput(f"{both} contradict each other.", f"expected either weights, or {other}", advice)
+    behaviour, weights = (
+        next((f"`{name}`" for name in names if getattr(s, name) is not None), "")
+        for names in (("bandwidth", "damping"), ("penalty", "effort"))
+    )
+    searched, paper = s.preset in ("damped", "robust", "proved"), s.preset == "paper"
+    for contradicts, both, advice in (
+        (behaviour and weights, f"{behaviour} and {weights}", "leave out one of them"),
+        (searched and weights, f"preset={s.preset!r} and {weights}", f"leave out {weights}, or `preset`"),
+        (paper and behaviour, f"preset='paper' and {behaviour}", "preset='damped'"),
+        (paper and s.penalty is not None, "preset='paper' and `penalty`", "leave out `preset`"),
+    ):
+        if contradicts:
+            other = "a behaviour for which weights are found, or the preset paper; got both"
+            raise InvalidInput(
+                f"{both} contradict each other.", f"expected either weights, or {other}", advice
+            )
     default = "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
     return s.preset or ("given" if s.penalty is not None else default)
 
@@ -263,25 +411,20 @@ def _without_channels(
     target: TargetBehaviour | None = None,
     result: SearchResult | None = None,
 ) -> DesignProblem:
-    """The problem of a penalty, with the sources of its weights and of R2."""
     problem = nominal_problem(robot, goal, s, stated[0])
     star = smallest_gamma(problem)
     return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star, target, result)
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
-    """A penalty that is stated, with the sources of its weights and of R2."""
     own, penalty, source, priced = robot.penalty, robot.penalty, "the robot's file", "the robot's file"
     if s.penalty is not None:
         penalty, source = Penalty.of(s.penalty), "option --penalty"
-        if isinstance(s.penalty, Penalty):
-            priced = source
-        elif own is None:
-            priced = "ours"
-        else:
-            penalty = replace(penalty, effort=own.effort)
+        whole = isinstance(s.penalty, Penalty)
+        priced = source if whole else "ours" if own is None else priced
+        penalty = penalty if whole or own is None else replace(penalty, effort=own.effort)
     elif penalty is None:
-        scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+        scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
         weights: Any = scales.penalty(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0).states
         penalty = Penalty({name: weights[name] for name in ("link_position", "link_position_integral")}, 1.0)
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
@@ -293,9 +436,18 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
 def _searched(
     few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    robot, goal = few.robot, few.goal
-    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    target = TargetBehaviour(_bandwidths(s, scales, len(goal)), required_damping(s))
+    robot, goal, joints = few.robot, few.goal, len(few.goal)
+    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
+    bandwidth = np.atleast_1d(
+        np.asarray(BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
+    )
+    if len(bandwidth) not in (1, joints):
+        raise InvalidInput(
+            "The bandwidths do not fit the joints.",
+            f"expected one number or {joints}, got {bandwidth.tolist()}",
+            "one bandwidth for all joints",
+        )
+    target = TargetBehaviour(np.broadcast_to(bandwidth, (joints,)).copy(), required_damping(s))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
         every = robot.plant().disturbances
@@ -309,15 +461,12 @@ def _searched(
         return nominal(target_frequency, damping).design_at(s.gamma_ratio)
 
     result, family = _widened(few, target, few, synthesis, scales.held, near)
-    source, chosen = f"found for {target.text}", result.chosen
+    weights, source = result.chosen.weights, f"found for {target.text}"
     if preset == "damped":
-        stated = scales.penalty(chosen.target_frequency, chosen.damping_weights), source, "ours"
+        stated = scales.penalty(*weights), source, "ours"
         return _without_channels(robot, goal, s, preset, stated, target, result)
-
-    tolerances = tolerance_channels(robot, [goal, start])
-    linear = nominal(chosen.target_frequency, chosen.damping_weights)
-    scalings = find_scalings(RobustProblem(linear, family.torques, tolerances), s.gamma_ratio)
-    corners = acting_corners(robot, goal, base())
+    tolerances, corners = tolerance_channels(robot, [goal, start]), acting_corners(robot, goal, base())
+    scalings = find_scalings(RobustProblem(nominal(*weights), family.torques, tolerances), s.gamma_ratio)
 
     def robust_problem(factor: float) -> DesignProblem:
         larger = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners, factor)
@@ -326,7 +475,7 @@ def _searched(
             return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.scaled(1.0))
 
         result, _ = _widened(few, target, family, robust_synthesis, scales.held)
-        problem = larger.problem(result.chosen.target_frequency, result.chosen.damping_weights, 1.0)
+        problem = larger.problem(*result.chosen.weights, 1.0)
         return larger.checked(
             problem, 1.0, target, result, f"{source}, beside the channels of the tolerances"
         )
@@ -356,15 +505,3 @@ def _widened(
     a, b = np.concatenate([family.a, few.many.a[worst]]), np.concatenate([family.b, few.many.b[worst]])
     wider = replace(family, a=a, b=b)
     return search(target, wider, synthesis, held, near=start), wider
-
-
-def _bandwidths(s: Specification, scales: JointScales, joints: int) -> np.ndarray:
-    required = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    values = np.atleast_1d(np.asarray(required, dtype=float))
-    if len(values) not in (1, joints):
-        raise InvalidInput(
-            "The bandwidths do not fit the joints.",
-            f"expected one number or {joints}, got {values.tolist()}",
-            "one bandwidth for all joints",
-        )
-    return np.broadcast_to(values, (joints,)).copy()

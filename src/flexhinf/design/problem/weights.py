@@ -3,38 +3,45 @@
 A search asks for many gains. What does not change with the gain is computed once here: ẋ = A x + B u + G d of every
 member, the integrals of the tracking errors appended, deviations from each member's own equilibrium.
 
-Weights for a behaviour: two nested searches over the linear part; every candidate is kept for the report.
+Weights for a behaviour come of two nested searches. Inside, for a given damping weight ζ, each joint's target frequency
+ω is multiplied by the ratio of the required to the found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by
+a constant factor until the oscillations are damped as required, and is then bisected to the smallest value that does.
+One ζ damps most vibrations more than required, the light links' above all, and the motors that do it amplify the
+estimator's noise; so at the end the ζ of each joint is lowered to what its own vibration needs. All members of the
+family count: the nominal robot and corners of its tolerances.
 
-Inside, for a given damping weight ζ, each joint's target frequency ω is multiplied by the ratio of the required to the
-found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by a constant factor until the oscillations are damped
-as required, and is then bisected to the smallest value that does. One ζ damps most vibrations more than required, the
-light links' above all, and the motors that do it amplify the estimator's noise; so at the end the ζ of each joint is
-lowered to what its own vibration needs. All members of the family count: the nominal robot and corners of its
-tolerances.
+The preset `robust` covers tolerances with constant scalings. Channel i of the tolerances enters with g_i/s_i and is
+seen through s_i z_i. If
+
+    V_x f + ½ |h|² + ½ Σ s_i² |z_i|² + ½ V_x (g1 g1ᵀ/γ² + Σ g_i g_iᵀ/s_i² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0
+
+has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
+[shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
+on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
+few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
+ends it. Where no γ does for the whole tolerances, the largest fraction of them is searched for and reported.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 
-from flexhinf.design.problem.modes import Mode, modes_of, sampled_modes, stiffness_and_inertia
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.analysis.modes import modes_of, sampled_modes, stiffness_and_inertia
+from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf import linear_law
-from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
+from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
 
-#: Corners of the tolerances that a search looks at, beside the nominal robot.
-MEMBERS = 32
-
-#: Corners among which the worst for the first weights are looked for, to be members of the second search.
-MANY = 400
+#: Corners of the tolerances that a search looks at, beside the nominal robot; corners among which the worst for the
+#: first weights are looked for, to be members of the second search.
+MEMBERS, MANY = 32, 400
 
 #: Relative width at which the bisection for γ* ends during a search.
 ROUGH = 1e-3
@@ -48,9 +55,7 @@ class LinearFamily:
     b: np.ndarray  # (N, n, m)
     torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter the nominal robot
     joints: tuple[str, ...]
-    energy: tuple[
-        np.ndarray, np.ndarray
-    ]  # nominal stiffness and inertia: they tell vibrations from other modes
+    energy: tuple[np.ndarray, np.ndarray]  # nominal stiffness and inertia: they tell vibrations apart
     robot: Robot
     goal: np.ndarray  # (n,), link positions, rad or m
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
@@ -73,35 +78,26 @@ class LinearFamily:
     def of(
         robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
     ) -> LinearFamily:
-        """Family of a robot at a pose (n,), and at `members` corners of its tolerances, sampled with this seed."""
+        """Family of a robot at a pose (n,), and at corners of its tolerances: all where there are no more than
+        `members`, else so many at random with this seed, whatever the parameters' order."""
         plant, equilibrium = robot.plant(), robot.operating_point(goal)
         joints, n = len(robot.joint_names), plant.n
         matrices = [plant.linearise(*equilibrium)]  # traced once, shared by all members
-        for corner in _corners(robot, members, seed):
-            values = plant.parameters.known(corner)
+        names = sorted(parameter.name for parameter in robot.uncertain) if members else []
+        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (members, len(names)))
+        if 2 ** len(names) <= members:
+            signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
+        for row in signs.tolist() if names else ():
+            values = plant.parameters.known(robot.corner(dict(zip(names, row))))
             at = robot.operating_point(goal, parameters=values)
             matrices.append(plant.with_parameters(**values).linearise(*at))
         a = np.zeros((len(matrices), n + joints, n + joints))
         b = np.zeros((len(matrices), n + joints, len(plant.inputs)))
-        for k, (state, inputs, _, _) in enumerate(matrices):
-            a[k, :n, :n], b[k, :n] = state, inputs
+        a[:, :n, :n], b[:, :n] = [each[0] for each in matrices], [each[1] for each in matrices]
         a[:, n:, :joints] = np.eye(joints)
-        torques = np.zeros((n + joints, 2 * joints))
-        torques[:n] = matrices[0][2]
+        torques = np.pad(matrices[0][2], ((0, joints), (0, 0)))
         energy = stiffness_and_inertia(plant, equilibrium)
         return LinearFamily(a, b, torques, robot.joint_names, energy, robot, goal, period)
-
-
-def _corners(robot: Robot, count: int, seed: int = 0) -> list[dict[str, Any]]:
-    """All corners where there are no more than `count`; otherwise so many at random, whatever the parameters' order."""
-    names = sorted(parameter.name for parameter in robot.uncertain)
-    if not names or not count:
-        return []
-    if 2 ** len(names) <= count:
-        signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
-    else:
-        signs = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(names)))
-    return [robot.corner(dict(zip(names, row.tolist()))) for row in signs]
 
 
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
@@ -130,7 +126,12 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
         phi, held = family.sampled
         every = np.linalg.eig(phi + held @ gain)
         modes[0] = sampled_modes(*every, family.period, family.joints, *family.energy, lasting=TWO_SAMPLES)
-    damping = [_damping(each) for each in modes]
+    damping = [
+        min((mode.damping for mode in each if mode.eigenvalue.imag > 0.0), default=np.inf)
+        if all(mode.stable for mode in each)
+        else -np.inf
+        for each in modes
+    ]
     bandwidth, worst = np.zeros(joints), [int(np.argmin(damping))]
     if min(damping) > -np.inf:
         every = _bandwidths(loops, joints)
@@ -140,21 +141,12 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     return Behaviour(bandwidth, min(damping), damping[0], np.array(own), worst)
 
 
-def _damping(modes: Sequence[Mode]) -> float:
-    if not all(mode.stable for mode in modes):
-        return -np.inf
-    return min((mode.damping for mode in modes if mode.eigenvalue.imag > 0.0), default=np.inf)
-
-
 def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
     """Bandwidths, (N, joints): where |q_j / command_j| first falls below 1/√2, from above zero."""
-    values, vectors = np.linalg.eig(loops)
-    n = loops.shape[1]
-    command = 0.0 - np.eye(n, joints, joints - n)
-    right = np.linalg.solve(vectors, np.broadcast_to(command, (len(loops), n, joints)))
-    residues = vectors[:, :joints].transpose(0, 2, 1) * right  # (members, mode, joint)
-    sizes = np.abs(values)
-    low, high = 0.02 * sizes.min(), 5.0 * sizes.max()
+    (values, vectors), n = np.linalg.eig(loops), loops.shape[1]
+    command = np.broadcast_to(0.0 - np.eye(n, joints, joints - n), (len(loops), n, joints))
+    residues = vectors[:, :joints].transpose(0, 2, 1) * np.linalg.solve(vectors, command)  # (N, mode, joint)
+    low, high = 0.02 * np.abs(values).min(), 5.0 * np.abs(values).max()
     frequencies = np.geomspace(low, high, max(2, int(PER_DECADE * np.log10(high / low))))
     response = np.empty((len(loops), len(frequencies), joints))
     for k, member in enumerate(residues):
@@ -235,6 +227,186 @@ class LinearProblem:
         return linear_smallest_gamma(replace(self.linear_part(), a=a, b2=nothing, c=c), ROUGH)
 
 
+# The H∞ gain of all robots within the tolerances -----------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A rank-one part of what a tolerance does; it is driven either by the state or by the input."""
+
+    quantity: str  # the parameter without its joint; channels of one quantity and kind share a scaling
+    torque: np.ndarray  # (2 joints,), t at links and motors
+    by_state: np.ndarray  # (n,), c on the plant's states
+    by_input: np.ndarray  # (m,), e
+
+    @property
+    def group(self) -> tuple[str, str]:
+        """Quantity, and what drives it."""
+        return self.quantity, "input" if np.any(self.by_input) else "state"
+
+    def padded(self, n: int) -> np.ndarray:
+        """c (n,) with zeros for the integrals."""
+        return np.pad(self.by_state, (0, n - len(self.by_state)))
+
+
+#: Largest level that is tried, relative to that of the nominal problem.
+LARGEST_LEVEL = 1e4
+
+#: Shares of the tolerances are found to this width; less than the smallest is none.
+FRACTION_WIDTH, LEAST_FRACTION = 0.02, 0.02
+
+#: Balances after the first; evaluations of the simplex search for each factor, and the most states it is made with.
+BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
+
+
+@dataclass(frozen=True, eq=False)
+class Scalings:
+    """Scalings of the channels, and the fraction of the tolerances that the channels stand for."""
+
+    log: np.ndarray  # log s of each channel
+    fraction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobustProblem:
+    """A nominal problem with the channels of the tolerances; torques enter by `torques` (n, 2 joints)."""
+
+    nominal: LinearProblem
+    torques: np.ndarray
+    channels: tuple[Channel, ...]
+
+    def parts(self, scalings: Scalings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(L, F, E): torques L w (2 joints, k), rows F x (l, n) and price uᵀ E u of all channels together.
+
+        L Lᵀ = Σ t tᵀ/s², FᵀF = Σ s² c cᵀ, E = Σ s² e eᵀ, each times the fraction.
+        """
+        n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
+        enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
+        for channel, log in zip(self.channels, scalings.log):
+            s2, padded = float(np.exp(2.0 * log)), channel.padded(n)
+            enter += scalings.fraction * np.outer(channel.torque, channel.torque) / s2
+            seen += scalings.fraction * s2 * np.outer(padded, padded)
+            price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
+        return _root(enter), _root(seen).T, price
+
+    def scaled(
+        self, gamma: float, scalings: Scalings, parts: tuple[np.ndarray, ...] | None = None
+    ) -> LinearProblem:
+        """The problem of one level γ, its Δ-channels entering with γ L; `parts` where they are known."""
+        (enter, seen, price), g = parts or self.parts(scalings), self.nominal
+        b1 = np.hstack([g.b1, gamma * self.torques @ enter])
+        return LinearProblem(g.a, b1, g.b2, np.vstack([g.c, seen]), g.r2 + price)
+
+    def feasible(self, gamma: float, scalings: Scalings, parts: tuple[np.ndarray, ...] | None = None) -> bool:
+        """Whether the problem of this level has a solution."""
+        return is_feasible(self.scaled(gamma, scalings, parts).linear_part(), gamma)
+
+    def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
+        """Smallest γ for every robot within the fraction of the tolerances.
+
+        Raises `NoFeasibleGamma` if there is none.
+        """
+        low, parts = self.nominal.gamma_star(), self.parts(scalings)
+        high = LARGEST_LEVEL * low
+        if not self.feasible(high, scalings, parts):
+            raise NoFeasibleGamma(
+                "No attenuation level holds for the whole tolerances.",
+                f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
+                "tighter tolerances in the robot's file, or the preset damped",
+            )
+        while high > (1.0 + relative) * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (low, middle) if self.feasible(middle, scalings, parts) else (middle, high)
+        return high
+
+    def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
+        """The gain at `ratio` times the smallest level."""
+        star = self.gamma_star(scalings)
+        return self.scaled(ratio * star, scalings).design(ratio * star, star)
+
+    def fraction(self, scalings: Scalings) -> float:
+        """The largest fraction of the tolerances for which some level has a solution, within `FRACTION_WIDTH`."""
+        level, low, high = LARGEST_LEVEL * self.nominal.gamma_star(), 0.0, 1.0
+        if self.feasible(level, replace(scalings, fraction=high)):
+            return high
+        while high - low > FRACTION_WIDTH:
+            middle = 0.5 * (low + high)
+            fits = self.feasible(level, replace(scalings, fraction=middle))
+            low, high = (middle, high) if fits else (low, middle)
+        return low
+
+
+def _root(matrix: np.ndarray) -> np.ndarray:
+    """X (n, k) of full rank with X Xᵀ = matrix."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > 1e-12 * max(values[-1], 1e-300)
+    return vectors[:, kept] * np.sqrt(values[kept])
+
+
+def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
+    """Scalings for a problem, found as the head of this file says.
+
+    `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
+    `LEAST_FRACTION` of the tolerances can be covered.
+    """
+    from scipy.optimize import minimize
+
+    def better(scalings: Scalings, other: Scalings) -> bool:
+        if scalings.fraction < 1.0 or other.fraction < 1.0:
+            return scalings.fraction > other.fraction
+        return problem.gamma_star(scalings) < problem.gamma_star(other)
+
+    best = _balanced(problem, problem.nominal.design_at(ratio))
+    for _ in range(BALANCES):
+        if best.fraction < LEAST_FRACTION:
+            break
+        within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
+        again = _balanced(problem, problem.design(ratio, within))
+        if not better(again, best):
+            break
+        best = again
+    if len(problem.nominal.a) <= MOST_STATES:  # a simplex search over one factor for each quantity
+        start, groups = best, list(dict.fromkeys(channel.group for channel in problem.channels))
+        places = np.array([groups.index(channel.group) for channel in problem.channels])
+
+        def moved(factors: np.ndarray) -> Scalings:
+            return replace(start, log=start.log + factors[places])
+
+        def cost(factors: np.ndarray) -> float:
+            if start.fraction < 1.0:
+                return -problem.fraction(moved(factors))
+            try:
+                return float(np.log(problem.gamma_star(moved(factors))))
+            except (NoFeasibleGamma, NumericalFailure):
+                return np.inf
+
+        options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
+        end = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
+        end = replace(end, fraction=problem.fraction(end))
+        best = end if better(end, start) else start
+    if best.fraction < LEAST_FRACTION:
+        raise NoFeasibleGamma(
+            "No attenuation level holds for these tolerances, nor for a part of them.",
+            f"no solution even with {100 * LEAST_FRACTION:g} % of the tolerances",
+            "the preset damped, or another bandwidth or damping",
+        )
+    return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
+
+
+def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
+    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost; and the fraction
+    of the tolerances that is covered so."""
+    from scipy.linalg import solve_continuous_lyapunov
+
+    loop, p = problem.nominal.a + problem.nominal.b2 @ design.gain, design.p
+    x = solve_continuous_lyapunov(loop, -np.diag(1.0 / np.abs(np.diag(p))))
+    log = np.zeros(len(problem.channels))
+    for k, channel in enumerate(problem.channels):
+        g = p @ (problem.torques @ channel.torque)
+        z = channel.by_input @ design.gain + channel.padded(len(loop))
+        log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
+    return Scalings(log, problem.fraction(Scalings(log)))
+
+
+# Weights for a behaviour --------------------------------------------------------------------------------
 #: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
 SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 
@@ -258,7 +430,14 @@ FASTEST = 30.0
 class DampingOutOfReach(InvalidInput):
     """No weights damp every oscillation as required; `reached` is a damping ratio a little below the best."""
 
-    reached = 0.0
+    def __init__(self, expected: str, best: Behaviour) -> None:
+        self.reached = max(0.0, 0.95 * best.damping)
+        super().__init__(
+            "The specification cannot be met: the damping of the oscillations binds.",
+            f"{expected} for the robot and its tolerances; the best found at this bandwidth is {best.damping:.3g} "
+            f"({best.nominal_damping:.3g} for the nominal robot)",
+            f"damping={self.reached:.2g}, or another `bandwidth`",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,9 +450,7 @@ class TargetBehaviour:
     @property
     def text(self) -> str:
         """Bandwidth and damping ratio."""
-        low, high = self.bandwidth.min(), self.bandwidth.max()
-        band = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
-        return f"{band} rad/s and a damping ratio of {self.damping:.3g}"
+        return f"{_text(self.bandwidth)} rad/s and a damping ratio of {self.damping:.3g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,6 +461,11 @@ class Candidate:
     damping_weights: np.ndarray  # (n,), ζ of each joint
     design: LinearDesign
     behaviour: Behaviour
+
+    @property
+    def weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """ω and ζ (n,) of each joint."""
+        return self.target_frequency, self.damping_weights
 
     @property
     def damping_weight(self) -> float:
@@ -314,14 +496,13 @@ def search(
     begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the behaviour cannot be met:
     which limit binds, and the best that was found.
     """
-    start = 1.5 * target.bandwidth
+    start, proportional = 1.5 * target.bandwidth, ()
     if near is not None:
         start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
-    attempt, chosen = _Search(target, family, synthesis, FASTEST * held, start), None
-    if near is not None:
         weights = near.damping_weights * target.damping / near.behaviour.damping
-        tried = (attempt.fit_damped(more * weights) for more in PROPORTIONS)
-        chosen = next((candidate for candidate in tried if candidate), None)
+        proportional = (more * weights for more in PROPORTIONS)
+    attempt = _Search(target, family, synthesis, FASTEST * held, start)
+    chosen = next((candidate for tried in proportional if (candidate := attempt.fit_damped(tried))), None)
     chosen = chosen or attempt.damped()
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:
         chosen = attempt.lowered(chosen)
@@ -329,8 +510,6 @@ def search(
 
 
 class _Search:
-    """Candidates of one search, from target frequencies `start` up to `fastest`, rad/s."""
-
     def __init__(
         self, target: TargetBehaviour, family: LinearFamily, synthesis: Any, fastest: float, start: np.ndarray
     ) -> None:
@@ -349,10 +528,10 @@ class _Search:
             try:
                 design = self.synthesis(frequency, weights)
             except FlexhinfError:
-                return None
+                break
             behaviour = behaviour_of(self.family, design.gain)
             if behaviour.damping == -np.inf:
-                return None
+                break
             self.reached = max(self.reached, float((behaviour.bandwidth / bandwidth).min()))
             ratio = bandwidth / np.maximum(behaviour.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
@@ -360,11 +539,10 @@ class _Search:
                 return self.tried[-1]
             frequency = frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
             if np.any(frequency > self.fastest):
-                return None
+                break
         return None
 
     def fit_damped(self, damping_weight: float | np.ndarray) -> Candidate | None:
-        """The candidate of `fit`, or None where not every oscillation is damped as required."""
         candidate = self.fit(damping_weight)
         return candidate if candidate and candidate.behaviour.damping >= self.target.damping else None
 
@@ -381,32 +559,20 @@ class _Search:
                 below = damping_weight
             damping_weight = max(SMALLEST, damping_weight * GROWTH)
         else:
-            self._refuse(best)
+            expected = f"expected a bandwidth of {self.target.text}"
+            if best is None:
+                raise InvalidInput(
+                    "The specification cannot be met: the bandwidth binds.",
+                    f"{expected}; the best found that is stable within the tolerances is "
+                    f"{_text(self.reached * self.target.bandwidth)} rad/s",
+                    "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
+                )
+            raise DampingOutOfReach(expected, best.behaviour)
         for _ in range(HALVINGS if damping_weight else 0):
             middle = 0.5 * (below + tried.damping_weight)
             candidate = self.fit_damped(middle)
             below, tried = (below, candidate) if candidate else (middle, tried)
         return tried
-
-    def _refuse(self, best: Candidate | None) -> NoReturn:
-        bandwidth, damping = self.target.bandwidth, self.target.damping
-        required = f"a bandwidth of {_text(bandwidth)} rad/s with a damping ratio of {damping:g}"
-        if best is None:
-            raise InvalidInput(
-                "The specification cannot be met: the bandwidth binds.",
-                f"expected {required}; the best found that is stable within the tolerances is "
-                f"{_text(self.reached * bandwidth)} rad/s",
-                "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
-            )
-        reached = max(0.0, 0.95 * best.behaviour.damping)
-        refused = DampingOutOfReach(
-            "The specification cannot be met: the damping of the oscillations binds.",
-            f"expected {required} for the robot and its tolerances; the best found at this bandwidth is "
-            f"{best.behaviour.damping:.3g} ({best.behaviour.nominal_damping:.3g} for the nominal robot)",
-            f"damping={reached:.2g}, or another `bandwidth`",
-        )
-        refused.reached = reached
-        raise refused
 
     def lowered(self, best: Candidate) -> Candidate:
         """Lower the ζ of each joint to what its vibration needs, one after the other, the most damped one first.
@@ -430,5 +596,5 @@ class _Search:
 
 
 def _text(values: np.ndarray) -> str:
-    low, high = float(np.min(values)), float(np.max(values))
-    return f"{low:.3g}" if high - low <= 2.0 * FITS * high else f"{low:.3g} to {high:.3g}"
+    low, high = values.min(), values.max()
+    return f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"

@@ -1,5 +1,4 @@
-"""From a specification to a law: `steps` is the entry point and calls the searches on running loops.
+"""From a specification to a law: `steps` is the entry point, with the search of the preset robust on the running loop.
 
-`noise` finds R^v of the estimator, `by_step` bandwidths within the limits of the joints and the degree of V,
-`whole_loop` weights and noise levels of the preset robust.
+`noise` finds R^v of the estimator, `by_step` bandwidths within the limits of the joints and the degree of V.
 """

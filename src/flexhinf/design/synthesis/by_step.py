@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from flexhinf.analysis.modes import closed_loop
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.problem.modes import closed_loop
 from flexhinf.design.problem.presets import DesignProblem, choose
 from flexhinf.design.requirements import sample_requirements, sampled_runs, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
@@ -64,15 +64,10 @@ class Task:
         return LoopSetup(self.robot, s, law, self.goal, self.start, estimator_noise=levels)
 
     def solved(
-        self,
-        problem: GeneralisedPlant,
-        gamma: float,
-        degree: int,
-        levels: EstimatorNoise | None = None,
-        **changes: Any,
+        self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None, **changes: Any
     ) -> LoopSetup:
         """The loop of the law that solves a problem."""
-        return self.setup(solve_hji(problem, gamma, degree), levels, **changes)
+        return self.setup(solve_hji(problem.problem, problem.gamma, degree), levels, **changes)
 
 
 # The degree of V -----------------------------------------------------------------------------------------
@@ -94,9 +89,7 @@ class DegreeChoice:
     looked: bool = False  # whether the region was sampled
     acting: float = math.nan  # change of the input along the step of the lowest degree, see `_Trial.acting`
     cost: float = math.nan  # ∫|z|² of the step; inf if it diverges, nan if it was not run
-    missed: tuple[
-        str, ...
-    ] = ()  # requirements that the costlier step of a lower degree meets, this one does not
+    missed: tuple[str, ...] = ()  # requirements that the costlier step of a lower degree meets, this one not
 
 
 def tried_degrees(states: int, stated: Sequence[int] | None) -> tuple[int, ...]:
@@ -112,8 +105,7 @@ def rays_of(states: int, stated: int | None) -> int:
 def synthesis_stages(states: int, degrees: Sequence[int] | None, rays: int | None) -> int:
     """How many steps of work the degrees are, for a progress bar: solutions, the choice, and sampled regions."""
     count = len(tried_degrees(states, degrees))
-    regions = (count if degrees is not None else 1) if rays_of(states, rays) else 0
-    return count + (count > 1) + regions
+    return count + (count > 1) + (rays_of(states, rays) > 0) * (1 if degrees is None else count)
 
 
 def solve_degrees(
@@ -128,8 +120,9 @@ def solve_degrees(
         start = time.perf_counter()
         solution = solve_hji(problem, gamma=gamma, degree=degree)
         seconds = time.perf_counter() - start
-        residual = max((record.residual for record in solution.records), default=math.nan)
-        yield DegreeChoice(degree, solution, residual, seconds)
+        yield DegreeChoice(
+            degree, solution, max((r.residual for r in solution.records), default=math.nan), seconds
+        )
 
 
 def with_region(
@@ -228,13 +221,13 @@ def step_cost(
     """
     if response.diverged_at is not None:
         return math.inf
-    run, (end, held) = response.run, (problem.operating_point, problem.operating_input) if at is None else at
-    few = slice(None, None, max(1, len(run.time) // INSTANTS))
-    x = run.signals["state"][few]
-    moved = np.zeros((len(x), len(problem.state_names)))
-    for column, name in enumerate(problem.plant.states):
-        place = run.names["state"].index(name)
-        moved[:, column] = x[:, place] - end[column if at is None else place]
+    run, few = response.run, slice(None, None, max(1, len(response.run.time) // INSTANTS))
+    places = [run.names["state"].index(name) for name in problem.plant.states]
+    states, held = problem.operating_point[: len(places)], problem.operating_input
+    if at is not None:
+        states, held = at[0][places], at[1]
+    moved = np.zeros((len(run.time[few]), len(problem.state_names)))
+    moved[:, : len(places)] = run.signals["state"][few][:, places] - states
     u, h = response.inputs[few] - held, problem.fields(moved)[3]
     square = np.einsum("ki,ki->k", h, h) + np.einsum("ki,ij,kj->k", u, problem.r2, u)
     return float(np.trapezoid(square, run.time[few]))
@@ -260,9 +253,8 @@ class _Trial:
         if self.step.diverged_at is not None:
             return [math.inf] * len(others)
         run, law, setup, r2 = self.step.run, self.choice.solution, self.setup, self.problem.r2
-        wanted = setup.goal
-        if setup.command is not None:
-            wanted = np.reshape(setup.command(run.time), (len(run.time), -1))
+        command = setup.command
+        wanted = setup.goal if command is None else np.reshape(command(run.time), (len(run.time), -1))
         grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
         moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
@@ -272,8 +264,8 @@ class _Trial:
         for other in others:
             with np.errstate(all="ignore"):
                 more = other.solution.inputs(moved) - own
-            sizes = [float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own)]
-            ratios.append(float(np.sqrt(sizes[0] / sizes[1])) if sizes[1] > 0.0 else 0.0)
+            change, largest = (float(np.einsum("ki,ij,kj->k", u, r2, u).max()) for u in (more, own))
+            ratios.append(float(np.sqrt(change / largest)) if largest > 0.0 else 0.0)
         return ratios
 
     @cached_property
@@ -317,40 +309,30 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
         return problem
     task.progress("the peak input of the step")
-    search = _BandwidthSearch(task, levels, limits, problem)
+    search, bandwidth = _BandwidthSearch(task, levels, limits, problem), problem.target.bandwidth
     peaks = search.peaks(problem)
-    over = search.shares(peaks) > 1.0 + TOLERANCE
-    stated = [limits.peak_source != ROBOT, limits.speed_source != ROBOT]
+    shares = search.shares(peaks)
+    over, stated = shares > 1.0 + TOLERANCE, [limits.peak_source != ROBOT, limits.speed_source != ROBOT]
     if not over.any() or (s.bandwidth is not None and not over[stated].any()):
         return problem
-    bandwidth = problem.target.bandwidth
     best, fractions = search.confirmed(*search.slower(bandwidth, peaks), bandwidth)
     if best is not None and s.bandwidth is None:
         return best
-    shares = search.shares(peaks)
-    kind = int(shares[1].max() > shares[0].max())
-    joint = int(np.argmax(shares[kind]))
-    limit, peak = search.limits[kind, joint], peaks[kind, joint]
-    what, name, units = (
-        ("peak of the input", "peak_effort", limits.effort_units),
-        ("speed of a link", "peak_speed", limits.speed_units),
-    )[kind]
+    kind, joint = divmod(int(np.argmax(shares)), len(bandwidth))
+    peak, unit = peaks[kind, joint], (limits.effort_units, limits.speed_units)[kind][joint]
+    what, name = (("peak of the input", "peak_effort"), ("speed of a link", "peak_speed"))[kind]
     outcome = f"no loop down to {LEAST:g} of it keeps the limit either"
     advice = f"a larger `{name}`, or a shorter step (`start`)"
     if best is not None:
-        slower = fractions * bandwidth
-        same = np.ptp(slower) < 1e-9 * slower.max()
-        text = f"{slower[0]:.3g}" if same else ", ".join(f"{each:.3g}" for each in slower)
+        slower = [f"{each:.3g}" for each in fractions * bandwidth]
+        text = slower[0] if len(set(slower)) == 1 else f"({', '.join(slower)})"
         outcome = f"the best found within the limit is a bandwidth of {text} rad/s"
-        advice = f"bandwidth={text if same else f'({text})'}, or {advice}"
-    demands = "diverges" if np.isinf(peak) else f"takes {peak:.4g}"
-    several = len(limits.joints) > 1
-    where = f" {units[joint]} in {limits.joints[joint]}" if several and np.isfinite(peak) else ""
-    of = f" {units[joint]} of {limits.joints[joint]}" if several else ""
+        advice = f"bandwidth={text}, or {advice}"
     raise InvalidInput(
         f"The specification cannot be met: the {what} binds.",
-        f"expected at most {limit:g}{of}; with a bandwidth of {float(np.max(bandwidth)):.3g} rad/s the step of "
-        f"the nonlinear loop {demands}{where}, within the tolerances; {outcome}",
+        f"expected at most {search.limits[kind, joint]:g} {unit} in {limits.joints[joint]}; with a bandwidth of "
+        f"{float(np.max(bandwidth)):.3g} rad/s the step of the nonlinear loop "
+        f"{'diverges' if np.isinf(peak) else f'takes {peak:.4g} {unit}'}, within the tolerances; {outcome}",
         advice,
     )
 
@@ -368,16 +350,14 @@ class _BandwidthSearch:
         self, task: Task, levels: EstimatorNoise | None, limits: JointLimits, first: DesignProblem
     ) -> None:
         self.task, self.levels, self.first = task, levels, first
-        self.limits = np.array([limits.peak, limits.speed])
+        self.limits, robot, s = np.array([limits.peak, limits.speed]), task.robot, task.s
         self.more = np.zeros_like(self.limits)
-        robot, s = task.robot, task.s
         self.sampled = sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
         # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
-        points = [robot.operating_point(task.goal, s.extras, values) for values in (None, *self.sampled)]
-        self.held = np.array([u for _, u in points])
+        parameters = (None, *self.sampled)
+        self.held = np.array([robot.operating_point(task.goal, s.extras, values)[1] for values in parameters])
 
     def shares(self, peaks: np.ndarray) -> np.ndarray:
-        """Shares (2, n) of the limits that `peaks` use; 0 where there is no limit."""
         return np.where(np.isfinite(self.limits), peaks / self.limits, 0.0)
 
     def slower(self, bandwidth: np.ndarray, peaks: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:
@@ -443,15 +423,15 @@ class _BandwidthSearch:
 
     def nominal_step(self, problem: DesignProblem) -> tuple[np.ndarray, LoopSetup, Response, float]:
         """Peaks of the nominal robot, with inputs that hold all robots at the goal; loop, step and its length (s)."""
-        s = self.task.s
-        degree = min(tried_degrees(len(problem.problem.state_names), s.degrees))
-        setup = self.task.solved(problem.problem, problem.gamma, degree, self.levels, saturation=np.inf)
-        length = s.duration
+        length, degrees = self.task.s.duration, self.task.s.degrees
+        degree = min(tried_degrees(len(problem.problem.state_names), degrees))
+        setup = self.task.solved(problem, degree, self.levels, saturation=np.inf)
         if length is None:
             assert problem.target is not None
             length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time
         response = setup.step(length)
-        if response.diverged_at is not None:
-            return np.full_like(self.limits, np.inf), setup, response, length
-        inputs = np.abs(np.concatenate([response.inputs, self.held])).max(axis=0)
-        return np.array([inputs, np.abs(response.velocities).max(axis=0)]), setup, response, length
+        peaks = np.full_like(self.limits, np.inf)
+        if response.diverged_at is None:
+            inputs = np.concatenate([response.inputs, self.held])
+            peaks = np.array([np.abs(each).max(axis=0) for each in (inputs, response.velocities)])
+        return peaks, setup, response, length

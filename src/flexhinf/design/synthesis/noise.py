@@ -35,9 +35,8 @@ from functools import cached_property
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins
+from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins, modes
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.problem.modes import JointScales
 from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.arm import payload_ends
@@ -81,8 +80,10 @@ class NoiseCandidate:
     def score(self, of_laws: bool = False) -> float:
         """Decades of noise, and mainly the limits that are missed; between different laws all that are, else those
         that are avoidable."""
-        counts, missed = {"noise": self.noise_counts}, self.missed if of_laws else self.avoidable
-        counted = sum(excess * counts.get(limit, 1.0) for limit, excess in missed.items())
+        counted = sum(
+            excess * (self.noise_counts if limit == "noise" else 1.0)
+            for limit, excess in (self.missed if of_laws else self.avoidable).items()
+        )
         return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
 
 
@@ -163,18 +164,16 @@ def search_noise(
         result, own = search.run(), None if levels is None else search.candidate(levels)
     except FlexhinfError:
         return None
-    if result is None:
-        return None
-    progress(f"noise levels of the estimator: {result.count} tried")
-    return result if own is None else replace(result, chosen=search.with_corners(own))
+    if result is not None:
+        progress(f"noise levels of the estimator: {result.count} tried")
+    return result if result is None or own is None else replace(result, chosen=search.with_corners(own))
 
 
 class _Search:
     """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
 
     def __init__(self, setup: LoopSetup, damping: float | None) -> None:
-        self.setup, self.damping = setup, damping or 0.0
-        s, robot = setup.specification, setup.robot
+        self.setup, self.damping, s, robot = setup, damping or 0.0, setup.specification, setup.robot
         self.loop: EquilibriumLoop = setup.equilibrium_loop()
         law = margins(setup.equilibrium_loop(estimated=False))
         followed = law.bandwidth[np.isfinite(law.bandwidth)]
@@ -185,13 +184,15 @@ class _Search:
                 "another period, or other weights",
             )
         bandwidth = float(followed.max())
-        self.top = COMPLIANT_BAND * bandwidth
-        self.filtered = FilteredLoop(self.loop, bandwidth)
-        ends = payload_ends(robot.uncertain) if damping else ()
-        loaded = [robot.plant_parameters({**robot.nominal, **masses}) for masses in ends]
-        self.loaded = [FilteredLoop(setup.equilibrium_loop(values=each), bandwidth) for each in loaded]
+        self.top, self.filtered = COMPLIANT_BAND * bandwidth, FilteredLoop(self.loop, bandwidth)
+        self.loaded = [
+            FilteredLoop(
+                setup.equilibrium_loop(values=robot.plant_parameters({**robot.nominal, **masses})), bandwidth
+            )
+            for masses in (payload_ends(robot.uncertain) if damping else ())
+        ]
         self.stiff = law.compliance(self.top)
-        self.scales = scales = JointScales.of(setup.model, setup.goal_equilibrium)
+        self.scales = scales = modes.JointScales.of(setup.model, setup.goal_equilibrium)
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
         # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
         self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
@@ -204,7 +205,6 @@ class _Search:
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
-        """Search: the default levels, the families, then single levels; with the trade-off of all candidates."""
         default = self.candidate(self.setup.stated_noise)
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
@@ -214,9 +214,9 @@ class _Search:
             best = min(candidate.missed.get(limit, 0.0) for candidate in self.tried)
             least = max(best, self.unavoidable.get(limit, 0.0))
             if least > NEAR:
-                self.unavoidable[limit] = least + SHORT_OF_BEST
-                if limit == "damping" and least > FAR:
-                    self.unavoidable[limit] = max(least + SHORT_OF_BEST, float(np.log(self.damping / RINGS)))
+                far = limit == "damping" and least > FAR
+                enough = float(np.log(self.damping / RINGS)) if far else -np.inf
+                self.unavoidable[limit] = max(least + SHORT_OF_BEST, enough)
         default = default and self.counted(default)
         chosen = self.with_corners(default) if default and not default.avoidable else None
         if default and chosen and chosen.feasible:
@@ -225,11 +225,8 @@ class _Search:
             start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
         else:
             begun.sort(key=lambda entry: self.counted(entry[0]).score())
-            several = STARTS if len(self.unit) <= FEW else 1
-            chosen, start = min(
-                (self.descend(x) for _, x in begun[:several]),
-                key=lambda entry: (entry[0].unstable or 0, entry[0].score()),
-            )
+            ends = [self.descend(x) for _, x in begun[: (STARTS if len(self.unit) <= FEW else 1)]]
+            chosen, start = min(ends, key=lambda entry: (entry[0].unstable or 0, entry[0].score()))
         if chosen.unstable:
             # No levels make every corner stable: the best of some candidates, where the share of unstable corners
             # counts as a limit that is missed by e to its power.
@@ -247,13 +244,19 @@ class _Search:
             gain_margin=exact.gain_margin,
             compliance=exact.compliance(self.top) / self.stiff,
         )
-        return NoiseSearch(chosen, default, _trade_off(self.tried), len(self.tried), tuple(self.unavoidable))
+        # The candidates that no other one betters in noise, damping and compliance at once, the quietest first.
+        metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in self.tried])
+        front = [
+            candidate
+            for k, (candidate, own) in enumerate(zip(self.tried, metrics))
+            if not (np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)).any()
+            and not any(np.array_equal(own, before) for before in metrics[:k])
+        ]
+        trade_off = tuple(sorted(front, key=lambda candidate: candidate.input_noise))
+        return NoiseSearch(chosen, default, trade_off, len(self.tried), tuple(self.unavoidable))
 
     def counted(self, candidate: NoiseCandidate) -> NoiseCandidate:
-        """The candidate with its avoidable excess over the limits: that beyond `unavoidable`."""
-        left = {
-            limit: excess - self.unavoidable.get(limit, 0.0) for limit, excess in candidate.missed.items()
-        }
+        left = {name: excess - self.unavoidable.get(name, 0.0) for name, excess in candidate.missed.items()}
         least = np.log1p(0.5 * TOLERANCE)
         return replace(candidate, avoidable={name: excess for name, excess in left.items() if excess > least})
 
@@ -275,9 +278,9 @@ class _Search:
     def at(self, x: np.ndarray) -> NoiseCandidate | None:
         """The candidate of x (2 joints,); None for an unstable loop."""
         n, x = len(self.unit), np.clip(x, np.log10(LEAST), np.log10(MOST))
-        links, motors = self.unit * 100.0 ** x[:n], self.unit * 100.0 ** x[n:]
-        motors = np.maximum(motors, SLOWEST * self.setup.specification.measurement_noise)
-        link, motor = (float(each[0]) if n == 1 else tuple(each.tolist()) for each in (links, motors))
+        levels = np.tile(self.unit, 2) * 100.0**x
+        levels[n:] = np.maximum(levels[n:], SLOWEST * self.setup.specification.measurement_noise)
+        link, motor = (float(s[0]) if n == 1 else tuple(s.tolist()) for s in (levels[:n], levels[n:]))
         return self.candidate(EstimatorNoise(0.0, link, motor, "searched on the running loop"))
 
     def candidate(self, levels: EstimatorNoise) -> NoiseCandidate | None:
@@ -297,10 +300,9 @@ class _Search:
             loop.peak_sensitivity, loop.gain_margin, min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
             compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
         )  # fmt: skip
-        counts = LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS
         candidate = self.counted(NoiseCandidate(
             levels, loop.peak_sensitivity, loop.gain_margin, loop.damping, compliance, noises, missed, missed,
-            noise_counts=counts,
+            noise_counts=LIMITED_COUNTS if np.isfinite(self.setup.limits.effort).any() else NOISE_COUNTS,
         ))  # fmt: skip
         self.tried.append(candidate)
         return candidate
@@ -358,24 +360,12 @@ class _Search:
         if not self.setup.robot.uncertain:
             return candidate
         process = candidate.levels.covariance(self.setup.model.states)
-        modes = self.loop.modes(self.corners, process, self.equilibria)
-        self.equilibria = modes.equilibrium
-        return replace(candidate, unstable=int((modes.rate >= 0.0).sum()))
+        growth = self.loop.modes(self.corners, process, self.equilibria)
+        self.equilibria = growth.equilibrium
+        return replace(candidate, unstable=int((growth.rate >= 0.0).sum()))
 
     @cached_property
     def corners(self) -> np.ndarray:
-        """Parameter vectors (N, q) of the corners of the tolerances: those of `tolerance_corners`."""
         robot, table = self.setup.robot, self.loop.plant.parameters
         population, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
         return table.vectors([table.known(values) for values in population.values[:-1]])
-
-
-def _trade_off(tried: list[NoiseCandidate]) -> tuple[NoiseCandidate, ...]:
-    """The candidates that no other one betters in noise, damping and compliance at once, the quietest first."""
-    metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in tried])
-    kept = []
-    for k, own in enumerate(metrics):
-        better = np.all(metrics <= own, axis=1) & np.any(metrics < own, axis=1)
-        if not better.any() and not any(np.array_equal(own, metrics[j]) for j in kept):
-            kept.append(k)
-    return tuple(sorted((tried[k] for k in kept), key=lambda candidate: candidate.input_noise))

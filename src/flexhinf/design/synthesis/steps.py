@@ -1,4 +1,22 @@
-"""From a specification to a law: weights, noise levels of the estimator, V of several degrees, laws at other poses."""
+"""From a specification to a law: weights, noise levels of the estimator, V of several degrees, laws at other poses.
+
+The preset `robust` searches weights and noise levels for the tolerances on the whole loop with its estimator: the
+channels of the tolerances see the law alone; with the true state fed back they bound its gain, and with the estimator
+in the loop they may make it worse. From the weights of the preset `damped` with its noise levels, and from those whose
+channels cover all tolerances, factors are searched (the scalings of a μ-synthesis, with the fraction of the tolerances
+that the channels stand for) on
+
+    ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
+
+for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the worst
+overshoot of the corners is at most that with `damped`, and clearly less where a candidate has that too; peak
+sensitivity, gain margin, damping, bandwidth, and the joints' limits in the step are kept, or missed by no more than
+with `damped`; and each motor has at most `NOISE` times its noise. `damped` itself is the first candidate, so by this
+criterion the outcome cannot be worse.
+
+A candidate is computed at few corners: those that are nearest to instability or overshoot most. One that would be the
+best is computed at all, and those that it fails on join them.
+"""
 
 from __future__ import annotations
 
@@ -9,43 +27,271 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.checks import AlongMove, MarginLimits, scheduled
-from flexhinf.design.design_file import check_stated_units
+from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
+from flexhinf.design import checks, design_file, plans, proved_step, requirements, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
-from flexhinf.design.plans import stated_move
-from flexhinf.design.problem.channels import tolerance_channels
-from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping
-from flexhinf.design.proved_step import LENGTH, ProvedLaw, proved_law
-from flexhinf.design.responses import (
-    ROBOT,
-    JointLimits,
-    Plan,
-    integral_dead_zone,
-    joint_limits,
-    start_and_goal,
-)
+from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
+from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
-from flexhinf.design.synthesis.by_step import (
-    DegreeChoice,
-    Task,
-    choose_degree,
-    problem_within_effort,
-    rays_of,
-    solve_degrees,
-    tried_degrees,
-    with_region,
-)
+from flexhinf.design.synthesis import by_step
+from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
-from flexhinf.design.synthesis.whole_loop import WholeLoopSearch, search_whole_loop
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
-from flexhinf.plant import GeneralisedPlant, Law, Penalty
-from flexhinf.robot import Robot
-from flexhinf.robot.kinematics import check_delay, check_fast, check_holding
+from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
+from flexhinf.robot import Robot, kinematics
 
-Progress = Callable[[str], None]
+#: Most noise of a motor, over that with the preset damped.
+NOISE = 3.0
 
+#: Largest factor of the tolerances that is looked for, and to what it is found.
+MOST, WIDTH = 16.0, 0.01
+
+#: Candidates, and corners that step in each, for up to so many states: a step of many joints takes its time.
+CANDIDATES = ((10, 45, 12), (15, 60, 12), (10_000, 25, 4))
+
+#: Corners nearest to instability that are looked at from the beginning; corners that join at once; corners at which the
+#: outcome steps, at most: as many of the preset damped, for the comparison.
+NEAREST, JOIN, STEPPED = 12, 4, 200
+
+#: First moves of ln ω, ln ζ, ln of both noise levels, and of the fraction of the tolerances in the channels.
+MOVES = (-0.1, 0.4, 1.0, 1.0, 0.3)
+
+#: Worst overshoot that is preferred, over that of `damped`: corners that are not stepped differ by a few per cent; and
+#: how many of the best candidates step at all corners.
+LESS, CONFIRMED = 0.95, 5
+
+#: What a condition that is missed by e to this power costs, in powers of e of the factor; allowance for rounding; and
+#: the cost of a candidate without a stable loop.
+MISSED, ALLOWED, NOTHING = 20.0, 2e-3, 10.0
+
+#: The fraction of the tolerances in the channels is at least this: less does nothing.
+LEAST_FRACTION = 0.01
+
+#: The length of a step is that for this fraction of the bandwidth as its slowest rate.
+SLOWEST = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class LoopCandidate:
+    """A problem with the noise levels of its estimator, and its loop as the search judges it."""
+
+    x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
+    solved: DesignProblem
+    levels: EstimatorNoise | None
+    scale: float  # factor of all tolerances at which the first corner is unstable, at most `MOST`
+    corner: int  # that corner, of the corners of `tolerance_corners`; −1 for none
+    overshoot: float  # largest of all joints and of the corners that stepped, per cent
+    used: float  # largest share of a limit of input or speed that a step used; 0 without limits
+    margins: Margins
+    noises: np.ndarray  # (m,), RMS of each input, V or N·m; zeros with the true state fed back
+
+
+@dataclass(frozen=True, eq=False)
+class WholeLoopSearch:
+    """Result of the search, and the preset `damped` that it began with.
+
+    `frequency`, `damping`, `links` and `motors` are factors of ω, of ζ and of the noise levels, over those of `damped`.
+    """
+
+    damped: LoopCandidate
+    chosen: LoopCandidate  # that of `damped` where nothing is better
+    frequency: float
+    damping: float
+    links: float
+    motors: float
+    fraction: float  # of what the channels can cover
+    count: int  # candidates
+    corner: str  # the corner at which the loop becomes unstable first, by its changes
+
+    @property
+    def better(self) -> bool:
+        """Whether any candidate was better than `damped`."""
+        return self.chosen is not self.damped
+
+
+class _WholeLoop:
+    """The search from a problem of the preset damped with its noise `levels` (None where they are not free).
+
+    The law that steps at the corners has V of the `degree`.
+    """
+
+    def __init__(self, task: Task, damped: DesignProblem, levels: EstimatorNoise | None, degree: int) -> None:
+        assert damped.search is not None
+        assert damped.target is not None
+        task.progress("channels of the tolerances")  # they stand for these with the true state fed back
+        robust = task.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
+        assert robust.channels is not None
+        assert robust.search is not None
+        self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s).noise, damped.search
+        self.target, self.first = damped.target, damped.search.chosen
+        self.channels, self.robust = robust.channels, robust.search.chosen
+        self.levels, self.degree, self.count = levels, degree, 0
+        states = len(damped.problem.state_names)
+        self.most, stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
+        self.duration = responses.run_length(SLOWEST * float(np.min(self.target.bandwidth)))
+        # What `damped` comes to, and the corners at which candidates are computed.
+        loop = self.loop(damped, levels)
+        self.box = ToleranceBox.of(loop, task.robot.corner, task.robot.uncertain)
+        every = np.arange(len(self.box))
+        scale, corner = self.edge(loop)
+        nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
+        places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)
+        self.compared = np.unique(np.concatenate([places, nearest]))
+        overshoots, used = self.stepped(damped, levels, self.compared)
+        worst = self.compared[np.argsort(-overshoots, kind="stable")]
+        self.stepping_at, self.active = worst[:stepping], np.unique(np.concatenate([nearest, worst[:JOIN]]))
+        self.own = LoopCandidate(
+            np.zeros(5), damped, levels, scale, corner, float(overshoots.max()), used, *self.judged(loop)
+        )
+        self.kept = [(0.0, self.own)]
+
+    def run(self) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
+        best, own = self.best(), self.own
+        self.task.progress(f"weights and noise levels for the tolerances: {self.count} loops tried")
+        corner = "" if best.corner < 0 else self.box.population.describe(best.corner)
+        weights = frequency, damping, fraction = self.settings(best.x)
+        factors = np.exp(best.x[:4]).tolist()
+        outcome = WholeLoopSearch(own, best, *factors, fraction=fraction, count=self.count, corner=corner)
+        if best is own:
+            return replace(own.solved, preset="robust"), self.levels, outcome
+        design = self.channels.design(best.solved, *weights)
+        chosen = Candidate(frequency, damping, design, behaviour_of(self.channels.family, design.gain))
+        result = SearchResult(chosen, (*self.damped.candidates, chosen))
+        source = (
+            f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
+            f"{own.scale:.3g} with the preset damped"
+        )
+        return self.channels.checked(best.solved, fraction, self.target, result, source), best.levels, outcome
+
+    def best(self) -> LoopCandidate:
+        """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
+        best that does not overshoot more; else `damped`."""
+        from scipy.optimize import minimize
+
+        # The weights whose channels cover the tolerances are the second start.
+        frequency = np.log(self.robust.target_frequency / self.first.target_frequency).mean()
+        ratio = np.maximum(self.robust.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
+        starts = [
+            np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]),
+            np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
+        ]
+        free = np.array([True, True, *(2 * [self.levels is not None]), True])
+        x = starts[int(np.argmin([self.cost(each) for each in starts]))].copy()
+        moves = np.array(MOVES) * (1.0, 1.0, 1.0, 1.0, -1.0 if x[4] > 0.5 else 1.0)
+
+        def moved(part: np.ndarray) -> float:
+            whole = x.copy()
+            whole[free] = part
+            return self.cost(whole)
+
+        simplex = np.vstack([x[free], x[free] + np.diag(moves[free])])
+        options = {"maxfev": self.most, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
+        minimize(moved, x[free], method="Nelder-Mead", options=options)
+        second = None
+        for _, candidate in reversed(self.kept[1:][-CONFIRMED:]):
+            overshoots, used = self.stepped(candidate.solved, candidate.levels, self.compared)
+            candidate = replace(candidate, overshoot=float(overshoots.max()), used=used)
+            if self.missed_in_steps(candidate.overshoot, used) > ALLOWED:
+                continue
+            if candidate.overshoot <= LESS * self.own.overshoot:
+                return candidate
+            second = second or candidate
+        return second or self.own
+
+    def cost(self, x: np.ndarray) -> float:
+        """ln of the factor of `damped` over the candidate's, and a penalty on missed conditions."""
+        self.count += 1
+        try:
+            problem, levels = self.channels.problem(*self.settings(x), 1e-4), self.levels
+            if levels is not None:
+                links, motors = np.exp(x[2:4]).tolist()
+                levels = levels.scaled(links, motors / links, "searched on the running loop")
+            loop = self.loop(problem, levels)
+            scale, corner = self.edge(loop, self.active)
+            if scale <= 0.0:
+                return NOTHING
+            gained, best = -np.log(scale / self.own.scale), self.kept[-1][0]
+            if gained > best + 0.2:  # conditions can only add to it
+                return gained
+            loop_margins, noises = self.judged(loop)
+            missed = self.missed(loop_margins, noises)
+            if MISSED * missed + gained < best + 0.1:
+                overshoots, used = self.stepped(problem, levels, self.stepping_at)
+                overshoot = float(overshoots.max())
+                missed += self.missed_in_steps(overshoot, used)
+                if MISSED * missed + gained < best and missed <= ALLOWED:
+                    # By the factor of all corners; those that were missing are computed from now on.
+                    beyond = self.box.unstable(loop, (1.0 - WIDTH) * scale)
+                    if len(beyond):
+                        self.active = np.union1d(self.active, beyond[:JOIN])
+                        scale, corner = self.edge(loop, beyond)
+                    gained = -np.log(scale / self.own.scale)
+                    if gained < best:
+                        candidate = LoopCandidate(
+                            x.copy(), problem, levels, scale, corner, overshoot, used, loop_margins, noises
+                        )
+                        self.kept.append((gained, candidate))
+        except FlexhinfError:
+            return NOTHING
+        return float(gained + MISSED * missed)
+
+    def settings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """ω and ζ (n,), and the fraction of what the channels can cover, of x (5,)."""
+        weights = self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
+        return *weights, float(np.clip(x[4], LEAST_FRACTION, 1.0))
+
+    def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
+        return self.task.solved(solved, 2, levels).equilibrium_loop(estimated=self.task.s.estimator != "none")
+
+    def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
+        """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
+        scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
+        return min(scale, MOST), corner
+
+    def stepped(
+        self, solved: DesignProblem, levels: EstimatorNoise | None, which: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
+        setup = self.task.solved(solved, self.degree, levels)
+        duration, limits = self.duration + setup.command_time, setup.limits
+        nominal = setup.step(duration)
+        if nominal.diverged_at is not None:
+            return np.full(len(which), np.inf), np.inf
+        corners = [self.box.population.values[k] for k in which]
+        runs = requirements.sampled_runs(setup, corners, duration, nominal.run.settings["sub_steps"])
+        shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
+        used = np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
+        return runs.overshoot, float(used)
+
+    def judged(self, loop: EquilibriumLoop) -> tuple[Margins, np.ndarray]:
+        loop_margins = margins(loop)
+        if self.noise is None:
+            return loop_margins, np.zeros(len(loop_margins.noise_to_input))
+        return loop_margins, np.linalg.norm(loop_margins.noise_to_input * self.noise, axis=1)
+
+    def missed(self, loop_margins: Margins, noises: np.ndarray) -> float:
+        """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
+        own, s = self.own.margins, self.task.s
+        bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
+        louder = noises / (NOISE * np.maximum(self.own.noises, 1e-300))
+        ratios = [
+            loop_margins.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
+            min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
+            min(required_damping(s, self.target), own.damping) / max(loop_margins.damping, 1e-9),
+            float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
+            float(louder.max()) if self.own.noises.any() else 0.0,
+        ]
+        return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
+
+    def missed_in_steps(self, overshoot: float, used: float) -> float:
+        """Excess of the overshoot over that with `damped`, at most 1, and ln of that over the joints' limits."""
+        over = max(0.0, overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
+        return min(over, 1.0) + max(0.0, float(np.log(max(used, 1e-9) / max(1.0, self.own.used))))
+
+
+# From a specification to a law --------------------------------------------------------------------------
 #: A default bandwidth or damping is lowered at most so many times. The peak sensitivity goes about with the root of the
 #: bandwidth, the noise at the motors with this power of the damping.
 LOWERINGS, BANDWIDTH_POWER, NOISE_POWER = 3, 2.0, 1.5
@@ -63,9 +309,13 @@ class Synthesis:
     chosen: DegreeChoice  # the degree that is used
     rays: int  # rays in which regions were sampled
     law: Law  # the chosen solution, or a schedule with those of other poses
-    along: AlongMove | None = None  # margins of the running loop along the stated move; None without one
+    along: checks.AlongMove | None = (
+        None  # margins of the running loop along the stated move; None without one
+    )
     robust: WholeLoopSearch | None = None  # of weights and noise levels for the tolerances; preset robust
-    proved: ProvedLaw | None = None  # the law with its certificate for all tolerances; preset proved
+    proved: proved_step.ProvedLaw | None = (
+        None  # the law with its certificate for all tolerances; preset proved
+    )
 
     @property
     def solution(self) -> HJISolution:
@@ -88,30 +338,38 @@ class Synthesis:
         return Task(robot, s, self.goal, self.start).setup(self.law, levels)
 
 
-def synthesise(robot: Robot, s: Specification, progress: Progress) -> Synthesis:
+def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) -> Synthesis:
     """Weights, noise levels, every degree, the best of them, and laws at other poses.
 
     Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
-    check_stated_units(robot, s)
-    move = stated_move(robot, s)
-    start, goal = start_and_goal(robot, s, move)
-    check_fast(robot, s.period)
-    check_delay(robot, s.delay)
+    design_file.check_stated_units(robot, s)
+    move = plans.stated_move(robot, s)
+    start, goal = responses.start_and_goal(robot, s, move)
+    kinematics.check_fast(robot, s.period)
+    kinematics.check_delay(robot, s.delay)
     _refuse_early(robot, s, goal, start)
     steps = _Steps(robot, s, goal, start, progress)
     synthesis = steps.proved() if preset_of(robot, s) == "proved" else steps.synthesis()
-    return synthesis if move is None else steps.along(synthesis, move)
+    if move is None:
+        return synthesis
+    # Margins along the move, and laws at poses on it where one law does not keep them.
+    progress("margins along the move")
+    problem, most = synthesis.design_problem, 1.0 + TOLERANCE
+    damping = steps.damping(problem)
+    limits = checks.MarginLimits(
+        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
+    )
+    more = partial(steps.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
+    several = None if s.via or synthesis.proved else more
+    law, along = checks.scheduled(synthesis.setup(robot, s), move, limits, several)
+    return replace(synthesis, law=law, along=along)
 
 
 class _Steps(Task):
     def synthesis(self) -> Synthesis:
-        """The law about the goal, or a schedule with the poses that are stated."""
-        whole = None
-        if preset_of(self.robot, self.s) == "robust":
-            problem, noise, whole = self.robust_problem()
-        else:
-            problem, noise = self.searched_problem()
+        robust = preset_of(self.robot, self.s) == "robust"
+        problem, noise, whole = self.robust_problem() if robust else (*self.searched_problem(), None)
         chosen, choices, rays = self.degrees(problem, noise)
         laws = [self.law_at(problem, chosen.degree, pose, whole) for pose in self.s.via]
         law = Schedule([chosen.solution, *laws]) if laws else chosen.solution
@@ -122,22 +380,24 @@ class _Steps(Task):
 
         The search is about the law with the true state fed back; noise levels are found for it as for other laws.
         """
-        proved = proved_law(self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress)
+        proved = proved_step.proved_law(
+            self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress
+        )
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
-        noise = self.noise_search(problem)
-        (solved,) = solve_degrees(problem.problem, (law.degree,), problem.gamma)
-        chosen, rays = replace(solved, solution=law), rays_of(len(law.state_names), self.s.rays)
+        noise, rays = self.noise_search(problem), by_step.rays_of(len(law.state_names), self.s.rays)
+        (solved,) = by_step.solve_degrees(problem.problem, (law.degree,), problem.gamma)
+        chosen = replace(solved, solution=law)
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=proved)
 
-    def keeps_effort(self, law: ProvedLaw) -> str:
+    def keeps_effort(self, law: proved_step.ProvedLaw) -> str:
         """The input that the step of a law takes on the running loop, as text; "" where it is within the limit."""
-        limits = joint_limits(self.robot, self.s)
+        limits = responses.joint_limits(self.robot, self.s)
         if not limits.limits_effort:
             return ""
         self.progress("the step on the running loop")
         noise = self.noise_search(law.design_problem)
         setup = self.setup(law.solution, noise and noise.chosen.levels)
-        peak = setup.step(LENGTH / float(np.min(law.bandwidth))).peak_input
+        peak = setup.step(proved_step.LENGTH / float(np.min(law.bandwidth))).peak_input
         kept = peak <= (1.0 + TOLERANCE) * limits.effort[0]
         return "" if kept else f"with the estimator the step takes an input of {peak:.3g}"
 
@@ -149,47 +409,28 @@ class _Steps(Task):
         The region of the degree that is used is sampled, and those of all degrees that the specification states.
         """
         s, states = self.s, len(problem.problem.state_names)
-        degrees = tried_degrees(states, s.degrees)
-        solved = list(solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
+        degrees = by_step.tried_degrees(states, s.degrees)
+        solved = list(by_step.solve_degrees(problem.problem, degrees, problem.gamma, self.progress))
         if len(solved) > 1:
             self.progress("the degree of V: the step with each")
         setup = self.setup(solved[0].solution, noise and noise.chosen.levels)
-        chosen, choices = choose_degree(setup, problem.nominal, solved)
-        rays, place, regions = rays_of(states, s.rays), choices.index(chosen), list(choices)
+        chosen, choices = by_step.choose_degree(setup, problem.nominal, solved)
+        rays, regions = by_step.rays_of(states, s.rays), list(choices)
         if rays:
-            gamma, penalty = s.checked_gamma_ratio * problem.gamma_star, checked_penalty(s, problem)
+            gamma = s.checked_gamma_ratio * problem.gamma_star
+            penalty = checked_penalty(s, problem.nominal.plant)
             for k, choice in enumerate(choices):
                 if choice is chosen or s.degrees is not None:
                     self.progress(f"degree {choice.degree}: sample the region")
-                    regions[k] = with_region(choice, gamma, penalty, rays, s.seed)
-        return regions[place], tuple(regions), rays
-
-    def along(self, synthesis: Synthesis, move: Plan) -> Synthesis:
-        """The synthesis with margins along a move, and with laws at poses on it where one law does not keep them."""
-        self.progress("margins along the move")
-        problem, most = synthesis.design_problem, 1.0 + TOLERANCE
-        damping = None if problem.target is None else required_damping(self.s, problem.target)
-        limits = MarginLimits(
-            most * self.s.peak_sensitivity_limit, self.s.gain_margin_limit / most, damping and damping / most
-        )
-
-        more = None
-        if not (self.s.via or synthesis.proved):
-            more = partial(self.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
-        law, along = scheduled(synthesis.setup(self.robot, self.s), move, limits, more)
-        return replace(synthesis, law=law, along=along)
+                    regions[k] = by_step.with_region(choice, gamma, penalty, rays, s.seed)
+        return regions[choices.index(chosen)], tuple(regions), rays
 
     def robust_problem(self) -> tuple[DesignProblem, NoiseSearch | None, WholeLoopSearch]:
-        """The preset robust: weights and noise levels for the tolerances, searched from those of the preset damped."""
         tolerance_channels(self.robot, [self.goal, self.start])  # refuses a robot without tolerances
         plain = replace(self, s=replace(self.s, preset="damped", rays=0))
         damped, noise = plain.searched_problem()
-        assert damped.target is not None
-        self.progress("channels of the tolerances")
-        robust = self.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
-        problem, levels, whole = search_whole_loop(
-            self, damped, robust, noise and noise.chosen.levels, plain.degrees(damped, noise)[0].degree
-        )
+        degree = plain.degrees(damped, noise)[0].degree
+        problem, levels, whole = _WholeLoop(self, damped, noise and noise.chosen.levels, degree).run()
         if noise is None or levels is None or not whole.better:
             return problem, noise, whole
         own = self.noise_search(problem, levels)
@@ -209,12 +450,12 @@ class _Steps(Task):
             if noise is None or problem.target is None:
                 break
             target, missed = problem.target, noise.chosen.missed
-            short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
-            loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
             slower, damping = 1.0, target.damping
             if self.s.bandwidth is None:
+                short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
                 slower = float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
             if self.s.damping is None:
+                loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
                 damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
             if slower == 1.0 and damping >= target.damping:
                 break
@@ -231,14 +472,16 @@ class _Steps(Task):
             if noise and best[1] and noise.chosen.score(True) < best[1].chosen.score(True):
                 best = problem, noise
         problem, noise = best
-        slower = problem_within_effort(self, problem, noise and noise.chosen.levels)
+        slower = by_step.problem_within_effort(self, problem, noise and noise.chosen.levels)
         return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
+
+    def damping(self, problem: DesignProblem) -> float | None:
+        return None if problem.target is None else required_damping(self.s, problem.target)
 
     def noise_search(
         self, problem: DesignProblem, levels: EstimatorNoise | None = None
     ) -> NoiseSearch | None:
-        damping = None if problem.target is None else required_damping(self.s, problem.target)
-        return search_noise(self.solved(problem.problem, problem.gamma, 2), damping, self.progress, levels)
+        return search_noise(self.solved(problem, 2), self.damping(problem), self.progress, levels)
 
     def law_at(
         self, problem: DesignProblem, degree: int, pose: Any, whole: WholeLoopSearch | None = None
@@ -250,18 +493,16 @@ class _Steps(Task):
         """
         self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
         there = replace(self, goal=self.robot.operating_point(pose)[0][: len(self.start)])
-        target = problem.target
         same: dict[str, Any] = {"bandwidth": None, "damping": self.s.damping}
-        if target is not None:
+        if (target := problem.target) is not None:
             damping = min(required_damping(self.s, target), target.damping)
             same = {"bandwidth": target.bandwidth.tolist(), "damping": damping}
         chosen = there.choose(**same)
         if whole is not None:
-            damped = there.choose(**same, preset="damped")
-            assert chosen.channels is not None
-            assert damped.search is not None
-            first, channels = damped.search.chosen, chosen.channels
-            chosen = damped
+            channels, chosen = chosen.channels, there.choose(**same, preset="damped")
+            assert channels is not None
+            assert chosen.search is not None
+            first = chosen.search.chosen
             if whole.better:
                 chosen = channels.problem(
                     whole.frequency * first.target_frequency,
@@ -282,35 +523,39 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s.process_noise, s.torque_noise))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
-    zone, step = integral_dead_zone(robot, s, None), np.abs(goal - start)
-    if zone is not None and ((step > 0.0) & (zone >= step)).any():
-        joint = int(np.argmax((step > 0.0) & (zone >= step)))
+    zone, step = responses.integral_dead_zone(robot, s, None), np.abs(goal - start)
+    if zone is not None and (covered := (step > 0.0) & (zone >= step)).any():
+        joint = int(np.argmax(covered))
         unit = "m" if robot.links.slides[joint] else "rad"
         raise SpecificationError(
             "integral_dead_zone",
             f"The dead zone of joint {robot.joint_names[joint]!r} is as large as its step: nothing is integrated.",
             f"expected less than {step[joint]:.3g} {unit}, got {zone[joint]:.3g} {unit}",
         )
-    limits = joint_limits(robot, s)
+    limits = responses.joint_limits(robot, s)
+
+    def stated(joint: int) -> tuple[str, str]:
+        """Who states the smaller limit of a joint's input, and the fields of the specification that raise it.
+
+        Files are often written with an effort of 1 or 10 where nobody knew the motor.
+        """
+        file = responses.ROBOT
+        if limits.peak_source == file == limits.saturation_source:
+            return (
+                f"; {file} states it: is it a placeholder?",
+                "`peak_effort` and `saturation` (inf: no limit)",
+            )
+        required = limits.peak[joint] <= limits.saturation[joint]
+        name, source = (
+            ("peak_effort", limits.peak_source) if required else ("saturation", limits.saturation_source)
+        )
+        return f"; {file} states it" if source == file else "", f"`{name}`"
+
     for pose in (goal, start, *s.via):
-        check_holding(robot, pose, limits.effort, partial(_stated, limits))
+        kinematics.check_holding(robot, pose, limits.effort, stated)
 
 
-def _stated(limits: JointLimits, joint: int) -> tuple[str, str]:
-    """Who states the smaller limit of a joint's input, and the fields of the specification that raise it.
-
-    Files are often written with an effort of 1 or 10 where nobody knew the motor.
-    """
-    if limits.peak_source == ROBOT == limits.saturation_source:
-        return f"; {ROBOT} states it: is it a placeholder?", "`peak_effort` and `saturation` (inf: no limit)"
-    name, source = "saturation", limits.saturation_source
-    if limits.peak[joint] <= limits.saturation[joint]:
-        name, source = "peak_effort", limits.peak_source
-    return f"; {ROBOT} states it" if source == ROBOT else "", f"`{name}`"
-
-
-def checked_penalty(s: Specification, problem: DesignProblem) -> Any:
-    """The checked penalty, its plain names spelled out for every joint."""
-    if s.checked_penalty is None or callable(s.checked_penalty):
-        return s.checked_penalty
-    return Penalty.of(s.checked_penalty).expanded(problem.nominal.plant.groups).states
+def checked_penalty(s: Specification, plant: Plant) -> Any:
+    """The checked penalty, its plain names spelled out for every joint of a plant."""
+    plain = s.checked_penalty is None or callable(s.checked_penalty)
+    return s.checked_penalty if plain else Penalty.of(s.checked_penalty).expanded(plant.groups).states

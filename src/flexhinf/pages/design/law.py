@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexhinf.analysis.modes import Mode
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.problem.modes import Mode
 from flexhinf.design.responses import Response
 from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop

@@ -144,10 +144,11 @@ def stiffness_and_inertia(
     stiffness[elastic] = np.atleast_1d(p.stiffness)
     motors[elastic] = np.atleast_1d(p.motor_inertia)[elastic]
     a, _, torques, _ = plant.linearise(*equilibrium)
-    if layout.rigid:
-        links = np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
-    else:
-        links = np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
+    links = (
+        np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
+        if layout.rigid
+        else np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
+    )
     inertia = np.zeros((2 * n, 2 * n))
     inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
     return stiffness, inertia

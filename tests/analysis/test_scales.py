@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, solve_continuous_are
 
-from flexhinf.design.problem.modes import JointScales
+from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.weights import LinearFamily, LinearProblem
 from flexhinf.robot.elastic import Layout
 

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 import flexhinf as fh
 from flexhinf.analysis.linear_loop import DiscreteSystem
-from flexhinf.design.problem.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
+from flexhinf.analysis.modes import Mode, closed_loop, modes_of, stiffness_and_inertia
 
 pytestmark = pytest.mark.oracle
 
