@@ -54,8 +54,7 @@ class Schedule(Law):
     """
 
     def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
-        self.laws = _checked(laws)
-        self.hysteresis = real_number(hysteresis)
+        self.laws, self.hysteresis = _checked(laws), real_number(hysteresis)
         if not 0.0 <= self.hysteresis < 1.0:
             raise InvalidInput(
                 "The hysteresis of a schedule is no fraction.",
@@ -102,13 +101,11 @@ def _checked(laws: Any) -> tuple[Law, ...]:
         )
     for law in laws:
         check_kinds(law, None)
-    first = laws[0]
-    names = [(list(law.state_names), list(law.input_names)) for law in laws]
-    for other in names:
-        if other != names[0]:
+        first, own = ([list(each.state_names), list(each.input_names)] for each in (laws[0], law))
+        if own != first:
             raise InvalidInput(
                 "The laws of a schedule do not mean the same states and inputs.",
-                f"expected {names[0]}, got {other}",
+                f"expected {first}, got {own}",
                 "laws of one problem at several poses",
             )
     laws = with_common_monomials(laws)
@@ -121,7 +118,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
                 f"got {other[0].__name__} {other[1]!r} of {other[2]}",
                 "solve all to the same degree",
             )
-    places = [first.state_names.index(name) for name in first.tracked]
+    places = [laws[0].state_names.index(name) for name in laws[0].tracked]
     poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
     if not places or len(set(poses)) < len(poses):
         raise InvalidInput(
@@ -192,8 +189,7 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
             for degree in degrees
             for _ in range(basis.count(table.n, degree))
         ]
-        whole = PolynomialLaw(table.n, degrees, np.array(rows).T)
-        names = law.state_names, law.input_names
+        whole, names = PolynomialLaw(table.n, degrees, np.array(rows).T), (law.state_names, law.input_names)
         padded.append(
             TableLaw(names, law.operating_point, law.operating_input, whole, law.kind, law.law_degree)
         )
@@ -236,8 +232,6 @@ MOST_SIGNALS = 1000
 PAIRS = {"saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper")}
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
-NAMES = ("states", "inputs", "disturbances", "outputs")
-
 
 class StoredLaw(NamedLaw):
     """A law from a file that is a traced function."""
@@ -256,11 +250,8 @@ class StoredLaw(NamedLaw):
     ) -> None:
         super().__init__(names, point, input, data, kind, degree)
         self._law = self._function("law", "law.", arrays, [len(self.state_names), data.size])
-        digest = hashlib.sha256()  # of the instructions
-        for name in sorted(arrays):
-            if name.startswith("law."):
-                digest.update(name.encode() + arrays[name].tobytes())
-        self.law_key = f"stored {digest.hexdigest()}"
+        code = [name.encode() + arrays[name].tobytes() for name in sorted(arrays) if name.startswith("law.")]
+        self.law_key = f"stored {hashlib.sha256(b''.join(code)).hexdigest()}"
 
     def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
         function = function_from_arrays(_below(prefix, arrays), name)
@@ -352,14 +343,13 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
-    whole: dict[str, Any] = {"solution": law, "estimator": estimator, "period": header["period"]}
-    whole |= {name: arrays[name] for name in ARRAYS if name in arrays}
-    for name, ends in PAIRS.items():
-        if ends[0] in arrays:
-            whole[name] = tuple(arrays[end] for end in ends)
-    if "windup.limit" in arrays:
-        whole["windup"] = Windup(**_below("windup.", arrays))
-    return {**whole, **header["options"]}
+    return {
+        "solution": law, "estimator": estimator, "period": header["period"],
+        **{name: arrays[name] for name in ARRAYS if name in arrays},
+        **{name: tuple(arrays[end] for end in ends) for name, ends in PAIRS.items() if ends[0] in arrays},
+        **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
+        **header["options"],
+    }  # fmt: skip
 
 
 def _below(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -426,7 +416,6 @@ def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
 
 # Estimators and their models ----------------------------------------------------------------------
 def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Header entry of a setting (estimator, plant, array or number); its arrays are added to `arrays`."""
     if isinstance(value, Estimator):
         kind = type(value)
         if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind:
@@ -438,12 +427,12 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
         settings = {k: _store(part, f"{prefix}{k}.", arrays) for k, part in value.settings().items()}
         return {"estimator": [kind.__module__, kind.__qualname__], "settings": settings}
     if isinstance(value, Plant):
-        parts = _prefixed("flow.", function_arrays(value.traced_flow))
-        parts |= _prefixed("output.", function_arrays(value.traced_output))
-        arrays |= _prefixed(prefix, parts | _prefixed("parameters.", value.parameters.values))
-        named = {kind: list(getattr(value, kind)) for kind in NAMES}
+        arrays |= _prefixed(f"{prefix}flow.", function_arrays(value.traced_flow))
+        arrays |= _prefixed(f"{prefix}output.", function_arrays(value.traced_output))
+        arrays |= _prefixed(f"{prefix}parameters.", value.parameters.values)
         return {"plant": {
-            **named, "parameters": list(value.parameters.names), "units": dict(value.units),
+            **{kind: list(getattr(value, kind)) for kind in ("states", "inputs", "disturbances", "outputs")},
+            "parameters": list(value.parameters.names), "units": dict(value.units),
             "groups": {name: list(members) for name, members in value.groups.items()},
             "limits": {name: list(ends) for name, ends in value.limits.items()},
         }}  # fmt: skip
