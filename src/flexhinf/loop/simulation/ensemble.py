@@ -40,7 +40,7 @@ from flexhinf.loop.simulation.program import (
 )
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
-from flexhinf.validation import checked_array, real_array, value_text
+from flexhinf.validation import checked_array, read_only, real_array, value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -100,39 +100,30 @@ class PreparedRun:
     def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         """Arrays of the kernel by buffer, of which those that it writes are new, and the turns of its loops."""
         code, own, samples = self.code, self.arrays, len(self.times)
-        late = code.channel.delay * code.sizes.u
         arrays = {
             buffer.name: own[buffer.name].copy() if buffer.role == "state" else own[buffer.name]
             for buffer in code.program.buffers
             if buffer.name in own
-        }
-        arrays |= {
-            name: np.zeros(samples * getattr(code.sizes, size)) for name, (_, size) in RECORDED.items()
-        }
+        } | {name: np.zeros(samples * getattr(code.sizes, size)) for name, (_, size) in RECORDED.items()}
         # Before the inputs stand those that wait.
         arrays["inputs"] = np.concatenate([np.tile(own["held"], code.channel.delay), arrays["inputs"]])
-        return arrays, {"steps": samples, "parts": self.parts, "late": late}
+        return arrays, {"steps": samples, "parts": self.parts, "late": code.channel.delay * code.sizes.u}
 
     def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
         """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
         and the last sample of its `Status`."""
-        code, samples, signals = self.code, len(self.times), {}
-        arrays, counts = self.buffers()
+        code, (arrays, counts) = self.code, self.buffers()
         status = (code.kernel() if kernel is None else kernel).run(arrays, counts)
-        for name, (signal, size) in RECORDED.items():
-            begin = arrays[name].size - samples * getattr(code.sizes, size)
-            signals[signal] = arrays[name][begin:].reshape(samples, -1)
-        signals |= self.recorded
-        end = int(status.code), int(status.step)
+        arrays["inputs"] = arrays["inputs"][counts["late"] :]
+        rows = {signal: arrays[name].reshape(len(self.times), -1) for name, (signal, _) in RECORDED.items()}
+        signals, end = rows | self.recorded, (int(status.code), int(status.step))
         return Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end), *end
 
 
 @lru_cache(4)
 def zeros(size: int) -> np.ndarray:
     """Zeros (size,), read-only: one array for all runs, since fresh memory for each takes as long as the run."""
-    values = np.zeros(size)
-    values.setflags(write=False)
-    return values
+    return read_only(np.zeros(size))
 
 
 class Recorded(NamedTuple):
@@ -242,8 +233,7 @@ class Ensemble:
         kept = tuple((kind, k) for kind, some in names.items() for k in range(len(some)))
         everything = np.arange(self.command.samples)
         whole = replace(self, tracking={}, common=(), kept=kept, instants=everything)
-        ends = np.cumsum([len(some) for some in names.values()])[:-1]
-        times = everything * self.command.period
+        ends, times = np.cumsum([len(some) for some in names.values()])[:-1], everything * self.command.period
         for first in range(0, len(plants), THREADS * LANES):
             some = plants.some(slice(first, first + THREADS * LANES))
             result = whole._in_lanes(some, LANES, THREADS, disturbances)
@@ -254,8 +244,11 @@ class Ensemble:
                     if disturbances
                     else np.zeros((len(times), len(self.plant.disturbances)))
                 )
-                signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
-                signals |= {"reference": self.commands, "disturbance": acting}
+                kinds = ("state", "estimate", "output", "input")
+                signals = {kind: recorded[kind] for kind in kinds} | {
+                    "reference": self.commands,
+                    "disturbance": acting,
+                }
                 yield Trajectory.until(
                     self.plant, self.controller, times, signals, self._settings(some, k), int(result.codes[k]),
                     int(result.steps[k]),
@@ -274,9 +267,8 @@ class Ensemble:
         return len(plants) < LANES or len(plants) * self.command.samples < WORTH
 
     def _room(self, count: int) -> Recorded:
-        codes, steps = (np.zeros(count, dtype=int) for _ in range(2))
-        kept = np.zeros((count, len(self.instants), len(self.kept)))
-        return Recorded(codes, steps, np.zeros((len(self.remembered), count)), kept)
+        kept, remembered = (count, len(self.instants), len(self.kept)), (len(self.remembered), count)
+        return Recorded(np.zeros(count, int), np.zeros(count, int), np.zeros(remembered), np.zeros(kept))
 
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
@@ -306,18 +298,15 @@ class Ensemble:
         rest: Iterator[np.ndarray],
         recorded: Recorded,
     ) -> None:
-        """Run batches of plants that no other thread has taken, on arrays of this thread."""
         samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
         start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
         start = {name: column for name, column in start.items() if name not in own}
         counts, waiting = {"steps": samples, "parts": parts}, self.channel.delay
-        if waiting:
-            if "held" in own:
-                own["inputs"] = np.tile(own["held"], (1, waiting))
-            else:
-                start["inputs"] = np.tile(start["held"], waiting)
-        sizes = {name: len(column) for name, column in start.items()}
-        sizes |= {name: rows.shape[1] for name, rows in own.items()}
+        if waiting and "held" in own:
+            own["inputs"] = np.tile(own["held"], (1, waiting))
+        elif waiting:
+            start["inputs"] = np.tile(start["held"], waiting)
+        sizes = {name: column.shape[-1] for name, column in (start | own).items()}
         if waiting:
             sizes["inputs"], counts["late"] = (samples + waiting) * sizes["held"], waiting * sizes["held"]
         sizes["kept"] = samples * len(self.kept)
@@ -331,8 +320,7 @@ class Ensemble:
             for name in arrays.keys() & own.keys():
                 arrays[name][: own[name].shape[1]] = own[name][filled].T
             run()
-            status = run.status
-            ends = np.array([status.code, status.step]).reshape(2, -1)
+            ends = np.array([run.status.code, run.status.step]).reshape(2, -1)
             recorded.codes[rows], recorded.steps[rows] = ends[:, :count]
             if "remembered" in arrays:
                 recorded.remembered[:, rows] = arrays["remembered"][:, :count]
@@ -343,7 +331,6 @@ class Ensemble:
                     recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
-        """Run each plant on the kernel of a single run, and reduce its signals afterwards."""
         recorded, disturbances = self._room(len(plants)), self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
             runs = pool.map(
@@ -353,11 +340,11 @@ class Ensemble:
             for k, (run, code, last) in enumerate(runs):
                 recorded.codes[k], recorded.steps[k] = code, last
                 if code == 0 and len(recorded.remembered):
-                    remembered, step = self.remembered.copy(), np.zeros(1)
+                    remembered = self.remembered
                     arrays = {
-                        name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")
-                    }
-                    arrays |= {**self.shared, "remembered": remembered, "step": step}
+                        **{name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")},
+                        **self.shared, "remembered": remembered, "step": np.zeros(1),
+                    }  # fmt: skip
                     names = [buffer.name for buffer in self._reducer.program.buffers]
                     self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
                     recorded.remembered[:, k] = remembered
@@ -370,7 +357,6 @@ class Ensemble:
     def _prepared(
         self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
     ) -> PreparedRun:
-        """The k-th run alone, with `settings` for its trajectory."""
         parts, samples = int(plants.parts[k]), self.command.samples
         code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
@@ -459,8 +445,10 @@ class Ensemble:
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
         plant = self.plant.with_parameters(**vars(self.plant.parameters.named(plants.truth[k])))
         placed = self.placed or not np.array_equal(own["x"], self.start["x"])
-        start = start_text(plant, own["x"], placed, self.controller, own["held"])
-        return {**self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k]), "start": start}
+        return {
+            **self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k]),
+            "start": start_text(plant, own["x"], placed, self.controller, own["held"]),
+        }  # fmt: skip
 
     @property
     def commands(self) -> np.ndarray:
@@ -480,14 +468,17 @@ class Ensemble:
 
     def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
         """Compiled program of as many runs as lanes; without a disturbance it serves any number of sub-steps."""
-        room = 1 if self.disturbance is None else sub_steps
-        code = LoopCode(self.plant, self.controller, self.channel, room)
-        options = EnsembleOptions(
-            "deviation" in self.shared, self.disturbance is not None, self.channel.delay > 0, self.kept
-        )
-        updates = tuple(reduction.code_key for reduction in self.reductions)
+        disturbed = self.disturbance is not None
+        code = LoopCode(self.plant, self.controller, self.channel, sub_steps if disturbed else 1)
+        options = EnsembleOptions("deviation" in self.shared, disturbed, self.channel.delay > 0, self.kept)
         return share(
-            (*code.key, "ensemble", options, updates, lanes),
+            (
+                *code.key,
+                "ensemble",
+                options,
+                tuple(reduction.code_key for reduction in self.reductions),
+                lanes,
+            ),
             lambda: compile_program(loop_program(code, options, self.reductions), lanes),
         )
 

@@ -43,15 +43,14 @@ WHOLE = 1e-6
 def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
     """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have; the InvalidInput says
     the unit that was probably meant."""
-    if samples <= most * (1.0 + WHOLE):
-        return
     late = period * samples
-    found = f"got {late:g} s = {samples:.0f} samples of {period:g} s"
-    raise InvalidInput(
-        "The input delay is out of proportion to the period.",
-        f"expected at most {most} samples = {most * period:g} s, {found}",
-        f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
-    )
+    if not samples <= most * (1.0 + WHOLE):
+        raise InvalidInput(
+            "The input delay is out of proportion to the period.",
+            f"expected at most {most} samples = {most * period:g} s, got {late:g} s = {samples:.0f} samples of "
+            f"{period:g} s",
+            f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
+        )
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,6 @@ class Channel:
         """Channel from user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number
         of periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
-        late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
         if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
             raise InvalidInput(
@@ -78,7 +76,7 @@ class Channel:
                 f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
                 "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
             )
-        samples = late / period
+        samples = real_number(delay) / period
         if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
             raise InvalidInput(
                 "The input delay is not a whole number of samples.",
@@ -93,8 +91,7 @@ class Channel:
         """Measurements (p,) rounded to their steps, on any element."""
         if not self.quanta:
             return y
-        rounded = [q * np.floor(value / q + 0.5) if q > 0.0 else value for value, q in zip(y, self.quanta)]
-        return np.array(rounded)
+        return np.array([q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)])
 
 
 #: Nothing in between.
@@ -136,9 +133,8 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:
-        if places is not None:
-            return channel.quantised(x[places] + noise)
-        return channel.quantised(plant.evaluate_output(x, u, truth[1:]) + noise)
+        y = x[places] if places is not None else plant.evaluate_output(x, u, truth[1:])
+        return channel.quantised(y + noise)
 
     sizes = (plant.n, len(plant.inputs), len(controller.measured), 1 + plant.parameters.size)
     return trace(measure, *sizes, name="measure")
@@ -158,17 +154,15 @@ class EnsembleOptions(NamedTuple):
 class _Buffers(dict[str, Buffer]):
     """Buffers of a program by name, collected while it is written; those without elements are left out."""
 
-    def whole(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
-        """All of a buffer of so many elements."""
+    def whole(
+        self, name: str, size: int, role: Any, shared: bool = False, strides: tuple[int, ...] = ()
+    ) -> tuple[Slice, ...]:
         if size:
-            self[name] = Buffer(name, size, role, shared=shared)
-        return (Slice(name, size=size),) if size else ()
+            self[name] = Buffer(name, None if strides else size, role, shared=shared)
+        return (Slice(name, size=size, strides=strides),) if size else ()
 
-    def row(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
-        """The row of a sample."""
-        if size:
-            self[name] = Buffer(name, None, role, shared=shared)
-        return (Slice(name, size=size, strides=(size,)),) if size else ()
+    def row(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:  # of a sample
+        return self.whole(name, size, role, shared, (size,))
 
 
 def capacity(sub_steps: int) -> int:
@@ -312,7 +306,7 @@ def _remembered(reductions: Sequence[Reduction]) -> int:
 
 
 def _product_function(size: int, times: int) -> ca.Function:
-    """(times rows of numbers, factors) → the rows times the factors, rounded before anything is added to them."""
+    # Rounded before anything is added to the products.
     return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
 
 
