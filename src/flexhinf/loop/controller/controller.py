@@ -146,7 +146,18 @@ class Controller(Summarised):
         self.fade_option, what = fade, "The time constant of the bias"
         self.fade = BLEND_TIME if fade is None else checked_positive(what, fade, "seconds", "fade=0.5")
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
-        self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
+        #: Names of the command's elements: the tracked states, or all states and inputs of a moving reference.
+        self.commanded = (*self.states, *solution.input_names) if moving else self.tracked
+        #: States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
+        #: measured ones, or the first.
+        self.judged = self.tracked
+        if moving and not self.tracked:
+            self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
+        read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
+        self._sources = [
+            Source(name in self.measured, read[name].index(name), self.states.index(name))
+            for name in self.tracked
+        ]
         self._remembered = StateHistory(
             self.initial_memory(), self.memory.places["reference"], len(self.states)
         )
@@ -209,7 +220,7 @@ class Controller(Summarised):
         """Law, estimator, period, limits, and what is measured and commanded."""
         limits, command, mode = self.limits, self.command_limits, self.mode
         law, zone = ", ".join(dict.fromkeys(law.kind for law in self.laws)), self.integral_dead_zone
-        return {name: fact for name, fact in {
+        facts = {
             "law": law if len(self.laws) == 1 else f"{len(self.laws)} laws ({law})",
             "estimator": "none (state feedback)" if self.estimator is None else type(self.estimator).__name__,
             "period": number_text(self.period, "s"),
@@ -217,26 +228,17 @@ class Controller(Summarised):
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
             "saturation": ", ".join(limits.texts) if np.isfinite(limits.pair).any() else "",
-            "integrals push": self.windup.text if mode.bounds_windup else "",
+            "integrals push": ", ".join(
+                f"at most {size:.4g} more than at rest" for size in self.windup.limit if np.isfinite(size)
+            ) if mode.bounds_windup else "",
             "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
             "command": ", ".join(
                 f"{text}, at most {rate:.4g} per s" for text, rate in zip(command.texts, command.rate)
             ) if mode.limits_command else "",
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
-        }.items() if fact}  # fmt: skip
-
-    @property
-    def commanded(self) -> tuple[str, ...]:
-        """Names of the command's elements: the tracked states, or all states and inputs of a moving reference."""
-        return (*self.states, *self.law.input_names) if self.mode.moving else self.tracked
-
-    @property
-    def judged(self) -> tuple[str, ...]:
-        """States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
-        measured ones, or the first."""
-        measured = tuple(name for name in self.measured if name in self.states)
-        return self.tracked or ((measured or self.states[:1]) if self.mode.moving else ())
+        }  # fmt: skip
+        return {name: fact for name, fact in facts.items() if fact}
 
     # What is data and what is remembered ------------------------------------------------------------
     @cached_property
@@ -351,10 +353,14 @@ class Controller(Summarised):
         """Key of the compiled code: equal for controllers that differ in data alone."""
         law, e = self.laws[0], self.estimator
         return (
-            "controller", type(law), law.law_key, (tuple(law.state_names), tuple(law.input_names)),
+            "controller",
+            type(law),
+            law.law_key,
+            (tuple(law.state_names), tuple(law.input_names)),
             (self.composed, self.memory.size, self.data.size),
-            None if e is None else (type(e), e.estimator_key, e.plant.code_key), self.mode,
-        )  # fmt: skip
+            None if e is None else (type(e), e.estimator_key, e.plant.code_key),
+            self.mode,
+        )
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
         y = y if len(y) else None
@@ -414,9 +420,13 @@ class Controller(Summarised):
     def _bound(self, measured: bool) -> Bound:
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._remembered
         arrays = {
-            **({"y": y} if measured else {}), "r": now.reference, "data": self.data_vector.copy(),
-            "memory": now.memory, "u": u, "estimate": now.estimate,
-        }  # fmt: skip
+            **({"y": y} if measured else {}),
+            "r": now.reference,
+            "data": self.data_vector.copy(),
+            "memory": now.memory,
+            "u": u,
+            "estimate": now.estimate,
+        }
         sizes = {name: array.size for name, array in arrays.items()}
         kernel = share(
             ("step", measured, self.code_key),
@@ -528,7 +538,7 @@ class Controller(Summarised):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
-        self._remembered.restore(state["remembered"])
+        vars(self._remembered).update(state["remembered"])  # before any step is bound to the arrays
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:

@@ -129,13 +129,19 @@ def _checked(laws: Any) -> tuple[Law, ...]:
     return laws
 
 
-class NamedLaw(Law):
-    """Base of laws that copy names, operating point and numbers of another law; `kind` is the class of that law,
-    `law_degree` the degree of its value function."""
+class StoredLaw(Law):
+    """A law that copies names, operating point and numbers of another one, and is the table of its polynomial, or its
+    traced functions in `arrays`; one that is `placed` depends on the reference that it acts about.
+
+    `kind` is the class of the other law, `law_degree` the degree of its value function.
+    """
 
     kind: Any = ""
+    law_key: Any = ""
     law_data: Any = None
     law_degree: Any = None
+    law_table: Any = None
+    _about: Any = None
 
     def __init__(
         self,
@@ -145,33 +151,45 @@ class NamedLaw(Law):
         data: np.ndarray,
         kind: str,
         degree: int | None,
+        arrays: Mapping[str, Any],
+        table: PolynomialLaw | None = None,
+        placed: bool = False,
     ) -> None:
         self.state_names, self.input_names = map(tuple, names)
         self.operating_point, self.operating_input = point, input
-        self.law_data, self.kind, self.law_degree = data, kind, degree
+        self.law_data, self.kind, self.law_degree, self.law_table = data, kind, degree, table
+        if table is not None:
+            self.law_key = f"polynomial {table.n} {table.degrees}"
+            return
+        n, states, m = len(self.state_names), len(self.plant_states), len(self.input_names)
+        self._law = self._function("law", "law.", arrays, [n, data.size])
+        if placed:
+            self._about = self._function("law_about", "about.", arrays, [n, states, m, data.size])
+        code = [name.encode() + arrays[name].tobytes() for name in sorted(arrays) if name.startswith("law.")]
+        self.law_key = f"stored {hashlib.sha256(b''.join(code)).hexdigest()}"
 
+    def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
+        function = function_from_arrays(_below(prefix, arrays), name)
+        lengths = [function.size1_in(k) for k in range(function.n_in())]
+        if lengths != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
+            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {lengths}")
+        return function
 
-class TableLaw(NamedLaw):
-    """A law that is the table of its polynomial."""
-
-    law_key: Any = ""
-    law_table: Any = None
-
-    def __init__(
-        self,
-        names: Sequence[Sequence[str]],
-        point: Any,
-        input: Any,
-        table: PolynomialLaw,
-        kind: str,
-        degree: int | None,
-    ) -> None:
-        super().__init__(names, point, input, table.coefficients.ravel(), kind, degree)
-        self.law_table, self.law_key = table, f"polynomial {table.n} {table.degrees}"
+    @property
+    def depends_on_reference(self) -> bool:
+        """Whether it has a function about a reference."""
+        return self._about is not None
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) on any element."""
+        if self.law_table is None:
+            return apply(self._law, x, data)[0]
         return self.law_table.evaluate(x, np.asarray(data).reshape(self.law_table.coefficients.shape))
+
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+        """k(x), (m,), about a reference (state, input)."""
+        placed = self._about is not None
+        return apply(self._about, x, state, input, data)[0] if placed else self.evaluate_law(x, data)
 
 
 def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
@@ -190,9 +208,8 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
             for _ in range(basis.count(table.n, degree))
         ]
         whole, names = PolynomialLaw(table.n, degrees, np.array(rows).T), (law.state_names, law.input_names)
-        padded.append(
-            TableLaw(names, law.operating_point, law.operating_input, whole, law.kind, law.law_degree)
-        )
+        ends, data = (law.operating_point, law.operating_input), whole.coefficients.ravel()
+        padded.append(StoredLaw(names, *ends, data, law.kind, law.law_degree, {}, whole))
     return tuple(padded)
 
 
@@ -231,51 +248,6 @@ MOST_SIGNALS = 1000
 #: Options of a controller that are pairs of arrays, by the names of these, and others that are arrays.
 PAIRS = {"saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper")}
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
-
-
-class StoredLaw(NamedLaw):
-    """A law from a file that is a traced function."""
-
-    law_key: Any = ""
-
-    def __init__(
-        self,
-        names: Any,
-        point: Any,
-        input: Any,
-        data: np.ndarray,
-        kind: str,
-        degree: int | None,
-        arrays: Mapping[str, Any],
-    ) -> None:
-        super().__init__(names, point, input, data, kind, degree)
-        self._law = self._function("law", "law.", arrays, [len(self.state_names), data.size])
-        code = [name.encode() + arrays[name].tobytes() for name in sorted(arrays) if name.startswith("law.")]
-        self.law_key = f"stored {hashlib.sha256(b''.join(code)).hexdigest()}"
-
-    def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
-        function = function_from_arrays(_below(prefix, arrays), name)
-        lengths = [function.size1_in(k) for k in range(function.n_in())]
-        if lengths != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
-            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {lengths}")
-        return function
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,)."""
-        return apply(self._law, x, data)[0]
-
-
-class StoredPlacedLaw(StoredLaw):
-    """A law from a file that depends on the reference that it acts about."""
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        sizes = [len(self.state_names), len(self.plant_states), len(self.input_names), self.law_data.size]
-        self._about = self._function("law_about", "about.", arguments[-1], sizes)
-
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
-        """k(x), (m,), about a reference (state, input)."""
-        return apply(self._about, x, state, input, data)[0]
 
 
 def write_controller(
@@ -344,12 +316,14 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
     return {
-        "solution": law, "estimator": estimator, "period": header["period"],
+        "solution": law,
+        "estimator": estimator,
+        "period": header["period"],
         **{name: arrays[name] for name in ARRAYS if name in arrays},
         **{name: tuple(arrays[end] for end in ends) for name, ends in PAIRS.items() if ends[0] in arrays},
         **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
         **header["options"],
-    }  # fmt: skip
+    }
 
 
 def _below(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -398,14 +372,14 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
             raise InvalidInput(
                 "Wrong numbers.", f"{name} of a law is no vector of finite numbers that fits it"
             )
-    numbers, kind = (arrays["point"], arrays["input"]), str(header["name"])
+    ends, kind = (arrays["point"], arrays["input"]), str(header["name"])
+    rest = (states, inputs), *ends, arrays["data"], kind, header["degree"], arrays
     if header["degrees"] is None:
-        stored = StoredPlacedLaw if header["placed"] else StoredLaw
-        return stored((states, inputs), *numbers, arrays["data"], kind, header["degree"], arrays)
+        return StoredLaw(*rest, placed=header["placed"])
     if header["placed"]:
         raise InvalidInput("Another law.", "expected no degrees of a law that depends on its reference")
     table = PolynomialLaw(len(states), tuple(header["degrees"]), arrays["data"].reshape(len(inputs), -1))
-    law = TableLaw((states, inputs), *numbers, table, kind, header["degree"])
+    law = StoredLaw(*rest, table)
     law.evaluate_law(np.zeros(len(states)), arrays["data"])
     return law
 

@@ -187,8 +187,7 @@ class StateHistory:
         start = np.array_equal(self.older, self.start)
         if start and self.begun_again:  # the start that was told is bad itself
             self.start[:] = self.older[:] = self.designed
-        self.holding = start and not self.begun_again
-        self.begun_again = start
+        self.holding, self.begun_again = start and not self.begun_again, start
         self.memory[:] = self.older
         self.older[:] = self.newer[:] = self.start
         if self.holding:
@@ -196,15 +195,6 @@ class StateHistory:
         else:
             self.hold_command()
         return True
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over the attributes of another history of this size, in place: the compiled step writes to these
-        arrays."""
-        for name, part in state.items():
-            if isinstance(part, np.ndarray):
-                getattr(self, name)[:] = part
-            else:
-                setattr(self, name, part)
 
 
 def step_program(
@@ -245,13 +235,17 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
             "The measurement is not a finite number; nothing was updated.",
             "step(None) to predict over a sample without a measurement, or hold the last input",
         ),
-        (BAD_REFERENCE, back): ("The command is not a finite number; nothing was updated.", "another command"),
+        (BAD_REFERENCE, back): (
+            "The command is not a finite number; nothing was updated.",
+            "another command",
+        ),
         (BAD_RESULT, False): (
-            f"{lost}; nothing was updated.", f"step(None) to predict over this sample; if it goes on, reset(); {look}"
+            f"{lost}; nothing was updated.",
+            f"step(None) to predict over this sample; if it goes on, reset(); {look}",
         ),
         (BAD_RESULT, True): (
             f"{lost}, again; the controller went back to {kept}.",
             f"go on with the next measurement, or reset(state); {look}",
         ),
-    }[code, back]  # fmt: skip
+    }[code, back]
     return NumericalFailure(what, f"{'after' if code == BAD_RESULT else 'got'} {arguments}", advice)

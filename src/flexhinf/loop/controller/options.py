@@ -223,12 +223,6 @@ class Windup:
         limit = np.where(room > limit, limit, np.inf)
         return Windup(limit, lines, spreads) if len(laws) > 1 else Windup(limit, lines[0], spreads[0])
 
-    @property
-    def text(self) -> str:
-        """The bound at the operating point, for a summary."""
-        sizes = self.limit[np.isfinite(self.limit)]
-        return ", ".join(f"at most {size:.4g} more than at rest" for size in sizes)
-
 
 def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     names = law.plant_states

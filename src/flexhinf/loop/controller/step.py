@@ -119,12 +119,6 @@ class Source(NamedTuple):
     place: int
     state: int
 
-    @staticmethod
-    def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
-        """Source of a state by name."""
-        state = states.index(name)
-        return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
-
 
 @dataclass(frozen=True)
 class Mode:
@@ -233,8 +227,7 @@ def controller_step(
         feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
-    rates = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else ()
-    bounds = ()
+    rates, bounds = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else (), ()
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
@@ -249,9 +242,18 @@ def controller_step(
 
 
 def _deviation(
-    tracked: Sequence[Source], moving: bool, y: Any, estimate: Any, last: Any, reference: Any, integral: Any,
-    started: Any, period: Any, point: Any, *others: Any,
-) -> tuple[Any, Any, Any, Any]:  # fmt: skip
+    tracked: Sequence[Source],
+    moving: bool,
+    y: Any,
+    estimate: Any,
+    last: Any,
+    reference: Any,
+    integral: Any,
+    started: Any,
+    period: Any,
+    point: Any,
+    *others: Any,
+) -> tuple[Any, Any, Any, Any]:
     """Tracked positions, growth of the integrals, integrals, and the law's argument: x − x*, or x − x_d about the
     moving reference of this sample."""
     n, places = len(estimate), [source.state for source in tracked]
@@ -275,9 +277,17 @@ def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
 
 
 def _limited(
-    tracked: Sequence[Source], y: Any, estimate: Any, r: Any, last: Any, started: Any, period: Any, lower: Any,
-    upper: Any, rate: Any,
-) -> Any:  # fmt: skip
+    tracked: Sequence[Source],
+    y: Any,
+    estimate: Any,
+    r: Any,
+    last: Any,
+    started: Any,
+    period: Any,
+    lower: Any,
+    upper: Any,
+    rate: Any,
+) -> Any:
     last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
@@ -302,9 +312,17 @@ def _wound(
 
 
 def _input(
-    bounded: bool, feedback: Any, growth: Any, integral: Any, before: Any, rest: Any, lower: Any, upper: Any,
-    gain: Any, *bounds: Any,
-) -> tuple[Any, Any, Any]:  # fmt: skip
+    bounded: bool,
+    feedback: Any,
+    growth: Any,
+    integral: Any,
+    before: Any,
+    rest: Any,
+    lower: Any,
+    upper: Any,
+    gain: Any,
+    *bounds: Any,
+) -> tuple[Any, Any, Any]:
     """The input within its limits, the integrals after anti-windup, and the flag that a step was made.
 
     The last of the arguments are, where windup is `bounded`, the integral action beyond its bound; and the last input,
@@ -340,9 +358,18 @@ def inverse_slope(slope: np.ndarray) -> np.ndarray:
 
 
 def bumpless_transfer(
-    run: Any, law: Callable[[Any], Any], taken: Any, deviation: Any, feedback: Any, wanted: Any, inverse: Any,
-    growth: Any, bias: Any, point: Any, decay: Any,
-) -> tuple[Any, Any, Any, Any]:  # fmt: skip
+    run: Any,
+    law: Callable[[Any], Any],
+    taken: Any,
+    deviation: Any,
+    feedback: Any,
+    wanted: Any,
+    inverse: Any,
+    growth: Any,
+    bias: Any,
+    point: Any,
+    decay: Any,
+) -> tuple[Any, Any, Any, Any]:
     """The feedback of a sample at which a law may take over.
 
     Arguments: the law k(x) on the run; `taken` (1,), 1 where a law takes over at this sample, else 0; the law's
@@ -391,9 +418,18 @@ def _better(
 
 
 def _joined(
-    n: int, taken: Any, feedback: Any, wanted: Any, misfit: Any, errors: Any, growth: Any, bias: Any, deviation: Any,
-    point: Any, decay: Any,
-) -> tuple[Any, Any, Any, Any]:  # fmt: skip
+    n: int,
+    taken: Any,
+    feedback: Any,
+    wanted: Any,
+    misfit: Any,
+    errors: Any,
+    growth: Any,
+    bias: Any,
+    deviation: Any,
+    point: Any,
+    decay: Any,
+) -> tuple[Any, Any, Any, Any]:
     """Results of the transfer where a law takes over, else of the law itself; see `bumpless_transfer`."""
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]

@@ -106,8 +106,7 @@ class JerkLimited(_Motion):
             name: real_array(getattr(self, name)) for name in ("start", "goal", *LIMITS, "at", "smoothing")
         }
         for name, array in arrays.items():
-            most = 0 if name in ("at", "smoothing") else 1
-            least = 0.0 if name == "smoothing" else -np.inf
+            most, least = 0 if name in ("at", "smoothing") else 1, 0.0 if name == "smoothing" else -np.inf
             if array.ndim > most or not np.all(np.isfinite(array) & (array >= least)):
                 raise InvalidInput(
                     "A jerk-limited motion needs finite numbers.",

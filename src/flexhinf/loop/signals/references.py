@@ -31,6 +31,7 @@ class Signal(Protocol):
     @property
     def name(self) -> str:
         """A short description."""
+        ...
 
     def __call__(self, t: Any) -> Any:
         """The value at a time, or at each of an array of times, s."""
@@ -90,8 +91,7 @@ class Sampled:
             )
         if self.smooth:
             _check_shortest("samples of a motion", float(np.diff(times).min(initial=np.inf)))
-        object.__setattr__(self, "times", read_only(times))
-        object.__setattr__(self, "values", read_only(values))
+        vars(self).update(times=read_only(times), values=read_only(values))
 
 
 def _check_shortest(what: str, seconds: float) -> None:
@@ -101,10 +101,6 @@ def _check_shortest(what: str, seconds: float) -> None:
             f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
             "times in seconds",
         )
-
-
-def _stacked(*rows: Any) -> Any:
-    return np.stack([np.asarray(row) for row in rows])
 
 
 class _Finite:
@@ -131,7 +127,7 @@ class _Finite:
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and zeros, (order + 1, …): at rest on both sides of a jump, which itself has no derivative."""
-        return _stacked(self(t), *[0.0 * t] * checked_order(order, "signal"))
+        return np.stack([self(t), *[0.0 * t] * checked_order(order, "signal")])
 
 
 @dataclass(frozen=True)
@@ -186,7 +182,7 @@ class Sine(_Finite):
         sine, cosine = np.sin(angle), np.cos(angle)
         turned, orders = (sine, cosine, -sine, -cosine), range(1, checked_order(order, "sine") + 1)
         waves = [self.amplitude * pulsation**k * turned[k % 4] for k in orders]
-        return _stacked(self(t), *(where(t >= self.at, wave, 0.0) for wave in waves))
+        return np.stack([self(t), *(where(t >= self.at, wave, 0.0) for wave in waves)])
 
 
 @dataclass(frozen=True)
@@ -224,7 +220,7 @@ class Quintic(_Finite):
                 value = value * s + c
             value = (self.goal - self.start) / self.duration**k * value
             rows.append(where(t >= self.at, where(t < self.at + self.duration, value, 0.0), 0.0))
-        return _stacked(self(t), *rows)
+        return np.stack([self(t), *rows])
 
 
 class Samples(Sampled):
@@ -246,7 +242,7 @@ class Samples(Sampled):
         is refused."""
         why, advice = "its speed jumps at every sample", "fh.Spline(times, values)"
         checked_order(order, "linear interpolation", 0, why, advice)
-        return _stacked(self(t))
+        return np.stack([self(t)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -187,8 +187,10 @@ class Loop(Summarised):
         }
 
     def __getstate__(self) -> dict[str, Any]:
-        names = ("true_plant", "controller", "_sub_steps_option", "channel")  # without compiled code
-        return {name: vars(self)[name] for name in names}
+        # Without compiled code.
+        return {
+            name: vars(self)[name] for name in ("true_plant", "controller", "_sub_steps_option", "channel")
+        }
 
     # What is run ----------------------------------------------------------------------------------
     @cached_property
@@ -296,9 +298,11 @@ class Loop(Summarised):
         d = sample_signal(by_name(disturbance, box), times, tuple(box.disturbances), "disturbance")
         before, samples = controller.input_before(initial_input), len(times)
         names = {
-            "output": controller.measured, "input": controller.law.input_names, "estimate": controller.states,
+            "output": controller.measured,
+            "input": controller.law.input_names,
+            "estimate": controller.states,
             **({"state": box.states} if box.states else {}),
-        }  # fmt: skip
+        }
         recorded = {name: np.full((samples, len(several)), np.nan) for name, several in names.items()}
         recorded |= {"reference": commands, "disturbance": d}
         placed = initial_state is not None or set(controller.states) <= set(box.states)
@@ -399,10 +403,11 @@ class Loop(Summarised):
         }
         deviation = None if noise is None else checked_deviation(noise, controller.measured)
         shared = {
-            "data": controller.data_vector, "facts": command.vector(),
+            "data": controller.data_vector,
+            "facts": command.vector(),
             **({"reference": commands.ravel()} if commands.size else {}),
             **({} if deviation is None else {"deviation": np.ascontiguousarray(deviation)}),
-        }  # fmt: skip
+        }
         tracking = {
             name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
         }

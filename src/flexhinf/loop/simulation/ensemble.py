@@ -68,13 +68,8 @@ class EnsemblePlants:
     def __len__(self) -> int:
         return len(self.truth)
 
-    def some(self, rows: slice) -> EnsemblePlants:
-        """The plants in some rows."""
-        own = {name: values[rows] for name, values in self.own.items()}
-        return EnsemblePlants(self.truth[rows], self.parts[rows], self.seeds[rows], own)
 
-
-#: Signal and its size in `LoopSizes`, by the buffer that it is recorded in.
+#: Signal and its size in `LoopCode.sizes`, by the buffer that it is recorded in.
 RECORDED = {
     "states": ("state", "x"), "estimates": ("estimate", "estimate"), "outputs": ("output", "y"),
     "inputs": ("input", "u"),
@@ -86,15 +81,13 @@ class PreparedRun:
     """A run with all its arrays, ready for the kernel.
 
     `times` (N,) are in s; `arrays` are the inputs of the kernel, by buffer (those that the loop does not have are left
-    out), `recorded` signals that are known before the run, `parts` Runge–Kutta steps per period, `settings` for the
-    trajectory.
+    out), `recorded` signals that are known before the run, `settings` for the trajectory.
     """
 
     code: LoopCode
     times: np.ndarray
     arrays: dict[str, np.ndarray]
     recorded: dict[str, np.ndarray]
-    parts: int
     settings: dict[str, Any]
 
     def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
@@ -104,10 +97,14 @@ class PreparedRun:
             buffer.name: own[buffer.name].copy() if buffer.role == "state" else own[buffer.name]
             for buffer in code.program.buffers
             if buffer.name in own
-        } | {name: np.zeros(samples * getattr(code.sizes, size)) for name, (_, size) in RECORDED.items()}
+        } | {name: np.zeros(samples * code.sizes[size]) for name, (_, size) in RECORDED.items()}
         # Before the inputs stand those that wait.
         arrays["inputs"] = np.concatenate([np.tile(own["held"], code.channel.delay), arrays["inputs"]])
-        return arrays, {"steps": samples, "parts": self.parts, "late": code.channel.delay * code.sizes.u}
+        return arrays, {
+            "steps": samples,
+            "parts": code.sub_steps,
+            "late": code.channel.delay * code.sizes["u"],
+        }
 
     def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
         """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
@@ -235,7 +232,9 @@ class Ensemble:
         whole = replace(self, tracking={}, common=(), kept=kept, instants=everything)
         ends, times = np.cumsum([len(some) for some in names.values()])[:-1], everything * self.command.period
         for first in range(0, len(plants), THREADS * LANES):
-            some = plants.some(slice(first, first + THREADS * LANES))
+            rows = slice(first, first + THREADS * LANES)
+            own = {name: values[rows] for name, values in plants.own.items()}
+            some = EnsemblePlants(plants.truth[rows], plants.parts[rows], plants.seeds[rows], own)
             result = whole._in_lanes(some, LANES, THREADS, disturbances)
             for k, row in enumerate(result.kept):
                 recorded = dict(zip(names, np.split(row, ends, axis=1)))
@@ -342,9 +341,14 @@ class Ensemble:
                 if code == 0 and len(recorded.remembered):
                     remembered = self.remembered
                     arrays = {
-                        **{name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")},
-                        **self.shared, "remembered": remembered, "step": np.zeros(1),
-                    }  # fmt: skip
+                        **{
+                            name: run.signals[name].ravel()
+                            for name in ("state", "estimate", "output", "input")
+                        },
+                        **self.shared,
+                        "remembered": remembered,
+                        "step": np.zeros(1),
+                    }
                     names = [buffer.name for buffer in self._reducer.program.buffers]
                     self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
                     recorded.remembered[:, k] = remembered
@@ -361,12 +365,12 @@ class Ensemble:
         code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
         noise = sample_noise(self.shared.get("deviation"), plants.seeds[k], samples, self.controller.measured)
-        acting = np.zeros((samples, code.sizes.d))
+        acting = np.zeros((samples, code.sizes["d"]))
         if disturbances:
             values = disturbances[parts] * own["load"] if "load" in own else disturbances[parts]
             acting = values[:, 0, 0].copy()
         else:  # one array for all runs: pages that are never written take no memory
-            values = zeros(samples * code.sizes.capacity * 3 * code.sizes.d)
+            values = zeros(samples * code.sizes["capacity"] * 3 * code.sizes["d"])
         arrays = {
             **{name: own[name] for name in ("x", "held", "memory")}, "u": own["held"].copy(),
             "data": self.shared["data"], "noise": noise.ravel(),
@@ -374,7 +378,7 @@ class Ensemble:
             "reference": self.commands.ravel(), "disturbance": values.ravel(),
         }  # fmt: skip
         recorded = {"reference": self.commands, "disturbance": acting}
-        return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, parts, settings)
+        return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, settings)
 
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
@@ -412,9 +416,10 @@ class Ensemble:
             )
         if inputs is not None:
             held = rows("initial inputs", inputs, self.start["held"])
-            memory = [controller.initial_memory(input=row) for row in held]
             own["held"] = np.array([controller.input_before(row) for row in held]).reshape(held.shape)
-            own["memory"] = np.array(memory).reshape(count, -1)
+            own["memory"] = np.array([controller.initial_memory(input=row) for row in held]).reshape(
+                count, -1
+            )
         if self.sub_steps is None:  # those of a `Loop` of each plant alone
             point = operating_state(plant.states, controller)
             modes = fastest_modes(plant, truth, point, controller.law.operating_input)
@@ -446,9 +451,11 @@ class Ensemble:
         plant = self.plant.with_parameters(**vars(self.plant.parameters.named(plants.truth[k])))
         placed = self.placed or not np.array_equal(own["x"], self.start["x"])
         return {
-            **self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k]),
+            **self.settings,
+            "seed": plants.seeds[k],
+            "sub_steps": int(plants.parts[k]),
             "start": start_text(plant, own["x"], placed, self.controller, own["held"]),
-        }  # fmt: skip
+        }
 
     @property
     def commands(self) -> np.ndarray:
@@ -486,7 +493,7 @@ class Ensemble:
     def _reducer(self) -> Kernel:
         sizes = LoopCode(self.plant, self.controller, self.channel, 1).sizes
         return share(
-            ("reductions", sizes, tuple(reduction.code_key for reduction in self.reductions)),
+            ("reductions", *sizes.values(), tuple(reduction.code_key for reduction in self.reductions)),
             lambda: compile_program(reduction_program(sizes, self.reductions)),
         )
 

@@ -203,8 +203,12 @@ def sample_signal(
             if name not in channels:
                 raise unknown_name(f"There is no {what} {name!r}.", name, channels)
         signal = [signal.get(name) for name in channels]
-    several = isinstance(signal, Sequence) and not isinstance(signal, str)
-    if depth and several and len(signal) == len(channels):
+    if (
+        depth
+        and isinstance(signal, Sequence)
+        and not isinstance(signal, str)
+        and len(signal) == len(channels)
+    ):
         columns = [
             sample_signal(part, times, [name], what, depth - 1) for part, name in zip(signal, channels)
         ]

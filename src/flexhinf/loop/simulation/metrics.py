@@ -79,9 +79,8 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
     if np.any(tail_of(reference) != final):
         return None
     changes = np.flatnonzero(reference != reference[0])
-    if len(changes):
-        return StepShape(float(reference[0]), final, float(time[changes[0]]))
-    return StepShape(float(position[0]), final, float(time[0]))
+    initial, at = (reference[0], time[changes[0]]) if len(changes) else (position[0], time[0])
+    return StepShape(float(initial), final, float(at))
 
 
 def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
@@ -179,7 +178,6 @@ def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
 
 
 def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:
-    """Time from `start` to the last deviation outside ±2 % of the height; None if that is the last of all."""
     outside = np.flatnonzero(np.abs(deviation) > SETTLING_BAND * abs(height) * (1.0 + ROUNDING))
     if len(outside) == 0:
         return 0.0
@@ -477,8 +475,8 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
     are of each run the columns in which oscillations are looked for.
     """
     before = np.vstack([run[:-1] for run in runs])
-    scale = np.sqrt(np.mean(before**2, axis=0))
-    scale[scale == 0.0] = 1.0
+    spread = np.sqrt(np.mean(before**2, axis=0))
+    scale = np.where(spread == 0.0, 1.0, spread)
     left, sizes, right = np.linalg.svd(before / scale, full_matrices=False)
     kept = int((sizes > RESOLVED * max(sizes[0], 1e-300)).sum())
     left, sizes, right = left[:, :kept], sizes[:kept], right[:kept]

@@ -3,7 +3,7 @@ and controller: quantised sensors and delayed inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -89,9 +89,8 @@ class Channel:
 
     def quantised(self, y: Any) -> Any:
         """Measurements (p,) rounded to their steps, on any element."""
-        if not self.quanta:
-            return y
-        return np.array([q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)])
+        rounded = [q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)]
+        return np.array(rounded) if self.quanta else y
 
 
 #: Nothing in between.
@@ -99,21 +98,6 @@ DIRECT = Channel((), 0)
 
 #: How a run ends whose numbers are no longer finite: those of the controller, or of the true plant.
 CONTROL_FAILED, PLANT_FAILED = 1, 2
-
-
-class LoopSizes(NamedTuple):
-    """Lengths of the buffers of a loop."""
-
-    x: int
-    u: int
-    y: int
-    r: int
-    d: int
-    memory: int
-    data: int
-    estimate: int
-    parameters: int
-    capacity: int
 
 
 def rk4_function(plant: Plant) -> ca.Function:
@@ -181,19 +165,26 @@ class LoopCode:
     sub_steps: int  # Runge–Kutta steps per period, for which there is room
 
     @cached_property
-    def sizes(self) -> LoopSizes:
-        """Lengths of the buffers."""
+    def sizes(self) -> dict[str, int]:
+        """Lengths of the signals x, u, y, r, d and of other buffers, and the `capacity`."""
         plant, controller = self.plant, self.controller
-        return LoopSizes(
-            plant.n, len(plant.inputs), len(controller.measured), len(controller.commanded), len(plant.disturbances),
-            controller.memory.size, controller.data.size, len(controller.states), plant.parameters.size,
-            capacity(self.sub_steps),
-        )  # fmt: skip
+        return {
+            "x": plant.n, "u": len(plant.inputs), "y": len(controller.measured), "r": len(controller.commanded),
+            "d": len(plant.disturbances), "memory": controller.memory.size, "data": controller.data.size,
+            "estimate": len(controller.states), "parameters": plant.parameters.size,
+            "capacity": capacity(self.sub_steps),
+        }  # fmt: skip
 
     @cached_property
     def key(self) -> tuple[object, ...]:
         """Key of the compiled code."""
-        return ("loop", self.plant.code_key, self.controller.code_key, self.sizes, self.channel.quanta)
+        return (
+            "loop",
+            self.plant.code_key,
+            self.controller.code_key,
+            *self.sizes.values(),
+            self.channel.quanta,
+        )
 
     @property
     def program(self) -> Program:
@@ -220,17 +211,17 @@ def loop_program(
     plant, controller, sizes = code.plant, code.controller, code.sizes
     many, b = options is not None, _Buffers()
     delayed = options is None or options.delayed
-    x, held = b.whole("x", sizes.x, "state"), b.whole("held", sizes.u, "state")
-    u = b.whole("u", sizes.u, "work" if many else "state")
-    memory, data = b.whole("memory", sizes.memory, "state"), b.whole("data", sizes.data, "in", many)
-    truth = b.whole("truth", 1 + sizes.parameters, "in")
-    command = b.row("reference", sizes.r, "in", many)
+    x, held = b.whole("x", sizes["x"], "state"), b.whole("held", sizes["u"], "state")
+    u = b.whole("u", sizes["u"], "work" if many else "state")
+    memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", many)
+    truth = b.whole("truth", 1 + sizes["parameters"], "in")
+    command = b.row("reference", sizes["r"], "in", many)
     if options is None:
-        y, noise = b.row("outputs", sizes.y, "out"), b.row("noise", sizes.y, "in")
-        estimate = b.row("estimates", sizes.estimate, "out")
+        y, noise = b.row("outputs", sizes["y"], "out"), b.row("noise", sizes["y"], "in")
+        estimate = b.row("estimates", sizes["estimate"], "out")
     else:
-        y, noise = b.whole("y", sizes.y, "work"), b.whole("noise", sizes.y, "work")
-        estimate, step = b.whole("estimate", sizes.estimate, "work"), b.whole("step", 1, "state")
+        y, noise = b.whole("y", sizes["y"], "work"), b.whole("noise", sizes["y"], "work")
+        estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
     control, scratch = controller.steps(
         {
             "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
@@ -239,12 +230,12 @@ def loop_program(
     )  # fmt: skip
     body: list[Step] = []
     if options is None:
-        body.append(Copy(x[0], b.row("states", sizes.x, "out")[0]))
+        body.append(Copy(x[0], b.row("states", sizes["x"], "out")[0]))
     elif options.noisy:
-        key, normal = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
+        key, normal = b.whole("key", 3, "in"), b.whole("normal", sizes["y"], "work")
         body.append(Normal(step[0], key[0], normal[0]))
-        deviation = b.whole("deviation", sizes.y, "in", many)
-        body.append(Call(_product_function(sizes.y, 1), (*normal, *deviation), noise))
+        deviation = b.whole("deviation", sizes["y"], "in", many)
+        body.append(Call(_product_function(sizes["y"], 1), (*normal, *deviation), noise))
     measure = drop_empty(measure_function(plant, controller, code.channel))
     body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
     if options is not None and options.kept:
@@ -254,31 +245,31 @@ def loop_program(
             signals = {"state": x, "output": y, "estimate": estimate, "input": u}
             return np.array([signals[kind][column] for kind, column in places])
 
-        kept = drop_empty(trace(keep, sizes.x, sizes.y, sizes.estimate, sizes.u, name="keep"))
+        kept = drop_empty(trace(keep, sizes["x"], sizes["y"], sizes["estimate"], sizes["u"], name="keep"))
         body.append(Call(kept, (*x, *y, *estimate, *u), b.row("kept", len(places), "out")))
     acting = u
     if delayed:
-        acting = b.row("inputs", sizes.u, "state")
+        acting = b.row("inputs", sizes["u"], "state")
         body.append(Copy(u[0], replace(acting[0], shift="late")))
     body += [Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
     if many:
         remembered = b.whole("remembered", _remembered(reductions), "state")
         observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
-        facts = b.whole("facts", 1 + 3 * sizes.r, "in", many)
+        facts = b.whole("facts", 1 + 3 * sizes["r"], "in", many)
         body.append(
             Call(drop_empty(_reduce_function(sizes, reductions)), (*observed, *facts), (*remembered, *step))
         )
     body.append(Copy(acting[0], held[0]))
-    size, parts = 3 * sizes.d, []
+    size, parts = 3 * sizes["d"], []
     stage: tuple[Slice, ...] = ()
     if size and (options is None or options.disturbed):
-        stage = (Slice("disturbance", size=size, strides=(size * sizes.capacity, size)),)
+        stage = (Slice("disturbance", size=size, strides=(size * sizes["capacity"], size)),)
         b["disturbance"] = Buffer("disturbance", None, "in", shared=many)
     if many:
-        own, load = b.whole("acting", size, "work"), Slice("load", size=sizes.d)
+        own, load = b.whole("acting", size, "work"), Slice("load", size=sizes["d"])
         if stage:
-            b.whole("load", sizes.d, "in")
-            parts.append(Call(_product_function(sizes.d, 3), (*stage, load), own))
+            b.whole("load", sizes["d"], "in")
+            parts.append(Call(_product_function(sizes["d"], 3), (*stage, load), own))
         stage = own
     parts.append(Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x))
     body += [Repeat("parts", tuple(parts)), Guard(x[0], PLANT_FAILED)]
@@ -287,15 +278,13 @@ def loop_program(
     return Program(name, (*b.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
 
 
-def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Program:
+def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:
     """The reductions of a program of many runs alone, of the recorded signals of one run."""
     b = _Buffers()
     step, remembered = b.whole("step", 1, "state"), b.whole("remembered", _remembered(reductions), "state")
-    signals = {
-        "state": sizes.x, "estimate": sizes.estimate, "output": sizes.y, "input": sizes.u, "reference": sizes.r,
-    }  # fmt: skip
-    rows = [piece for name, size in signals.items() for piece in b.row(name, size, "in")]
-    facts = b.whole("facts", 1 + 3 * sizes.r, "in")
+    signals = {"state": "x", "estimate": "estimate", "output": "y", "input": "u", "reference": "r"}
+    rows = [piece for name, size in signals.items() for piece in b.row(name, sizes[size], "in")]
+    facts = b.whole("facts", 1 + 3 * sizes["r"], "in")
     function = drop_empty(_reduce_function(sizes, reductions))
     reduce = Call(function, (*step, *remembered, *rows, *facts), (*remembered, *step))
     return Program("reductions", tuple(b.values()), (Repeat("steps", (reduce,)),), ("steps",))
@@ -310,9 +299,9 @@ def _product_function(size: int, times: int) -> ca.Function:
     return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
 
 
-def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Function:
+def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> ca.Function:
     """(step, remembered, x, estimate, y, u, command, facts) → remembered, if anything is, and the next step."""
-    r = sizes.r
+    r = sizes["r"]
 
     def reduce(step: Any, kept: Any, x: Any, estimate: Any, y: Any, u: Any, command: Any, facts: Any) -> Any:
         rows = (facts[1 + k * r : 1 + (k + 1) * r] for k in range(3))
@@ -322,5 +311,5 @@ def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Fu
         remembered = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
         return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in remembered]), step + 1.0
 
-    widths = (1, _remembered(reductions), sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
+    widths = (1, _remembered(reductions), sizes["x"], sizes["estimate"], sizes["y"], sizes["u"], r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

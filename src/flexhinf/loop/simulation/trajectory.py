@@ -79,9 +79,13 @@ class Trajectory(Summarised):
         end = last + 1 if code else len(times)
         who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
         message = (
-            f"The closed loop diverged: at t = {times[last]:g} s the {who} is no longer finite. "
-            "Try a smaller command, a larger gamma, a shorter period or another penalty."
-        ) if code > 0 else ""  # fmt: skip
+            (
+                f"The closed loop diverged: at t = {times[last]:g} s the {who} is no longer finite. "
+                "Try a smaller command, a larger gamma, a shorter period or another penalty."
+            )
+            if code > 0
+            else ""
+        )
         time, signals = read_only((times[:end], {name: values[:end] for name, values in recorded.items()}))
         every = {
             "state": tuple(plant.states), "estimate": controller.states, "output": controller.measured,
@@ -103,12 +107,14 @@ class Trajectory(Summarised):
         """
         import xarray as xr
 
-        variables, coordinates = {}, {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
-        for kind, values in self.signals.items():
-            dimension = f"{kind}_name"
-            variables[kind] = (("time", dimension), values, {"units": ", ".join(self.units[kind])})
-            coordinates[dimension] = (dimension, list(self.names[kind]))  # type: ignore[assignment]
-            coordinates[f"{kind}_unit"] = (dimension, list(self.units[kind]))  # type: ignore[assignment]
+        coordinates: dict[str, Any] = {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
+        for kind in self.signals:
+            for labels, several in (("name", self.names), ("unit", self.units)):
+                coordinates[f"{kind}_{labels}"] = (f"{kind}_name", list(several[kind]))
+        variables = {
+            kind: (("time", f"{kind}_name"), values, {"units": ", ".join(self.units[kind])})
+            for kind, values in self.signals.items()
+        }
         settings = {**self.settings, "status": self.status}
         return xr.Dataset(variables, coordinates, {k: str(v) for k, v in settings.items()})
 
@@ -179,12 +185,12 @@ class Trajectory(Summarised):
         write_file(path, "run", self._write_csv if suffix == ".csv" else self._write_netcdf)
 
     def _write_csv(self, path: str) -> None:
-        labels, columns = ["time [s]"], [self.time]
-        for kind, values in self.signals.items():
-            for name, unit, column in zip(self.names[kind], self.units[kind], values.T):
-                labels.append(_csv_cell(f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}"))
-                columns.append(column)
-        header, table = ",".join(labels), np.column_stack(columns)
+        labels = [
+            _csv_cell(f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}")
+            for kind in self.signals
+            for name, unit in zip(self.names[kind], self.units[kind])
+        ]
+        header, table = ",".join(["time [s]", *labels]), np.column_stack([self.time, *self.signals.values()])
         np.savetxt(path, table, "%.17g", ",", header=header, comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
@@ -208,21 +214,23 @@ class Trajectory(Summarised):
             "rise_time_s": ("rise time", "s"), "steady_state_error": ("steady state error", unit),
             "peak_input": ("peak input", inputs.pop() if len(inputs) == 1 else ""),
         }  # fmt: skip
-        return {**facts, "tracked state": name, **{
-            label: "none" if metrics[key] is None else number_text(metrics[key], of)
-            for key, (label, of) in labels.items()
-        }}  # fmt: skip
+        return {
+            **facts,
+            "tracked state": name,
+            **{
+                label: "none" if metrics[key] is None else number_text(metrics[key], of)
+                for key, (label, of) in labels.items()
+            },
+        }
 
     def _repr_html_(self) -> str:
         return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()  # type: ignore[attr-defined]
 
 
 def _rms(errors: np.ndarray) -> float:
-    """Root of the mean square, of numbers whose squares are not finite too."""
-    largest = float(np.abs(errors).max())
+    largest = float(np.abs(errors).max())  # of numbers whose squares are not finite too
     return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if 0.0 < largest < np.inf else largest
 
 
-def _csv_cell(text: str) -> str:
-    """A text as one cell of a CSV file (RFC 4180)."""
+def _csv_cell(text: str) -> str:  # RFC 4180
     return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
