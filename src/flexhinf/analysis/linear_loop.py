@@ -334,7 +334,7 @@ class LinearLoop:
         k: Any,
         l: Any,
     ) -> DiscreteSystem:
-        """`_parts` with x⁺ = … + b w, z = c x + d w and the late input v = k x + l w."""
+        # x⁺ = … + b w, z = c x + d w and the late input v = k x + l w.
         (a, e, _, samples), (b, c, d) = parts, bcd
         if not samples:
             return DiscreteSystem(a + e @ k, b + e @ l, c, d, self.period)
@@ -369,9 +369,8 @@ class Modes:
     """Multipliers of one period, for N true plants."""
 
     period: float  # s
-    equilibrium: (
-        np.ndarray
-    )  # (N, n + s), true plant, then the memory of `SampledController`; NaN where there is none
+    #: (N, n + s), true plant, then the memory of `SampledController`; NaN where there is none
+    equilibrium: np.ndarray
     multipliers: np.ndarray  # (N, K), complex, eigenvalues of one period; infinite without equilibrium
 
     @property

@@ -409,8 +409,7 @@ def _gain_margins(
     for i in range(swept.shape[1]):
         for side in (-1.0, 1.0):
             own = (inputs == i) & (side * about > 0.0) & (distance <= np.log(LARGEST_FACTOR))
-            if own.any():
-                chosen |= own & (distance <= distance[own].min() + np.log(REFINED_UP_TO))
+            chosen |= own & (distance <= distance[own].min(initial=np.inf) + np.log(REFINED_UP_TO))
     rows, inputs = rows[chosen], inputs[chosen]
     at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
     values = factors(np.array([*at, 0.0, top]))

@@ -454,9 +454,8 @@ class SampledController:
 
     @cached_property
     def _flag(self) -> slice:
-        place = (
-            self.estimator.plant.parameters.size
-        )  # the observer's, that a period lies before its measurement
+        # Place in `_held` of an observer's flag that a period lies before its measurement; empty for others.
+        place = self.estimator.plant.parameters.size
         for k, (name, part) in enumerate(zip(self.estimator.initial._fields, self.estimator.initial)):
             if name == "moved":
                 return slice(place, place + 1)

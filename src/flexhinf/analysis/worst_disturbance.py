@@ -257,9 +257,8 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
             adjoint = own[k] + adjoint @ by_state[k]
         by_d[part] += np.einsum("ki,kij->kj", adjoints, by_torque)
         commands = commands + np.einsum("ki,kij->kj", adjoints, by_command)
-        first_one = int(
-            begin == 0
-        )  # the command of the interval before acts now; sample 0 has none before it
+        # The command of the interval before acts now; sample 0 has none before it.
+        first_one = int(begin == 0)
         by_d[begin + first_one - 1 : part.stop - 1, : runs.commands] += commands[first_one:]
     return by_d * runs.period, float(cost.sum() * runs.period)
 
@@ -463,9 +462,8 @@ class MovedLaw(Law):
         integrals = equilibrium_integrals(rows, self.operating_point[:n], self.operating_input)
         start = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
         moved, wanted = start.copy(), self.operating_input - law.operating_input
-        for _ in range(
-            ITERATIONS
-        ):  # Newton's method: integrals with which the law gives the input that is wanted
+        # Newton's method: integrals with which the law gives the input that is wanted.
+        for _ in range(ITERATIONS):
             value, slope = rows(moved[None, :])
             gap = wanted - value[0]
             if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):

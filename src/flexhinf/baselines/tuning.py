@@ -152,9 +152,8 @@ def tune(
     exact = [{n: float(np.clip(values[n], *bounds[n])) for n in names} for values in (start, *others)]
     spread = 0 if others else samples // COARSE  # from values that are good elsewhere it begins at once
     points = [np.log([values[name] for name in names]) for values in exact]
-    costs = [
-        cost(point, values) for point, values in zip(points, exact)
-    ]  # other laws' values, to the last bit
+    # Other laws' values are tried to the last bit.
+    costs = [cost(point, values) for point, values in zip(points, exact)]
     scattered = _spread(np.log([start[name] for name in names]), low, high, spread, seed)
     points, costs = [*points, *scattered], [*costs, *map(cost, scattered)]
     if names:

@@ -406,14 +406,13 @@ def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
 def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:
-    """The better of two integrals, and the inverse slope that explains the last step (Broyden's good update)."""
     step, rest = trial[trial.shape[0] - errors.shape[0] :] - errors, wanted - value
     did = inverse @ (misfit - rest)
     divisor, size = step @ did, absolute(step) @ absolute(did)
     usable = absolute(divisor) > ROUNDING * size
     share = where(usable, 1.0 / where(usable, divisor, 1.0), 0.0)
     better = rest @ rest < misfit @ misfit
-    inverse = inverse + np.outer((step - did) * share, step @ inverse)
+    inverse = inverse + np.outer((step - did) * share, step @ inverse)  # Broyden's good update
     return where(better, errors + step, errors), where(better, rest, misfit), inverse
 
 
@@ -430,7 +429,6 @@ def _joined(
     point: Any,
     decay: Any,
 ) -> tuple[Any, Any, Any, Any]:
-    """Results of the transfer where a law takes over, else of the law itself; see `bumpless_transfer`."""
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]
     bias = where(new, misfit, decay * bias)

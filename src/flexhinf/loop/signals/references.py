@@ -120,7 +120,6 @@ class _Finite:
 
     @property
     def name(self) -> str:
-        """A short description."""
         return self.text.format(**vars(self))
 
     __call__: Callable[[Any], Any]

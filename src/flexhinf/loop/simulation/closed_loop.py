@@ -352,8 +352,9 @@ class Loop(Summarised):
         multi_turn: bool = False,
     ) -> PreparedRun:
         """A run on a `Plant`, prepared but not yet made; arguments as of `run`."""
-        run = (reference, disturbance, noise, duration, initial_state, initial_input)
-        return self.ensemble(*run, multi_turn=multi_turn).single(seed, self.sub_steps)
+        return self.ensemble(
+            reference, disturbance, noise, duration, initial_state, initial_input, multi_turn=multi_turn
+        ).single(seed, self.sub_steps)
 
     def ensemble(
         self,

@@ -130,9 +130,8 @@ class EnsembleOptions(NamedTuple):
     noisy: bool  # measurement noise
     disturbed: bool
     delayed: bool  # inputs
-    kept: tuple[
-        tuple[str, int], ...
-    ]  # recorded at every sample: "state", "output", "estimate" or "input"; column
+    #: recorded at every sample: "state", "output", "estimate" or "input"; column
+    kept: tuple[tuple[str, int], ...]
 
 
 class _Buffers(dict[str, Buffer]):
