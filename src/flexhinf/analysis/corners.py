@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
+from operator import attrgetter
 from typing import Any, ClassVar
 
 import numpy as np
@@ -91,13 +91,14 @@ def standard_noises(
 
     R^n, to which the ratios are, is by default the smallest variance of the filter's measurements.
     """
-    if not loop.tunable:
-        return ()
-    if measurement_noise is None:
-        measurement_noise = float(np.diag(loop.filter.measurement_noise).min())
     forms = [form for form in FORMS if ProcessNoise(form, 0.0).disturbed(loop.step.states).any()]
-    ratios = RATIOS[loop.states > LARGE]
-    return tuple(ProcessNoise(form, ratio * measurement_noise) for form in forms for ratio in ratios)
+    variance = _smallest_variance(loop) if measurement_noise is None else measurement_noise
+    noises = (ProcessNoise(form, k * variance) for form in forms for k in RATIOS[loop.states > LARGE])
+    return tuple(noises) if loop.tunable else ()
+
+
+def _smallest_variance(loop: EquilibriumLoop) -> float:
+    return float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
 
 
 # Plants ------------------------------------------------------------------------------------------------
@@ -119,11 +120,11 @@ class Population:
         parts = []
         for name, value in self.values[k].items():
             new, old = (np.ravel(np.asarray(v, dtype=float)) for v in (value, self.nominal[name]))
+            text = name.replace("_", " ")
             for i in np.flatnonzero((new != 0.0) & (old != 0.0)):
                 change = 100.0 * (new[i] / old[i] - 1.0)
-                place = f" {i + 1}" if len(new) > 1 else ""
                 if abs(change) > 1e-9:
-                    parts.append(f"{name.replace('_', ' ')}{place} {change:+.3g} %")
+                    parts.append(f"{text}{f' {i + 1}' if len(new) > 1 else ''} {change:+.3g} %")
         return ", ".join(parts) or "nominal"
 
 
@@ -137,8 +138,9 @@ def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
                 "count=400",
             )
     if uncertain < 63 and 2**uncertain <= count:
-        every = list(itertools.product((-1.0, 1.0), repeat=uncertain))
-        return np.array(every).reshape(2**uncertain, uncertain)
+        return np.array(list(itertools.product((-1.0, 1.0), repeat=uncertain))).reshape(
+            2**uncertain, uncertain
+        )
     return np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (count, uncertain))
 
 
@@ -187,7 +189,6 @@ def corner_plants(
 
 
 def _vectors(loop: EquilibriumLoop, population: Population) -> np.ndarray:
-    """Parameter vectors (N, q) of the loop's plant; parameters that it does not have are left out."""
     return loop.plant.parameters.vectors(
         [loop.plant.parameters.known(values) for values in population.values]
     )
@@ -254,7 +255,7 @@ def growth_rates(
     population: Population,
     noises: Sequence[ProcessNoise | None] = (None,),
     plants: np.ndarray | None = None,
-    going_on: Callable[[], None] | None = None,
+    going_on: Callable[[], None] = lambda: None,
     vectors: np.ndarray | None = None,
 ) -> tuple[GrowthRates, ...]:
     """Growth rates of a loop with every plant, for every R^v; few plants with several R^v at once.
@@ -269,15 +270,13 @@ def growth_rates(
     rates: list[GrowthRates] = []
     equilibria, count, rest = None, len(chosen), list(noises)
     while rest:
-        if going_on is not None:
-            going_on()
-        together = 1 if None in rest[:1] else max(1, ROWS // max(count, 1))
-        part = list(takewhile(lambda noise: noise is not None, rest[:together])) or rest[:1]
+        going_on()
+        together = rest[: max(1, ROWS // max(count, 1))]
+        part = list(itertools.takewhile(lambda noise: noise is not None, together)) or rest[:1]
         del rest[: len(part)]
-        covariances = [noise.covariance(loop.step.states) for noise in part if noise is not None]
-        per_row = covariances[0] if covariances else None  # (n, n); (N, n, n) of several
-        if len(covariances) > 1:
-            per_row = np.repeat(np.array(covariances), count, axis=0)
+        own = [noise.covariance(loop.step.states) for noise in part if noise is not None]
+        # (n, n); (N, n, n) of several
+        per_row = np.repeat(np.array(own), count, axis=0) if len(own) > 1 else own[0] if own else None
         near = None if equilibria is None else np.tile(equilibria, (len(part), 1))
         modes = loop.modes(np.tile(vectors[chosen], (len(part), 1)), per_row, near)
         equilibria = modes.equilibrium[-count:]
@@ -309,19 +308,16 @@ class ToleranceCorners(Corners):
     swept: tuple[GrowthRates, ...]
     measurement_noise: float  # R^n that ratios are to; NaN without a Kalman filter
 
+    unstable = property(
+        attrgetter("designed.unstable"), doc="Corners at which the loop as designed is unstable."
+    )
+    worst = property(
+        attrgetter("designed.worst"), doc="The corner at which the loop as designed grows fastest."
+    )
+
     def __repr__(self) -> str:
-        text = f"{self.unstable} of {self.count} corners unstable, {len(self.swept)} other R^v"
-        return f"ToleranceCorners({text})"
-
-    @property
-    def unstable(self) -> int:
-        """Corners at which the loop as designed is unstable."""
-        return self.designed.unstable
-
-    @property
-    def worst(self) -> int:
-        """The corner at which the loop as designed grows fastest."""
-        return self.designed.worst
+        unstable = f"{self.unstable} of {self.count} corners unstable"
+        return f"ToleranceCorners({unstable}, {len(self.swept)} other R^v)"
 
     @property
     def forms(self) -> tuple[str, ...]:
@@ -382,15 +378,14 @@ def tolerance_corners(
         few = np.unique([rates.plants[np.argsort(-rates.rates, kind="stable")[:FEW]] for rates, _ in grid])
         count = round(PER_DECADE * np.log10(levels[-1] / levels[0])) + 1
         tried = [ProcessNoise(form, float(q)) for q in np.geomspace(levels[0], levels[-1], count)]
-        tried_rates = growth_rates(loop, population, tried, few, vectors=vectors)
         # infinite where no finite linear loop exists: a peak as well
-        fastest = np.clip([each.fastest for each in tried_rates], -LARGEST, LARGEST)
+        rates = [each.fastest for each in growth_rates(loop, population, tried, few, vectors=vectors)]
+        fastest = np.clip(rates, -LARGEST, LARGEST)
         higher = fastest[1:-1] - PROMINENT * np.abs(fastest[1:-1])
         peaks = np.flatnonzero((higher > fastest[:-2]) & (higher > fastest[2:])) + 1
         between += [tried[k] for k in peaks[np.argsort(-fastest[peaks], kind="stable")][:PEAKS]]
     swept += growth_rates(loop, population, between, every, vectors=vectors)
-    variance = float(np.diag(loop.filter.measurement_noise).min()) if loop.tunable else np.nan
-    return ToleranceCorners(population, complete, designed, swept, variance)
+    return ToleranceCorners(population, complete, designed, swept, _smallest_variance(loop))
 
 
 # How far the tolerances may grow, all by one factor -----------------------------------------------------

@@ -82,8 +82,7 @@ def dissipation_budget(
     law without a value function V (as a solution of `solve_hji` has), a run whose true state is not known, and
     disturbances that the problem does not know are refused.
     """
-    controller = loop.controller
-    law = controller.law
+    controller, law = loop.controller, loop.controller.law
     if not isinstance(law, HJISolution):
         raise InvalidInput(
             "The law has no value function to keep below a level.", f"got {type(law).__name__}",
@@ -114,7 +113,6 @@ def dissipation_budget(
 
 
 def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """The problem's integrals (N, k) of the true state, equal to the controller's at the end."""
     places = [controller.states.index(name) for name in controller.tracked]
     position, reference = x[:, places], run.signals["reference"]
     if controller.mode.moving:
@@ -131,7 +129,7 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
     own.reset(input=before)
     for y, r in zip(run.signals["output"], run.signals["reference"], strict=True):
         own.step(y, r if own.commanded else None)
-    return whole - whole[-1] + own.integrals
+    return whole - whole[-1] + own.integrals  # of the true state, equal to the controller's at the end
 
 
 def _disturbances(run: Trajectory, controller: Controller, problem: Any) -> np.ndarray:
@@ -192,16 +190,14 @@ def budget_terms(
         observer = so_far.get("estimator")
         controller = Controller(law, observer, period, so_far.get("saturation"), start=start)
         loop = Loop(plant, controller, delay=so_far.get("delay", 0.0))
-        settings = {**run, "noise": run.get("noise") if observer is not None else None}
-        trajectory = loop.run(**settings)
+        trajectory = loop.run(**{**run, "noise": run.get("noise") if observer is not None else None})
         if trajectory.diverged_at is None:
-            budget = dissipation_budget(trajectory, loop, level, settings.get("initial_input"))
+            budget = dissipation_budget(trajectory, loop, level, run.get("initial_input"))
         else:  # it has spent everything
             nan = np.full(len(trajectory.time), np.nan)
             budget = DissipationBudget(trajectory.time, float(level), float("nan"), nan, nan, nan, False)
         above = rows[-1].budget.total if rows else 0.0
-        more = budget.total - above if np.isfinite(above) else float("inf")
-        rows.append(BudgetTerm(name, budget, more))
+        rows.append(BudgetTerm(name, budget, budget.total - above if np.isfinite(above) else float("inf")))
     return tuple(rows)
 
 
@@ -265,10 +261,9 @@ class LinearCorners:
         expansion, count = problem.expand(1), len(population)
         nominal = (expansion.f_parts[1], expansion.g1_parts[0][:, :, 0], expansion.g2_parts[0][:, :, 0])
         a, b1, b2 = (np.tile(matrix, (count, 1, 1)) for matrix in nominal)
-        names = tuple(problem.disturbance_names)
+        names, n = tuple(problem.disturbance_names), plant.n
         torques = [k for k, name in enumerate(names) if name in plant.disturbances]
         places = [tuple(plant.disturbances).index(names[k]) for k in torques]
-        n = plant.n
         for k, values in enumerate(population.values):
             known = plant.parameters.known(values)
             state, inputs, disturbed, _ = plant.with_parameters(**known).linearise(*equilibrium(known))

@@ -33,6 +33,7 @@ from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant, equilibrium as plant_equilibrium
 from flexhinf.plant.plant import pose_values
 from flexhinf.scalars import trace
+from flexhinf.validation import value_text
 
 #: Newton steps towards the equilibrium of the loop at most, and the relative size of the last one.
 ITERATIONS, LAST_STEP = 12, 1e-7
@@ -94,18 +95,20 @@ class EquilibriumLoop:
         check_delay(delay, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay
+        #: Whether the gain follows from R^v: that of a Kalman filter.
+        self.tunable = isinstance(filter, RecursiveFilter) and not isinstance(filter, OutputInjectionObserver)
         self._nominal: LinearLoop | None = None
         self._states = law.plant_states
         #: The model of the estimator, or the true plant whose state is fed back.
         self._model = true_plant if filter is None else filter.plant
         #: State and input with which the law's plant is held at the goal, (n,) and (m,).
-        self.model_equilibrium = (
-            np.array(law.operating_point[: len(self._states)], dtype=float),
-            np.array(law.operating_input, dtype=float),
+        x, u = (
+            (law.operating_point[: len(self._states)], law.operating_input)
+            if equilibrium is None
+            else equilibrium
         )
-        if equilibrium is not None:
-            self.model_equilibrium = np.array(equilibrium[0]), np.array(equilibrium[1])
-        elif goal is not None:
+        self.model_equilibrium = np.array(x, dtype=float), np.array(u, dtype=float)
+        if goal is not None:
             if not law.tracked:
                 raise InvalidInput(
                     "A law without integrals has no goal of its own.",
@@ -118,22 +121,17 @@ class EquilibriumLoop:
         if self.tunable:
             steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
         self.step = SampledController(law, steady, period, moving)
+        x, u = self.model_equilibrium
+        #: (x*, u*) of the law, or of the goal it moves with.
+        self.centre = np.concatenate([x, law.operating_point[len(x) :], u]) if moving else self.step.centre
+        #: Wanted values of the tracked states, (k,).
+        self.command = x[[self._states.index(name) for name in self.step.tracked]]
+        #: Number of states of the linear loop: true plant, inputs that wait in the delay, controller.
+        self.states = true_plant.n + delay * self.step.m + self.step.size
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
 
     # The estimator -------------------------------------------------------------------------------------
-    @property
-    def states(self) -> int:
-        """Number of states of the linear loop: true plant, inputs that wait in the delay, controller."""
-        return self.plant.n + self.delay * self.step.m + self.step.size
-
-    @property
-    def tunable(self) -> bool:
-        """Whether the gain follows from R^v: that of a Kalman filter."""
-        return isinstance(self.filter, RecursiveFilter) and not isinstance(
-            self.filter, OutputInjectionObserver
-        )
-
     @cached_property
     def model(self) -> tuple[np.ndarray, np.ndarray]:
         """F (n, n) and H (p, n) of one sample of the filter's model, linearised at the goal."""
@@ -160,25 +158,10 @@ class EquilibriumLoop:
         places = [plant.index(name) for name in self._states] if self.filter is None else None
 
         def measured(moving: Any, held: Any) -> Any:
-            if places is not None:
-                return moving[places]
-            return plant.evaluate_output(moving[:n], moving[n:], held)
+            return plant.evaluate_output(moving[:n], moving[n:], held) if places is None else moving[places]
 
         sizes = (n + len(plant.inputs), plant.parameters.size)
         return Rows(("measure", plant.code_key, places), lambda: trace(measured, *sizes, name="measure"))
-
-    @property
-    def centre(self) -> np.ndarray:
-        """(x*, u*) of the law, or of the goal it moves with."""
-        if not self.moving:
-            return self.step.centre
-        x, u = self.model_equilibrium
-        return np.concatenate([x, self.law.operating_point[len(x) :], u])
-
-    @property
-    def command(self) -> np.ndarray:
-        """Wanted values of the tracked states, (k,)."""
-        return self.model_equilibrium[0][[self._states.index(name) for name in self.step.tracked]]
 
     def by_loop(self, by: np.ndarray, by_y: np.ndarray) -> np.ndarray:
         """Derivatives (N, j, n + s) by plant and memory, from those by memory and measurement (N, j, s + p …), with
@@ -228,17 +211,16 @@ class EquilibriumLoop:
         """State of the loop (n + s,) where the nominal plant is held at the goal; a NumericalFailure if no integrals
         make the law give the input that holds it."""
         x, u = self.model_equilibrium
-        integral = self.law.operating_point[len(x) :]
-        if not self.moving:
-            integral = equilibrium_integrals(self.step.law_rows, x, u)
-        position = np.zeros(self.step.k) if self.moving else self.command
+        if self.moving:
+            integral, position = self.law.operating_point[len(x) :], np.zeros(self.step.k)
+        else:
+            integral, position = equilibrium_integrals(self.step.law_rows, x, u), self.command
         return np.concatenate([self._true_start(x, u), self.step.settled(x, u), u, integral, position])
 
     def _true_start(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """The same equilibrium of the true plant; states that the law's plant lacks are solved for."""
-        plant = self.plant
-        known = dict(zip(self._states, x))
+        plant, known = self.plant, dict(zip(self._states, x))
         state = np.array([known.get(name, 0.0) for name in plant.states])
+        # States that the law's plant lacks are solved for.
         extra = [i for i, name in enumerate(plant.states) if name not in known]
         if extra:
             slope = plant.linearise(state, u)[0][:, extra]
@@ -282,17 +264,15 @@ class EquilibriumLoop:
         """
         vectors = values if isinstance(values, np.ndarray) else self.plant.parameters.vectors(values)
         fixed = self._fixed(process_noise)
-        own, parts = fixed is not None and fixed.ndim == 2, []
-        each = max(1, AT_ONCE // self.states**2)
+        each, parts = max(1, AT_ONCE // self.states**2), []
         for k in range(0, max(1, len(vectors)), each):
             at = slice(k, k + each)
-            gains = fixed[at] if own and fixed is not None else fixed
+            gains = fixed[at] if fixed is not None and fixed.ndim == 2 else fixed
             z, slope, exists = self._equilibrium(vectors[at], gains, None if near is None else near[at])
             if self.delay:
                 slope = self._period(z, vectors[at], gains, waits=True)[1]
-            some = np.linalg.eigvals(slope[exists])
-            multipliers = np.full((len(z), some.shape[1]), np.inf, dtype=complex)
-            multipliers[exists] = some
+            multipliers = np.full(slope.shape[:2], np.inf, dtype=complex)
+            multipliers[exists] = np.linalg.eigvals(slope[exists])
             parts.append((np.where(exists[:, None], z, np.nan), multipliers))
         equilibria, multipliers = (np.concatenate(each) for each in zip(*parts))
         return Modes(self.period, equilibria, multipliers)
@@ -330,11 +310,11 @@ class EquilibriumLoop:
         return linear
 
     def _fixed(self, process_noise: np.ndarray | None) -> np.ndarray | None:
-        """Gains (n p,), or (N, n p) for an R^v per plant: neighbours with the same R^v share one."""
         if process_noise is None:
             return None
         if process_noise.ndim == 2:
             return self.gain(process_noise).ravel()
+        # (N, n p) for an R^v per plant: neighbours with the same R^v share one
         changes = np.any(process_noise[1:] != process_noise[:-1], axis=(1, 2))
         first = np.concatenate([[0], np.flatnonzero(changes) + 1])
         gains = np.array([self.gain(process_noise[k]).ravel() for k in first])
@@ -343,7 +323,6 @@ class EquilibriumLoop:
     def _equilibrium(
         self, vectors: np.ndarray, fixed: np.ndarray | None, near: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(equilibrium, Jacobian there, whether it was found), all plants at once."""
         count, k = len(vectors), self.plant.n + self.step.size
         try:
             z = np.tile(self.start, (count, 1))
@@ -433,10 +412,9 @@ def frequency_response(
     else:
         grid = np.sort(np.atleast_1d(np.asarray(frequencies, dtype=float)))
         if grid.ndim != 1 or not len(grid) or not np.all((grid > 0.0) & (grid <= top * (1.0 + 1e-12))):
-            text = np.array2string(grid, threshold=6)
             raise InvalidInput(
                 "The frequencies do not fit the sampled loop.",
-                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {text}",
+                f"expected numbers above 0 and up to pi/T = {top:.6g} rad/s, got {value_text(grid)}",
                 "numpy.geomspace(0.1, 1000, 200), in rad/s",
             )
     n, q, k = m + len(linear.c), len(linear.positions), linear.g.shape[1]

@@ -62,9 +62,8 @@ class DiscreteSystem:
     @cached_property
     def multipliers(self) -> np.ndarray:
         """Eigenvalues of a, (n,): factor of each mode per period."""
-        if "_schur" in vars(self):
-            return np.diagonal(self._schur[0])
-        return np.linalg.eigvals(self.a).astype(complex)
+        known = "_schur" in vars(self)
+        return np.diagonal(self._schur[0]) if known else np.linalg.eigvals(self.a).astype(complex)
 
     @property
     def stable(self) -> bool:
@@ -128,12 +127,13 @@ class DiscreteSystem:
 
     def changed(self, **matrices: np.ndarray) -> DiscreteSystem:
         """The system with other `b`, `c` or `d`; the modes of a are not computed again."""
+        names = [
+            *(["_schur"] if len(self.a) > TRIANGULAR else []),
+            "multipliers",
+            *(["poles"] if self.queued else []),
+        ]
         other = replace(self, **matrices)
-        if len(self.a) > TRIANGULAR:
-            vars(other)["_schur"] = self._schur
-        vars(other)["multipliers"] = self.multipliers
-        if self.queued:
-            vars(other)["poles"] = self.poles
+        vars(other).update({name: getattr(self, name) for name in names})
         return other
 
     def block(self, outputs: slice, inputs: slice) -> DiscreteSystem:
@@ -178,8 +178,7 @@ class DiscreteSystem:
         return np.sqrt(self._variances(b @ b.T) + (d**2).sum(axis=1))
 
     def _variances(self, spreads: np.ndarray) -> np.ndarray:
-        """Variances of the outputs (…, p), if every sample adds `spreads` (…, n, n) to the state's covariance."""
-        power = self.a
+        power = self.a  # every sample adds `spreads` (…, n, n) to the state's covariance
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(DOUBLINGS):
                 spreads = spreads + power @ spreads @ power.T
@@ -284,7 +283,7 @@ class LinearLoop:
         """
         (n, m), p, q, s = self.b.shape, len(self.c), len(self.positions), len(self.memory)
         parts = self._parts(delay)
-        size = len(parts[0])
+        size, by_state = len(parts[0]), parts[2]
         # u and the next memory by (w, v, r, d); a disturbance moves the plant alone.
         u, after = (
             np.pad(np.hstack([block[:, s:], command]), ((0, 0), (m, self.g.shape[1])))
@@ -292,7 +291,7 @@ class LinearLoop:
         )
         b = np.zeros((size, u.shape[1]))
         b[:n, m + p + q :], b[n + m :] = exponential(self.a, self.g, self.period)[1], after
-        total, by_state = u + np.eye(m, u.shape[1]), parts[2]
+        total = u + np.eye(m, u.shape[1])
         c = np.vstack([by_state, by_state, np.pad(self.positions, ((0, 0), (0, size - n)))])
         return self._closed(parts, (b, c, np.vstack([total, u, np.zeros((q, u.shape[1]))])), by_state, total)
 
@@ -335,13 +334,12 @@ class LinearLoop:
         k: Any,
         l: Any,
     ) -> DiscreteSystem:
-        """`_parts` with x⁺ = … + b w, z = c x + d w and the late input v = k x + l w."""
+        # x⁺ = … + b w, z = c x + d w and the late input v = k x + l w.
         (a, e, _, samples), (b, c, d) = parts, bcd
         if not samples:
             return DiscreteSystem(a + e @ k, b + e @ l, c, d, self.period)
         queued = samples * e.shape[1]
-        after = np.zeros((queued, b.shape[1]))
-        after[: len(l)] = l
+        after = np.vstack([l, np.zeros((queued - len(l), b.shape[1]))])
         a = with_queue(a[None], e[None], k[None], samples)[0]
         c = np.hstack([c, np.zeros((len(c), queued))])
         return DiscreteSystem(a, np.vstack([b, after]), c, d, self.period, samples, queued)
@@ -352,9 +350,7 @@ def exponential(a: np.ndarray, b: np.ndarray, seconds: float) -> tuple[np.ndarra
     from scipy.linalg import expm
 
     n, m = b.shape
-    both = np.zeros((n + m, n + m))
-    both[:n] = np.hstack([a, b])
-    both = expm(both * seconds)
+    both = expm(np.vstack([np.hstack([a, b]), np.zeros((m, n + m))]) * seconds)
     return both[:n, :n], both[:n, n:]
 
 
@@ -373,9 +369,8 @@ class Modes:
     """Multipliers of one period, for N true plants."""
 
     period: float  # s
-    equilibrium: (
-        np.ndarray
-    )  # (N, n + s), true plant, then the memory of `SampledController`; NaN where there is none
+    #: (N, n + s), true plant, then the memory of `SampledController`; NaN where there is none
+    equilibrium: np.ndarray
     multipliers: np.ndarray  # (N, K), complex, eigenvalues of one period; infinite without equilibrium
 
     @property
@@ -392,6 +387,5 @@ class Modes:
     def slowest(self, count: int) -> np.ndarray:
         """The `count` slowest exponents log(multiplier) / period, (N, count) in 1/s."""
         order = np.argsort(-np.abs(self.multipliers), axis=1, kind="stable")[:, :count]
-        chosen = np.take_along_axis(self.multipliers, order, axis=1)
         with np.errstate(invalid="ignore"):
-            return np.log(chosen) / self.period
+            return np.log(np.take_along_axis(self.multipliers, order, axis=1)) / self.period

@@ -83,8 +83,7 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
 
 
 def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
-    """(ω, delay) near each crossing; the smallest delay for each that is not below the loop's own."""
-    guesses = []
+    guesses = []  # (ω, delay) near each crossing; the smallest delay for each that is not below the loop's own
     for fraction in FRACTIONS:
         opened = loop.opened(fraction * loop.period)
 
@@ -110,8 +109,7 @@ def _nearest(loop: LinearLoop, frequency: float, delay: float) -> complex:
 
 
 def _refined(loop: LinearLoop, frequency: float, delay: float) -> tuple[float, float] | None:
-    """(delay, ω) with λ = 1, or None if Newton's method leaves the positive numbers."""
-    top = np.pi / loop.period
+    # (delay, ω) with λ = 1, or None if Newton's method leaves the positive numbers
     for _ in range(ITERATIONS):
         value = _nearest(loop, frequency, delay)
         if abs(value) <= CLOSE:
@@ -125,7 +123,7 @@ def _refined(loop: LinearLoop, frequency: float, delay: float) -> tuple[float, f
         move = np.linalg.solve(slope, [-value.real, -value.imag])
         move *= min(1.0, 0.2 * frequency / max(abs(move[0]), 1e-300))
         frequency, delay = frequency + move[0], delay + move[1]
-        if not 0.0 < frequency <= top or not delay >= 0.0:
+        if not 0.0 < frequency <= np.pi / loop.period or not delay >= 0.0:
             return None
     return None
 
@@ -144,13 +142,13 @@ ROUGH = 1e-5
 REAL = 100.0
 
 
-def _pair(name: str, value: str, place: str) -> Any:
+def _pair(name: str, *texts: str) -> Any:
     """Properties for both numbers of a pair that is computed once, from their docstrings."""
 
-    def part(k: int, text: str) -> Any:
-        return property(lambda margins: attrgetter(name)(margins)[k], doc=text)
+    def part(k: int) -> Any:
+        return property(lambda margins: attrgetter(name)(margins)[k], doc=texts[k])
 
-    return part(0, value), part(1, place)
+    return part(0), part(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +168,7 @@ class Margins:
         peaks = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
         return f"Margins(stable={self.stable}, {peaks}, damping={self.damping:.3g})"
 
-    @cached_property
-    def stable(self) -> bool:
-        """Whether the closed loop is stable."""
-        return self.linear.running.stable
+    stable = property(attrgetter("linear.running.stable"), doc="Whether the closed loop is stable.")
 
     @property
     def _accuracy(self) -> float:
@@ -193,14 +188,11 @@ class Margins:
 
     @cached_property
     def _inputs(self) -> np.ndarray:
-        """Places of w and of the torques at the links among the inputs of `LinearLoop.system`."""
         linear, m = self.linear, self.linear.b.shape[1]
-        before = m + len(linear.c) + len(linear.positions)
-        links = [k for k, name in enumerate(linear.disturbances) if name.startswith("link_torque")]
-        return np.array([*range(m), *(before + k for k in links)])
+        torques = enumerate(linear.disturbances, m + len(linear.c) + len(linear.positions))
+        return np.array([*range(m), *(k for k, name in torques if name.startswith("link_torque"))])
 
     def _peak(self, outputs: slice, inputs: slice, top: float = np.inf) -> tuple[float, float]:
-        """Largest σ_max of a part of the sweep up to a frequency, and where."""
         kept, chosen, running = self._frequencies <= top, self._inputs[inputs], self.linear.running
 
         def sizes(response: np.ndarray) -> np.ndarray:
@@ -249,7 +241,6 @@ class Margins:
 
     @property
     def _factors(self) -> np.ndarray:
-        """Smallest factor (m,), above one, by which each input's gain may not rise or fall."""
         with np.errstate(divide="ignore"):
             return np.minimum(self.gain_margins[:, 1], 1.0 / self.gain_margins[:, 0])
 
@@ -275,10 +266,11 @@ class Margins:
             return 0.0, np.nan
         s, m = self.linear.part("w", "u+w"), self.linear.b.shape[1]
         middle = s.changed(d=s.d - 0.5 * np.eye(m))
-        if m == 1:
-            peak, at = middle.norm()
-        else:
-            peak, at = highest_peak(lambda w: _scaled_norms(middle.response(w)), middle.frequencies())
+
+        def norms(w: np.ndarray) -> np.ndarray:
+            return _scaled_norms(middle.response(w))
+
+        peak, at = middle.norm() if m == 1 else highest_peak(norms, middle.frequencies())
         return 1.0 / peak, at
 
     disk_margin, disk_frequency = _pair(
@@ -292,10 +284,8 @@ class Margins:
     @property
     def disk_gain_margins(self) -> tuple[float, float]:
         """All inputs' gains may change at once, each by its own real factor between these: (2 ∓ α)/(2 ± α)."""
-        if self.disk_margin >= 2.0:
-            return 0.0, np.inf
-        low = (2.0 - self.disk_margin) / (2.0 + self.disk_margin)
-        return low, (2.0 + self.disk_margin) / (2.0 - self.disk_margin)
+        a = self.disk_margin
+        return (0.0, np.inf) if a >= 2.0 else ((2.0 - a) / (2.0 + a), (2.0 + a) / (2.0 - a))
 
     @property
     def disk_phase_margin(self) -> float:
@@ -323,9 +313,8 @@ class Margins:
 
     def input_noise(self, deviations: np.ndarray) -> np.ndarray:
         """RMS of each input (m,) for measurement noises of these standard deviations (p,)."""
-        if not self.stable:
-            return np.full(self.linear.b.shape[1], np.inf)
-        return self.linear.part("v", "u").spread(deviations)
+        noise = self.linear.part("v", "u")
+        return noise.spread(deviations) if self.stable else np.full(len(noise.d), np.inf)
 
     @cached_property
     def peak_noise_to_input(self) -> float:
@@ -333,10 +322,9 @@ class Margins:
         return self.linear.part("v", "u").norm()[0]
 
     # What the loop does -----------------------------------------------------------------------------------
-    @property
-    def positions(self) -> tuple[str, ...]:
-        """Names of the commanded positions, in the order of `bandwidth` (q)."""
-        return self.linear.names
+    positions = property(
+        attrgetter("linear.names"), doc="Names of the commanded positions, in the order of `bandwidth` (q)."
+    )
 
     @cached_property
     def bandwidth(self) -> np.ndarray:
@@ -367,10 +355,8 @@ class Margins:
 
     def compliance(self, top: float) -> float:
         """Peak of σ_max of |load torque → link position| up to a frequency (rad/s), rad/N·m or m/N."""
-        if not self.stable:
-            return np.inf
         m = self.linear.b.shape[1]
-        return self._peak(slice(2 * m, None), slice(m, None), top)[0]
+        return self._peak(slice(2 * m, None), slice(m, None), top)[0] if self.stable else np.inf
 
     damping, damping_frequency = _pair(
         "linear.running.damping",
@@ -423,8 +409,7 @@ def _gain_margins(
     for i in range(swept.shape[1]):
         for side in (-1.0, 1.0):
             own = (inputs == i) & (side * about > 0.0) & (distance <= np.log(LARGEST_FACTOR))
-            if own.any():
-                chosen |= own & (distance <= distance[own].min() + np.log(REFINED_UP_TO))
+            chosen |= own & (distance <= distance[own].min(initial=np.inf) + np.log(REFINED_UP_TO))
     rows, inputs = rows[chosen], inputs[chosen]
     at = refined_crossings(lambda w: np.imag(factors(w)), grid, np.imag(swept), rows, inputs, accuracy)
     values = factors(np.array([*at, 0.0, top]))
@@ -443,8 +428,7 @@ def _scaled_norms(matrices: np.ndarray) -> np.ndarray:
     sizes = np.abs(matrices) + 1e-12 * np.abs(matrices).max(axis=(1, 2), keepdims=True)
     right = left = np.ones(sizes.shape[:2])
     for _ in range(50):  # power iteration of positive matrices
-        right = np.einsum("fij,fj->fi", sizes, right)
-        left = np.einsum("fij,fi->fj", sizes, left)
+        right, left = np.einsum("fij,fj->fi", sizes, right), np.einsum("fij,fi->fj", sizes, left)
         right, left = (v / v.max(axis=1, keepdims=True) for v in (right, left))
     scale = np.sqrt(left / right)
     scaled = scale[:, :, None] * matrices / scale[:, None, :]
@@ -460,8 +444,7 @@ class FilteredLoop:
     """A loop as a function of its filter's gain; its sweep begins at a fraction of the law's bandwidth, rad/s."""
 
     def __init__(self, loop: EquilibriumLoop, bandwidth: float) -> None:
-        self.loop = loop
-        self.own = loop.linear()
+        self.loop, self.own = loop, loop.linear()
         self.grid = np.geomspace(BELOW * bandwidth, np.pi / loop.period, POINTS)
 
     @cached_property
@@ -469,14 +452,11 @@ class FilteredLoop:
         """(M(0), M_x) of memory and law, and the innovation (p, s + p) by the controller's memory and y."""
         own, (_, h), places = self.own, self.loop.model, self.loop.step.places
         gain = self.loop.gain(self.loop.filter.process_noise)
-        innovation = np.zeros((len(h), own.memory.shape[1]))
-        innovation[:, places["belief"]] = -h
-        innovation[:, places["u"]] = -own.d
-        innovation[:, len(own.memory) :] = np.eye(len(h))
-        kept = np.linalg.inv(np.eye(h.shape[1]) - gain @ h)
+        rest = np.zeros((len(h), len(own.memory) - places["u"].stop))
+        innovation = np.hstack([-h, -own.d, rest, np.eye(len(h))])
 
         def split(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            moved = matrix[:, places["belief"]] @ kept
+            moved = matrix[:, places["belief"]] @ np.linalg.inv(np.eye(h.shape[1]) - gain @ h)
             return matrix - moved @ gain @ innovation, moved
 
         return split(own.memory), split(own.law), innovation

@@ -61,7 +61,6 @@ class Rows:
 
 
 def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
-    """For each row the value, and its tangent for every column of a unit matrix; in place if repeated."""
     a, h, r = function.size1_in(0), function.size1_in(1), function.size1_out(0)
     sizes = {"moving": a, "result": r, "slope": r * a} | ({"held": h} if h else {})
     depth = 2 if repeated else 1
@@ -75,7 +74,7 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
     symbols = [ca.SX.sym("direction", a), ca.SX.sym("moving", a), ca.SX.sym("held", h)]
     along = ca.densify(ca.jtimes(function(*symbols[1:]), symbols[1], symbols[0]))
     value, tangent = drop_empty(function), drop_empty(ca.Function("tangent", symbols, [along], {"cse": True}))
-    moving, row = piece("moving", 1), ()
+    moving = piece("moving", 1)
     if repeated:
         row = (
             Copy(moving, piece("result", 1)),
@@ -90,11 +89,15 @@ def _compile(function: ca.Function, repeated: bool) -> tuple[Kernel, int]:
             Call(value, (moving, *held), (result,)),
             Map(tangent, (Columns(unit, a), moving, *held), (Columns(slope, a),)),
         )
-    buffers = [Buffer("moving", None, "in"), Buffer("unit", a * a, "in")]
-    buffers += [Buffer("held", None, "in")] if h else []
-    buffers += [Buffer(name, None, "out") for name in ("result", "slope")]
+    buffers = (
+        Buffer("moving", None, "in"),
+        Buffer("unit", a * a, "in"),
+        *([Buffer("held", None, "in")] if h else []),
+        Buffer("result", None, "out"),
+        Buffer("slope", None, "out"),
+    )
     counts = ("rows", "parts") if repeated else ("rows",)
-    return compile_program(Program("rows", tuple(buffers), (Repeat("rows", row),), counts)), r
+    return compile_program(Program("rows", buffers, (Repeat("rows", row),), counts)), r
 
 
 def one_period(
@@ -113,12 +116,9 @@ def one_period(
     """
     (count, n), m, k = x.shape, len(plant.inputs), len(plant.disturbances)
 
-    def sub_step() -> ca.Function:
-        """((x, u, d), (step, p)) → the same one sub-step later: u and d stay."""
+    def sub_step() -> ca.Function:  # ((x, u, d), (step, p)) → the same one sub-step later: u and d stay
         moving, held = ca.SX.sym("moving", n + m + k), ca.SX.sym("held", 1 + plant.parameters.size)
-        torques = moving[n + m :]
-        stages = ca.vertcat(torques, torques, torques)
-        after = rk4_function(plant)(moving[:n], moving[n : n + m], stages, held)
+        after = rk4_function(plant)(moving[:n], moving[n : n + m], ca.repmat(moving[n + m :], 3), held)
         return ca.Function("sub_step", [moving, held], [ca.densify(ca.vertcat(after, moving[n:]))])
 
     rows = Rows(("one period", plant.code_key), sub_step, repeated=True)
@@ -145,7 +145,6 @@ def near_rest(
     (count, n), m = x.shape, u.shape[1]
 
     def flow() -> ca.Function:
-        """((x, u), p) → f without disturbances."""
         moving, held = ca.SX.sym("moving", n + m), ca.SX.sym("held", plant.parameters.size)
         rate = plant.traced_flow(moving[:n], moving[n:], ca.SX.zeros(len(plant.disturbances)), held)
         return ca.Function("flow", [moving, held], [ca.densify(rate)])
@@ -171,11 +170,11 @@ def solved(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         return np.vstack([solved(matrices[i : i + 1], vectors[i : i + 1]) for i in range(len(matrices))])
 
 
+@dataclass(eq=False)
 class LawRows:
     """k(x) and ∂k/∂x at deviations (N, n): a polynomial's from its table, another law's by tangents."""
 
-    def __init__(self, law: Law) -> None:
-        self.law = law
+    law: Law
 
     @cached_property
     def _polynomial(self) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]] | None:
@@ -188,14 +187,14 @@ class LawRows:
             parts[k] = table.coefficients[:, start : start + basis.count(n, k)]
             start += basis.count(n, k)
             if k:
-                entries = parts[k] / basis.multiplicity(n, k)
-                slopes[k - 1] = np.array([gradient(row, n, k).T for row in entries])
+                slopes[k - 1] = np.array(
+                    [gradient(row, n, k).T for row in parts[k] / basis.multiplicity(n, k)]
+                )
         return parts, slopes
 
     @cached_property
     def _rows(self) -> Rows:
-        law = self.law
-        n, size = len(law.state_names), np.size(law.law_data)
+        law, n, size = self.law, len(self.law.state_names), np.size(self.law.law_data)
         key = ("law", type(law), law.law_key, n, size)
         return Rows(key, lambda: trace(law.evaluate_law, n, size, name="law"))
 
@@ -203,9 +202,8 @@ class LawRows:
     def about(self) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """A law that depends on the reference: values (N, m) and slopes (N, m, w) at rows (N, w) of deviation,
         reference and its input."""
-        law = self.law
+        law, size = self.law, np.size(self.law.law_data)
         n, states, m = len(law.state_names), len(law.plant_states), len(law.input_names)
-        size = np.size(law.law_data)
 
         def about(moving: Any, held: Any) -> Any:
             return law.evaluate_about(moving[:n], moving[n : n + states], moving[n + states :], held)
@@ -284,38 +282,37 @@ def _followed(law: LawRows, away: np.ndarray, wanted: np.ndarray, k: int) -> np.
 
 
 @dataclass(frozen=True)
-class Dual:
-    """Values (N, k) and their derivatives by w variables, (N, k, w)."""
+class _Dual:
+    """Values (N, k) and their derivatives by w variables, (N, k, w); `times` takes a number for each row, (N,), `moved`
+    a constant matrix (j, k), and `through` follows an f of each row, which returns values (N, j) and slopes (N, j, k),
+    by the chain rule."""
 
     value: np.ndarray
     by: np.ndarray
 
-    def __add__(self, other: Dual) -> Dual:
-        return Dual(self.value + other.value, self.by + other.by)
+    def __add__(self, other: _Dual) -> _Dual:
+        return _Dual(self.value + other.value, self.by + other.by)
 
-    def __sub__(self, other: Dual) -> Dual:
-        return Dual(self.value - other.value, self.by - other.by)
+    def __sub__(self, other: _Dual) -> _Dual:
+        return _Dual(self.value - other.value, self.by - other.by)
 
-    def __getitem__(self, part: slice) -> Dual:
-        return Dual(self.value[:, part], self.by[:, part])
+    def __getitem__(self, part: slice) -> _Dual:
+        return _Dual(self.value[:, part], self.by[:, part])
 
-    def times(self, factor: np.ndarray) -> Dual:
-        """Product of each row and a number, (N,)."""
-        return Dual(factor[:, None] * self.value, factor[:, None, None] * self.by)
+    def times(self, factor: np.ndarray) -> _Dual:
+        return _Dual(factor[:, None] * self.value, factor[:, None, None] * self.by)
 
-    def moved(self, matrix: np.ndarray) -> Dual:
-        """Product of a constant matrix (j, k) and each row."""
-        return Dual(self.value @ matrix.T, matrix @ self.by)
+    def moved(self, matrix: np.ndarray) -> _Dual:
+        return _Dual(self.value @ matrix.T, matrix @ self.by)
 
-    def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> Dual:
-        """f of each row by the chain rule, for an f that returns values (N, j) and slopes (N, j, k)."""
+    def through(self, function: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]) -> _Dual:
         value, slope = function(self.value)
-        return Dual(value, slope @ self.by)
+        return _Dual(value, slope @ self.by)
 
 
-def stacked(*parts: Dual) -> Dual:
+def stacked(*parts: _Dual) -> _Dual:
     """The entries of all parts in one vector per row."""
-    return Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
+    return _Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
 
 
 def model_rows(filter: RecursiveFilter) -> Rows:
@@ -332,9 +329,9 @@ def model_rows(filter: RecursiveFilter) -> Rows:
 class Stepped(NamedTuple):
     """One step. Derivatives are by memory (s), measurement (p), command (k) and centre (n + k, m), in this order."""
 
-    u: Dual  # input (N, m)
-    deviation: Dual  # the law's argument (N, n + k)
-    memory: Dual  # for the next step (N, s)
+    u: _Dual  # input (N, m)
+    deviation: _Dual  # the law's argument (N, n + k)
+    memory: _Dual  # for the next step (N, s)
 
 
 class SampledController:
@@ -351,16 +348,23 @@ class SampledController:
     def __init__(self, law: Law, estimator: Any, period: float, moving: bool = False) -> None:
         self.law, self.estimator, self.period, self.moving = law, estimator, period, moving
         self.controller = Controller(law, estimator, period, moving=moving)
-        self.states, self.tracked = self.controller.states, self.controller.tracked
-        self.measured = self.controller.measured
-        self.n, self.m, self.k = len(self.states), len(law.input_names), len(self.tracked)
-        self.p = len(self.measured)
+        control = self.controller
+        self.states, self.tracked, self.measured = control.states, control.tracked, control.measured
+        self.n, self.m = len(self.states), len(law.input_names)
+        self.k, self.p = len(self.tracked), len(self.measured)
         self.law_rows = LawRows(law)
+        #: (x*, u*) of the law, (n + k + m,).
+        self.centre = np.concatenate([law.operating_point, law.operating_input])
         #: Parts of the belief that move though the gain does not; each has the size of the state, the mean is first.
         self.parts: tuple[int, ...] = () if estimator is None else (0,)
         if isinstance(estimator, OutputInjectionObserver):
             fields = type(estimator.initial)._fields
             self.parts = tuple(fields.index(name) for name in ("mean", "measured", "injection"))
+        sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k}
+        ends = np.cumsum([*sizes.values()]).tolist()
+        #: Where the parts of the memory are, and its length.
+        self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends)}
+        self.size = ends[-1]
         if self.parts == (0,) and estimator is not None:
             u = np.asarray(law.operating_input, dtype=float)
             mean, held = np.asarray(estimator.initial.mean, dtype=float), self._held(None)
@@ -375,33 +379,15 @@ class SampledController:
                             "ConstantGainFilter(filter, stationary_gain(...))",
                         )
 
-    @property
-    def centre(self) -> np.ndarray:
-        """(x*, u*) of the law, (n + k + m,)."""
-        return np.concatenate([self.law.operating_point, self.law.operating_input])
-
-    @cached_property
-    def places(self) -> dict[str, slice]:
-        """Where the parts of the memory are."""
-        sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k}
-        ends = np.cumsum([*sizes.values()]).tolist()
-        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends)}
-
-    @property
-    def size(self) -> int:
-        """Length of the memory."""
-        return self.places["position"].stop
-
     @cached_property
     def _selections(self) -> tuple[np.ndarray, np.ndarray]:
         """Tracked positions by measurement (k, p) and estimate (k, n): the measurement where there is one."""
-        from_y, from_state = np.zeros((self.k, self.p)), np.zeros((self.k, self.n))
-        for row, name in enumerate(self.tracked):
-            if name in self.measured:
-                from_y[row, self.measured.index(name)] = 1.0
-            else:
-                from_state[row, self.states.index(name)] = 1.0
-        return from_y, from_state
+        from_y = [[float(name == signal) for signal in self.measured] for name in self.tracked]
+        from_state = [
+            [float(name == state and name not in self.measured) for state in self.states]
+            for name in self.tracked
+        ]
+        return np.reshape(from_y, (self.k, self.p)), np.reshape(from_state, (self.k, self.n))
 
     def step(
         self,
@@ -427,7 +413,7 @@ class SampledController:
         unit = np.eye(sum(value.shape[1] for value in parts))[:, : None if outside else self.size + self.p]
         rows = np.split(unit, np.cumsum([value.shape[1] for value in parts])[:-1])
         past, seen, wanted, about = (
-            Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(parts, rows)
+            _Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(parts, rows)
         )
         estimate = belief = seen
         if self.estimator is not None:
@@ -447,10 +433,9 @@ class SampledController:
         integral = past[place["integral"]] + (growth if self.moving else growth - wanted.times(2.0 * half))
         deviation = stacked(estimate, integral) - about[: self.n + self.k]
         rest = about[self.n + self.k :]
-        if self.moving and self.law.depends_on_reference:
-            u = rest + stacked(deviation, about[: self.n], rest).through(self.law_rows.about)
-        else:
-            u = rest + deviation.through(self.law_rows)
+        placed = self.moving and self.law.depends_on_reference
+        where = stacked(deviation, about[: self.n], rest) if placed else deviation
+        u = rest + where.through(self.law_rows.about if placed else self.law_rows)
         after = stacked(u, integral, position)
         if self.estimator is not None:
             after = stacked(stacked(belief, u).through(lambda v: self._predict(v, held)), after)
@@ -469,7 +454,7 @@ class SampledController:
 
     @cached_property
     def _flag(self) -> slice:
-        """Place in `_held` of an observer's flag that a period lies before its measurement; empty for others."""
+        # Place in `_held` of an observer's flag that a period lies before its measurement; empty for others.
         place = self.estimator.plant.parameters.size
         for k, (name, part) in enumerate(zip(self.estimator.initial._fields, self.estimator.initial)):
             if name == "moved":
@@ -492,9 +477,11 @@ class SampledController:
         e, size, n = self.estimator, self.estimator.plant.parameters.size, self.places["belief"].stop
         p, u = e.plant.parameters.named(held[:size]), moving[n:]
         belief = self._belief(moving[:n], held[size:])
-        if measured:
-            return e.measurement_update(belief, u[: self.p], u[self.p :], p, e.measurement_noise)
-        return e.time_update(belief, u, p, e.process_noise)
+        return (
+            e.measurement_update(belief, u[: self.p], u[self.p :], p, e.measurement_noise)
+            if measured
+            else e.time_update(belief, u, p, e.process_noise)
+        )
 
     def settled(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Moving part of the belief where the estimator's plant rests at (x, u)."""
@@ -538,7 +525,6 @@ class SampledController:
 
     @cached_property
     def _predict(self) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """(belief at k|k, u), held → belief at k+1|k, and its slope."""
         e, n = self.estimator, self.n
         if not isinstance(e, ConstantGainFilter):
             return self._update_rows("predict", False)

@@ -53,15 +53,13 @@ class _Search:
     starts: int = 1
     before: tuple[np.ndarray, ...] = ()
 
-    def differences(self) -> np.ndarray:
-        """Centre ± one step along each axis (2d, d), cut off at the box."""
+    def differences(self) -> np.ndarray:  # (2d, d)
         moves = self.step * np.eye(len(self.point))
         return np.clip(self.point + np.vstack([moves, -moves]), 0.0, 1.0)
 
     def trials(self, values: np.ndarray) -> np.ndarray:
         """Points (K, d) that the values (2d,) of the differences suggest."""
-        d = len(self.point)
-        around = self.differences()
+        d, around = len(self.point), self.differences()
         ahead, behind = around[:d].diagonal() - self.point, self.point - around[d:].diagonal()
         here = self.value if np.isfinite(self.value) else 0.0
         up, down = (np.where(np.isfinite(v), v - here, 0.0) for v in (values[:d], values[d:]))
@@ -69,21 +67,20 @@ class _Search:
         largest = np.abs(slope).max()
         if not (np.isfinite(self.value) and largest > 0.0):
             return self.point[None, :]
-        direction = slope / largest
-        trials = [self.point + length * self.step * direction for length in LENGTHS]
-        trials.append(np.where(slope > 0.0, 1.0, np.where(slope < 0.0, 0.0, self.point)))
+        direction, longest = slope / largest, LENGTHS[-1] * self.step
         with np.errstate(divide="ignore", invalid="ignore"):
             curve = (up / ahead + down / behind) / (0.5 * (ahead + behind))  # nan or inf at a face of the box
-            longest = LENGTHS[-1] * self.step
             newton = np.where(np.isfinite(curve) & (curve < 0.0), -slope / curve, longest * np.sign(slope))
-        trials.append(self.point + np.clip(newton, -longest, longest))
-        better = np.where(up > np.maximum(down, 0.0), ahead, np.where(down > 0.0, -behind, 0.0))
-        trials.append(self.point + better)
-        trials += [self.point + way * (self.point - old) for old in self.before for way in AHEAD]
+        trials = [
+            *(self.point + length * self.step * direction for length in LENGTHS),
+            np.where(slope > 0.0, 1.0, np.where(slope < 0.0, 0.0, self.point)),
+            self.point + np.clip(newton, -longest, longest),
+            self.point + np.where(up > np.maximum(down, 0.0), ahead, np.where(down > 0.0, -behind, 0.0)),
+            *(self.point + way * (self.point - old) for old in self.before for way in AHEAD),
+        ]
         return np.clip(trials, 0.0, 1.0)
 
     def take(self, points: np.ndarray, values: np.ndarray) -> None:
-        """Move to the best point, or shorten the step."""
         best = int(np.argmax(values))
         if values[best] > self.value:
             self.before = (self.point, *self.before[:1])
@@ -104,7 +101,6 @@ def climb(
     """
 
     def valued(groups: list[np.ndarray]) -> list[np.ndarray]:
-        """Values of groups of points, in one call."""
         return np.split(function(np.vstack(groups)), np.cumsum([len(group) for group in groups])[:-1])
 
     searches = [_Search(point, float(value)) for point, value in zip(starts, function(starts))]
@@ -214,9 +210,8 @@ def crossings(
     """
     values = function(grid) if values is None else values
     rows, branches = sign_changes(values)
-    return list(
-        zip(branches.tolist(), refined_crossings(function, grid, values, rows, branches), strict=True)
-    )
+    refined = refined_crossings(function, grid, values, rows, branches)
+    return list(zip(branches.tolist(), refined, strict=True))
 
 
 def sign_changes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -253,13 +248,10 @@ def refined_crossings(
             middle = np.where(np.isfinite(position), np.clip(position, low + margin, high - margin), middle)
         value = function(middle)[which, branches]
         side = np.where(np.sign(value) == np.sign(below), 1.0, -1.0)
-        low, high = np.where(side > 0.0, middle, low), np.where((side < 0.0) | (value == 0.0), middle, high)
-        low = np.where(value == 0.0, middle, low)
+        zero = value == 0.0
+        low, high = np.where((side > 0.0) | zero, middle, low), np.where((side < 0.0) | zero, middle, high)
         stays = np.where(side == last, 0.5, 1.0)
-        below, above = (
-            np.where(side > 0.0, value, below * stays),
-            np.where(side > 0.0, above * stays, value),
-        )
+        below, above = np.where(side > 0.0, [value, above * stays], [below * stays, value])
         last = side
         if np.all(high - low <= accuracy * high):
             break

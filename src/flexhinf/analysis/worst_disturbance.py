@@ -99,9 +99,8 @@ class DisturbanceRuns:
     def run(self, d: np.ndarray) -> Trajectory:
         """The run with d (N, k) held between samples."""
         controller, channels, law = self.loop.controller, self.problem.disturbances or (), self.law
-        commands: Any = None
-        if self.commands:
-            commands = Samples(self.times, controller.operating_reference + d[:, : self.commands])
+        wanted = controller.operating_reference + d[:, : self.commands] if self.commands else None
+        commands = None if wanted is None else Samples(self.times, wanted)
         torques = {
             name: ZeroOrderHold(self.times, d[:, self.commands + i]) for i, name in enumerate(channels)
         }
@@ -110,8 +109,7 @@ class DisturbanceRuns:
 
     def deviations(self, run: Trajectory, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x − x* with the integrals as the controller has them (N, n + k), and u − u* (N, m)."""
-        controller, x = self.loop.controller, run.signals["state"]
-        position = self.tracked(run)
+        controller, x, position = self.loop.controller, run.signals["state"], self.tracked(run)
         growth = self.period * (0.5 * (position[1:] + position[:-1]) - self.wanted(d)[: len(position) - 1])
         integral = np.vstack([np.zeros(position.shape[1]), np.cumsum(growth, axis=0)])
         states = [tuple(self.problem.plant.states).index(name) for name in controller.states]
@@ -259,9 +257,8 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
             adjoint = own[k] + adjoint @ by_state[k]
         by_d[part] += np.einsum("ki,kij->kj", adjoints, by_torque)
         commands = commands + np.einsum("ki,kij->kj", adjoints, by_command)
-        first_one = int(
-            begin == 0
-        )  # the command of the interval before acts now; sample 0 has none before it
+        # The command of the interval before acts now; sample 0 has none before it.
+        first_one = int(begin == 0)
         by_d[begin + first_one - 1 : part.stop - 1, : runs.commands] += commands[first_one:]
     return by_d * runs.period, float(cost.sum() * runs.period)
 
@@ -275,9 +272,8 @@ def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
     )
     weights, root = runs.problem.expand(1).h_parts[1], np.linalg.cholesky(runs.problem.r2).T
     size = n + loop.step.size
-    a, b = np.zeros((size + c, size + c)), np.zeros((size + c, k))
-    a[:size, :size], a[:size, size:] = by_state[0], by_command[0]
-    b[:size], b[size:, :c] = by_torque[0], np.eye(c)  # a command is remembered for a period
+    a = np.vstack([np.hstack([by_state[0], by_command[0]]), np.zeros((c, size + c))])
+    b = np.vstack([by_torque[0], np.eye(c, k)])  # a command is remembered for a period
     seen = np.vstack([
         weights @ np.hstack([x_by[0][0], x_by[1][0]]),
         root @ np.hstack([u_by[0][0], u_by[1][0]]),
@@ -315,11 +311,13 @@ class DisturbanceSearch:
                 f"expected search_period={period:g} s or none, got {search_period!r}",
                 "search_period only for state feedback",
             )
-        if search_period is None:
-            search_period = max(period, SEARCH_PERIOD) if estimator is None else period
         steady = estimator
         if estimator is not None:
-            steady = EquilibriumLoop(law, estimator, problem.plant, period).step.estimator
+            search_period, steady = (
+                period,
+                EquilibriumLoop(law, estimator, problem.plant, period).step.estimator,
+            )
+        search_period = max(period, SEARCH_PERIOD) if search_period is None else search_period
         self.search_runs = DisturbanceRuns(problem, law, steady, search_period, horizon)
         same = estimator is steady and search_period == period
         self.runs = self.search_runs if same else DisturbanceRuns(problem, law, estimator, period, horizon)
@@ -412,10 +410,12 @@ def worst_disturbance(
         )
     search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period)
     first = [search.small()[1], *(search.random(seed + k) for k in range(starts - 1))]
-    if level is not None and isinstance(law, HJISolution):
-        attained = [ascend_inside(search, start, level, turns, law) for start in first]
-    else:
-        attained = [search.climbed(start, sizes[0], turns) for start in first]
+    attained = (
+        ascend_inside(search, start, level, turns, law)
+        if level is not None and isinstance(law, HJISolution)
+        else search.climbed(start, sizes[0], turns)
+        for start in first
+    )
     return max(attained, key=lambda candidate: candidate.gain)
 
 
@@ -430,8 +430,7 @@ def ascend_inside(
         inside = candidate.largest_value <= level
         if inside and (best is None or candidate.gain > best.gain):
             best = candidate
-        if grows is None:
-            grows = inside
+        grows = inside if grows is None else grows
         if inside != grows:
             break
         energy *= FACTOR if inside else 1.0 / FACTOR
@@ -463,9 +462,8 @@ class MovedLaw(Law):
         integrals = equilibrium_integrals(rows, self.operating_point[:n], self.operating_input)
         start = np.concatenate([self.operating_point[:n], integrals]) - law.operating_point
         moved, wanted = start.copy(), self.operating_input - law.operating_input
-        for _ in range(
-            ITERATIONS
-        ):  # Newton's method: integrals with which the law gives the input that is wanted
+        # Newton's method: integrals with which the law gives the input that is wanted.
+        for _ in range(ITERATIONS):
             value, slope = rows(moved[None, :])
             gap = wanted - value[0]
             if np.abs(gap).max() <= BALANCED * max(1.0, np.abs(wanted).max()):
@@ -522,16 +520,16 @@ def worst_gain(
     others = np.empty((0, len(point))) if starts is None else starts
     best, runs = WorstGain(point, first, 0), 0
 
-    def searched(point: np.ndarray) -> tuple[DisturbanceSearch, np.ndarray]:
-        """The search of a plant, and the best disturbance (N, k) at its times."""
+    def searched(
+        point: np.ndarray,
+    ) -> tuple[DisturbanceSearch, np.ndarray]:  # and the best disturbance (N, k)
         problem = problem_at(point)
         search = DisturbanceSearch(problem, MovedLaw(law, problem), None, period, horizon)
         place = np.searchsorted(best.attained.times, search.search_runs.times + 1e-9, side="right") - 1
         return search, best.attained.disturbance[place]
 
     def gains(points: np.ndarray) -> np.ndarray:
-        """Gains of plants (N, d) under the best disturbance, at the search's period; −inf where there is no plant."""
-        values = []
+        values = []  # under the best disturbance, at the search's period; −inf where there is no plant
         for plant in points:
             try:
                 search, d = searched(plant)
@@ -545,9 +543,9 @@ def worst_gain(
         others, runs = others[:0], runs + climbed.evaluations
         search, d = searched(climbed.point)
         attained = ascend_inside(search, d, level, TURNS, law)
-        grown = attained.gain > best.attained.gain * (1.0 + GROWTH) and attained.largest_value <= level
-        if attained.gain > best.attained.gain and attained.largest_value <= level:
+        before = best.attained.gain
+        if attained.gain > before and attained.largest_value <= level:
             best = WorstGain(climbed.point, attained, runs)
-        if not grown:
+        if not best.attained.gain > before * (1.0 + GROWTH):
             break
     return WorstGain(best.point, best.attained, runs)

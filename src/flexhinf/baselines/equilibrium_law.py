@@ -116,8 +116,7 @@ class GravityTorque:
         """(q, parameter vector) → G as a CasADi function."""
         plant, n = self.plant, len(self.plant.inputs)
         q, p = ca.SX.sym("q", n), ca.SX.sym("p", plant.parameters.size)
-        d = ca.SX.sym("d", len(plant.disturbances))
-        still = ca.SX.zeros(n)
+        d, still = ca.SX.sym("d", len(plant.disturbances)), ca.SX.zeros(n)
         fall = plant.traced_flow(ca.vertcat(q, still, q, still), ca.SX.zeros(n), d, p)[n : 2 * n]
         compliance = ca.jacobian(fall, d)[:, _places(plant, "link_torque")]
         free = ca.substitute(-ca.solve(compliance, fall), d, ca.SX.zeros(d.numel()))
@@ -125,7 +124,6 @@ class GravityTorque:
 
     @cached_property
     def _with_rate(self) -> Any:
-        """(q, dq, parameter vector) → G, ∂G/∂q q̇ as one CasADi function."""
         n = len(self.plant.inputs)
         q, dq, p = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("p", self.plant.parameters.size)
         torque = self.traced(q, p)
@@ -172,30 +170,17 @@ class EquilibriumLaw(Law):
                 f"expected a finite state and input of shapes {shapes}, got {x.shape} and {u.shape}",
                 "robot.operating_point(pose)",
             )
-        object.__setattr__(self, "equilibrium", read_only((x, u)))
-        object.__setattr__(self, "integrate", self.plant.expanded(self.integrate))
-        for name in self.integrate:
+        integrate = self.plant.expanded(self.integrate)
+        for name in integrate:
             self.plant.index(name)
-
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """States of the plant, then integrals."""
-        return (*self.plant.states, *(f"{name}_integral" for name in self.integrate))
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Inputs of the plant."""
-        return tuple(self.plant.inputs)
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """x* with integrals (zero), (n,)."""
-        return np.concatenate([self.equilibrium[0], np.zeros(len(self.integrate))])
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """u*, (m,)."""
-        return self.equilibrium[1]
+        vars(self).update(
+            equilibrium=read_only((x, u)),
+            integrate=integrate,
+            state_names=(*self.plant.states, *(f"{name}_integral" for name in integrate)),
+            input_names=tuple(self.plant.inputs),
+            operating_point=read_only(np.concatenate([x, np.zeros(len(integrate))])),  # with integrals
+            operating_input=read_only(u),
+        )
 
     @cached_property
     def slope(self) -> np.ndarray:
@@ -206,20 +191,16 @@ class EquilibriumLaw(Law):
     def closed_loop(self, plant: Plant | None = None) -> np.ndarray:
         """∂ẋ/∂x of a plant (its own by default) with this law at the equilibrium, the state fed back, (n, n)."""
         a, b, _, _ = (self.plant if plant is None else plant).linearise(*self.equilibrium)
-        states = len(a)
-        loop = np.zeros((len(self.state_names),) * 2)
-        loop[:states, :states] = a
-        loop[:states] += b @ self.slope
-        for row, name in enumerate(self.integrate, start=states):
-            loop[row, self.plant.index(name)] = 1.0
-        return loop
+        k, tracked = len(self.integrate), [self.plant.index(name) for name in self.integrate]
+        moved = np.pad(a, ((0, 0), (0, k))) + b @ self.slope
+        return np.vstack([moved, np.eye(len(self.state_names))[tracked]])
 
 
 class PlacedLaw(EquilibriumLaw):
     """A law that depends on where it acts, not only on the deviation.
 
-    `evaluate_about` is the law about any reference; `evaluate_law` is that about the equilibrium, which therefore is
-    part of the law's numbers.
+    `evaluate_about` is the law about any reference, to be written; `evaluate_law` is that about the equilibrium, which
+    therefore is part of the law's numbers, behind all others.
     """
 
     @cached_property
@@ -237,8 +218,11 @@ class PlacedLaw(EquilibriumLaw):
         """Numbers of the law without its equilibrium, flat."""
 
     @abc.abstractmethod
-    def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
-        """k (m,) for a deviation x (n,) from the reference (state, input), of any element."""
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+        """k (m,) for a deviation x (n,), integrals last, from a reference state (n,) and its input (m,).
+
+        The input of the plant is then input + k; k = 0 for x = 0.
+        """
 
     @property
     def law_data(self) -> np.ndarray:
@@ -249,13 +233,6 @@ class PlacedLaw(EquilibriumLaw):
         """k(x), (m,), about the equilibrium."""
         inputs = len(self.input_names)
         return self.evaluate_about(x, data[-self.plant.n - inputs : -inputs], data[-inputs:], data)
-
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
-        """k (m,) for a deviation x (n,), integrals last, from a reference state (n,) and its input (m,).
-
-        The input of the plant is then input + k; k = 0 for x = 0.
-        """
-        return self.feedback(x, state, input, data[: -self.plant.n - len(self.input_names)])
 
 
 #: Pole of the integral, in bandwidths: slow beside the pair that it stands with.
@@ -354,8 +331,7 @@ class GravityCompensatedLQR(PlacedLaw):
 
         A plant without elastic joints or a parameter ``gravity`` (m/s²) is refused.
         """
-        plant, (x, u) = problem.plant, equilibrium_of(problem)
-        n = check_joints(plant)
+        plant, (x, u), n = problem.plant, equilibrium_of(problem), check_joints(problem.plant)
         weightless = plant.with_parameters(gravity=np.zeros_like(plant.parameters.values.get("gravity", 0.0)))
         relaxed = np.concatenate([x[:n], np.zeros(n), x[:n], np.zeros(n)])
         light = replace(problem, plant=weightless, pose=None, equilibrium=(relaxed, np.zeros_like(u)))
@@ -373,11 +349,11 @@ class GravityCompensatedLQR(PlacedLaw):
         """Key of the law's code: that of G."""
         return f"LQR with gravity compensation {self._weight.key}"
 
-    def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k (n,) for a deviation x from the reference, of any element."""
-        n, end = len(self.input_names), self.gain.size
-        gain, states = numbers[:end].reshape(n, -1), self.plant.n
-        stiffness, per_input, p = np.split(numbers[end:], [n, 2 * n])
+        n, end, states = len(self.input_names), self.gain.size, self.plant.n
+        gain = data[:end].reshape(n, -1)
+        stiffness, per_input, p = np.split(data[end : -states - n], [n, 2 * n])
         torque, rate = self._weight.torque_and_rate(state[:n] + x[:n], state[n : 2 * n] + x[n : 2 * n], p)
         torque_d, rate_d = self._weight.torque_and_rate(state[:n], state[n : 2 * n], p)
         held, moving = torque - torque_d, rate - rate_d

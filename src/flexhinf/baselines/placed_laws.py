@@ -52,7 +52,7 @@ The derivatives are exact, formed by CasADi from the plant's own flow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any, Self, cast
 
@@ -197,9 +197,10 @@ class TorqueFeedback(PlacedLaw):
     @cached_property
     def contraction(self) -> float:
         """Largest contraction ‖K^-½ ∂G/∂q K^-½‖ of the iteration for q̄, at the equilibrium and the sampled poses."""
-        stiffness = self.joints.stiffness
-        goal = self.equilibrium[0][: len(stiffness)]
-        return _contraction(self.plant, tuple(goal.tolist()), tuple(stiffness.tolist()))
+        stiffness = self.joints.stiffness.tolist()
+        return _contraction(
+            self.plant, tuple(self.equilibrium[0][: len(stiffness)].tolist()), tuple(stiffness)
+        )
 
     @cached_property
     def turns(self) -> int:
@@ -232,9 +233,8 @@ class TorqueFeedback(PlacedLaw):
             -(1.0 - scale) * spring.spring_damping,
             (1.0 - scale) * spring.stiffness - scale * self.proportional,
             (1.0 - scale) * spring.spring_damping - scale * self.derivative,
+            *([-scale * self.integral] if self.integrate else []),
         ]
-        if self.integrate:
-            columns.append(-scale * self.integral)
         return np.hstack([np.diag(column) for column in columns]) / spring.torque_per_input[:, None]
 
     @property
@@ -250,18 +250,18 @@ class TorqueFeedback(PlacedLaw):
     @property
     def law_key(self) -> str:
         """Key of the law's code: that of G, and the number of iterations."""
-        if self.compensation == "goal":
-            return "torque feedback, weight at the goal"
-        return f"torque feedback, weight at the motor {self.turns} {self._weight.key}"
+        goal = self.compensation == "goal"
+        return (
+            f"torque feedback, weight at the {'goal' if goal else f'motor {self.turns} {self._weight.key}'}"
+        )
 
-    def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k (n,) for a deviation x from the reference, of any element."""
-        n = len(self.input_names)
-        end = self.gain.size
-        k = numbers[:end].reshape(n, -1) @ x
+        n, end = len(self.input_names), self.gain.size
+        k = data[:end].reshape(n, -1) @ x
         if self.compensation == "goal":
             return k
-        share, stiffness, p = numbers[end : end + n], numbers[end + n : end + 2 * n], numbers[end + 2 * n :]
+        share, stiffness, p = np.split(data[end : -self.plant.n - n], [n, 2 * n])
         motor, moved = state[2 * n : 3 * n], x[2 * n : 3 * n]
         return k + share * (self.weight(motor + moved, stiffness, p) - self.weight(motor, stiffness, p))
 
@@ -290,15 +290,15 @@ class MotorPD(TorqueFeedback):
 
 @lru_cache(maxsize=8)
 def _contraction(plant: Any, goal: tuple[float, ...], stiffness: tuple[float, ...]) -> float:
-    """See `TorqueFeedback.contraction`; gains have no part in it, so a search over them computes it once."""
+    # Gains have no part in it, so a search over them computes it once.
     n, p, weight = len(stiffness), plant.parameters.vector(), GravityTorque(plant)
     poses = np.random.default_rng(SEED).uniform(-np.pi, np.pi, (POSES, n))
     root = np.sqrt(stiffness)
-    largest = 0.0
-    for q in (np.array(goal), *poses):
-        slope = np.column_stack([weight.torque_and_rate(q, unit, p)[1] for unit in np.eye(n)])
-        largest = max(largest, float(np.linalg.norm(slope / np.outer(root, root), 2)))
-    return largest
+    slopes = (
+        np.column_stack([weight.torque_and_rate(q, unit, p)[1] for unit in np.eye(n)])
+        for q in (np.array(goal), *poses)
+    )
+    return max(float(np.linalg.norm(slope / np.outer(root, root), 2)) for slope in slopes)
 
 
 # Feedback linearisation --------------------------------------------------------------------------------
@@ -312,28 +312,26 @@ class NormalForm:
 
     plant: Plant
     outputs: Sequence[str]
+    degrees: tuple[int, ...] = field(init=False)  # relative degree r_j of each output
 
     def __post_init__(self) -> None:
         names = tuple(self.outputs)
-        object.__setattr__(self, "outputs", names)
         if len(set(names)) != len(names) or len(names) != len(self.plant.inputs):
             raise InvalidInput(
                 "A normal form needs as many outputs as inputs.",
                 f"expected {len(self.plant.inputs)} distinct states, got {list(names)}",
                 "one state per input, the link positions of a robot",
             )
-        for name in names:
-            self.plant.index(name)
-        _ = self._derivatives
+        vars(self).update(outputs=names)
+        vars(self).update(degrees=tuple(len(each) for each in self._derivatives[3]))
 
     @cached_property
     def _derivatives(self) -> tuple[Any, Any, Any, list[list[Any]], list[Any]]:
         """x, u, p, and for each output its derivatives below r_j, and the r_j-th."""
-        plant = self.plant
+        plant, places = self.plant, [self.plant.index(name) for name in self.outputs]
         x, u = ca.SX.sym("x", plant.n), ca.SX.sym("u", len(plant.inputs))
         p = ca.SX.sym("p", plant.parameters.size)
         rate = plant.traced_flow(x, u, ca.SX.zeros(len(plant.disturbances)), p)
-        places = [plant.index(name) for name in self.outputs]
         lower: list[list[Any]] = [[] for _ in places]
         top: list[Any] = [None for _ in places]
         current, open_ = x[places], list(range(len(places)))
@@ -360,11 +358,6 @@ class NormalForm:
                 "a model that is affine in its inputs",
             )  # fmt: skip
         return x, u, p, lower, top
-
-    @cached_property
-    def degrees(self) -> tuple[int, ...]:
-        """Relative degree r_j of each output."""
-        return tuple(len(each) for each in self._derivatives[3])
 
     @cached_property
     def chains(self) -> Any:
@@ -426,10 +419,11 @@ class FeedbackLinearisation(PlacedLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "outputs", self.plant.expanded(self.outputs))
-        chains = tuple(np.array(chain, dtype=float) for chain in self.coefficients)
-        object.__setattr__(self, "coefficients", chains)
-        extra = bool(self.integrate)
+        chains, extra = (
+            tuple(np.array(chain, dtype=float) for chain in self.coefficients),
+            bool(self.integrate),
+        )
+        vars(self).update(outputs=self.plant.expanded(self.outputs), coefficients=chains)
         if extra and self.integrate != self.outputs:
             raise InvalidInput(
                 "Feedback linearisation integrates the errors of its outputs, all or none.",
@@ -477,20 +471,16 @@ class FeedbackLinearisation(PlacedLaw):
         there is one more pole each: that of a filter of one order more, or of `integral_rate` σ/ω an own one at −σ
         beside the filter's poles. A bandwidth or a rate that is not positive is refused.
         """
-        plant = problem.plant
-        names = plant.expanded(outputs)
+        plant, names = problem.plant, problem.plant.expanded(outputs)
         degrees = NormalForm(plant, names).degrees
-        if integral and integral_rate is not None:
-            advice = "integral_rate=0.2"
-            rate = checked_positive(
-                "The rate of the integral", integral_rate, "a share of the bandwidth", advice
+        apart = integral and integral_rate is not None
+        chains = [bessel_coefficients(degree + (integral and not apart), bandwidth) for degree in degrees]
+        if apart:  # (s^r + … + k_0)(s + pole)
+            share = "a share of the bandwidth"
+            pole = bandwidth * checked_positive(
+                "The rate of the integral", integral_rate, share, "integral_rate=0.2"
             )
-            pole, chains = rate * bandwidth, []
-            for degree in degrees:  # (s^r + … + k_0)(s + pole)
-                k = bessel_coefficients(degree, bandwidth)
-                chains.append(np.concatenate([pole * k, [pole]]) + np.concatenate([[0.0], k]))
-        else:
-            chains = [bessel_coefficients(degree + integral, bandwidth) for degree in degrees]
+            chains = [np.concatenate([pole * k, [pole]]) + np.concatenate([[0.0], k]) for k in chains]
         return FeedbackLinearisation(
             plant=plant, equilibrium=equilibrium_of(problem), integrate=names if integral else (),
             coefficients=chains, outputs=names,
@@ -512,9 +502,9 @@ class FeedbackLinearisation(PlacedLaw):
         codes = (digest(code) for code in (self.form.chains, self.form.linearising))
         return " ".join(["feedback linearisation", str(bool(self.integrate)), *codes])
 
-    def feedback(self, x: Any, state: Any, input: Any, numbers: Any) -> Any:
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
         """k (m,) for a deviation x from the reference, of any element."""
-        states = self.plant.n
+        states, numbers = self.plant.n, data[: -self.plant.n - len(input)]
         p = numbers[sum(len(chain) for chain in self.coefficients) :]
         now = state + x[:states]
         xi, _ = self.form.coordinates(now, input, p)

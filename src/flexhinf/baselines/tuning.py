@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, log
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -81,15 +82,10 @@ class Tuning:
     best: Candidate
     candidates: tuple[Candidate, ...]
 
-    @property
-    def feasible(self) -> bool:
-        """Whether any candidate keeps every limit."""
-        return self.best.feasible
-
-    @property
-    def reason(self) -> str:
-        """Which limits the best candidate exceeds; empty if none."""
-        return self.best.judgement.reason
+    feasible = property(attrgetter("best.feasible"), doc="Whether any candidate keeps every limit.")
+    reason = property(
+        attrgetter("best.judgement.reason"), doc="Which limits the best candidate exceeds; empty if none."
+    )
 
 
 def excess(value: float, limit: float) -> float:
@@ -156,12 +152,10 @@ def tune(
     exact = [{n: float(np.clip(values[n], *bounds[n])) for n in names} for values in (start, *others)]
     spread = 0 if others else samples // COARSE  # from values that are good elsewhere it begins at once
     points = [np.log([values[name] for name in names]) for values in exact]
-    costs = [
-        cost(point, values) for point, values in zip(points, exact)
-    ]  # other laws' values, to the last bit
-    for point in _spread(np.log([start[name] for name in names]), low, high, spread, seed):
-        points.append(point)
-        costs.append(cost(point))
+    # Other laws' values are tried to the last bit.
+    costs = [cost(point, values) for point, values in zip(points, exact)]
+    scattered = _spread(np.log([start[name] for name in names]), low, high, spread, seed)
+    points, costs = [*points, *scattered], [*costs, *map(cost, scattered)]
     if names:
         first = points[int(np.argmin(costs))]
         mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
@@ -196,9 +190,8 @@ def _adapted(
     samples: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, float]:
-    """The best point of a covariance matrix adaptation from a mean, and its cost; constants as in [hansen2016]."""
     n, best, least = len(mean), mean, inf
-    count = 4 + int(3.0 * log(n))
+    count = 4 + int(3.0 * log(n))  # this and the other constants as in [hansen2016]
     weights = np.log((count + 1.0) / 2.0) - np.log(np.arange(1, count // 2 + 1))
     weights /= weights.sum()
     effective = 1.0 / float(weights @ weights)
@@ -219,15 +212,12 @@ def _adapted(
         order = np.argsort(costs, kind="stable")[: len(weights)]
         if costs[order[0]] < least:
             best, least = points[order[0]], float(costs[order[0]])
-        chosen = moves[order]
-        move = weights @ chosen
+        chosen, move = moves[order], weights @ moves[order]
         mean = np.clip(mean + step * scale * move, low, high)
         normal = np.linalg.solve(root, move)
         step_path = (1.0 - c_step) * step_path + np.sqrt(c_step * (2.0 - c_step) * effective) * normal
-        length = float(np.linalg.norm(step_path))
-        most = (1.4 + 2.0 / (n + 1.0)) * expected
-        shape_path = (1.0 - c_path) * shape_path
-        if length / np.sqrt(1.0 - (1.0 - c_step) ** (2 * generation)) < most:
+        length, shape_path = float(np.linalg.norm(step_path)), (1.0 - c_path) * shape_path
+        if length / np.sqrt(1.0 - (1.0 - c_step) ** (2 * generation)) < (1.4 + 2.0 / (n + 1.0)) * expected:
             shape_path = shape_path + np.sqrt(c_path * (2.0 - c_path) * effective) * move
         shape = (
             (1.0 - c_one - c_many) * shape

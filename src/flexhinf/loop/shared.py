@@ -42,7 +42,6 @@ def share(key: Hashable, build: Callable[[], Any]) -> Any:
 
 
 def _forget_the_parents_threads() -> None:
-    """In a forked process, release all locks and drop what threads of the parent were building."""
     global _lock
     _lock = threading.Lock()
     for key, entry in list(_kept.items()):

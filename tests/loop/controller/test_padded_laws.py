@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import solve_hji
-from flexhinf.loop.controller.laws import TableLaw, with_common_monomials
+from flexhinf.loop.controller.laws import StoredLaw, with_common_monomials
 from flexhinf.robot import paper_arm
 
 
@@ -18,7 +18,7 @@ def poses():
 def test_a_padded_law_is_the_law(poses):
     assert poses[0].law_key != poses[1].law_key
     padded = with_common_monomials(poses)
-    assert [type(law) for law in padded] == [TableLaw, TableLaw]
+    assert [type(law) for law in padded] == [StoredLaw, StoredLaw]
     assert padded[0].law_key == padded[1].law_key
     assert np.size(padded[0].law_data) == np.size(padded[1].law_data) == 5 + 15 + 35
     for law, same in zip(poses, padded):

@@ -14,7 +14,7 @@ from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compi
 from flexhinf.codegen.program import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
-from flexhinf.loop.controller.memory import Layout, StateHistory, filler, step_failure, step_program
+from flexhinf.loop.controller.memory import Layout, StateHistory, filler, shaped, step_failure, step_program
 from flexhinf.loop.controller.options import (
     FirstInput,
     Limits,
@@ -37,7 +37,7 @@ from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.validation import checked_positive, value_text
+from flexhinf.validation import checked_positive, read_only, value_text
 
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.
@@ -143,14 +143,24 @@ class Controller(Summarised):
                 f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
                 "start='bumpless', or a Schedule of several laws",
             )
-        self.fade_option, self.fade = fade, BLEND_TIME
-        if fade is not None:
-            self.fade = checked_positive("The time constant of the bias", fade, "seconds", "fade=0.5")
+        self.fade_option, what = fade, "The time constant of the bias"
+        self.fade = BLEND_TIME if fade is None else checked_positive(what, fade, "seconds", "fade=0.5")
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
-        self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
-        self._sources = [Source.of(name, self.states, self.measured) for name in self.tracked]
-        command = self.memory.places["reference"]
-        self._remembered = StateHistory(self.initial_memory(), command, len(self.states))
+        #: Names of the command's elements: the tracked states, or all states and inputs of a moving reference.
+        self.commanded = (*self.states, *solution.input_names) if moving else self.tracked
+        #: States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
+        #: measured ones, or the first.
+        self.judged = self.tracked
+        if moving and not self.tracked:
+            self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
+        read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
+        self._sources = [
+            Source(name in self.measured, read[name].index(name), self.states.index(name))
+            for name in self.tracked
+        ]
+        self._remembered = StateHistory(
+            self.initial_memory(), self.memory.places["reference"], len(self.states)
+        )
         self._ready: Any = ()
 
     def fresh(self) -> Controller:
@@ -191,10 +201,10 @@ class Controller(Summarised):
 
         Its states are the controller's memory; `initial_memory` is the initial state. Needs the extra ``control``.
         """
-        measured = len(self.measured)
+        p = len(self.measured)
         return python_control().nlsys(
-            lambda t, memory, v, params: self.evaluate(v[:measured], v[measured:], memory)[1],
-            lambda t, memory, v, params: self.evaluate(v[:measured], v[measured:], memory)[0],
+            lambda t, memory, v, params: self.evaluate(v[:p], v[p:], memory)[1],
+            lambda t, memory, v, params: self.evaluate(v[:p], v[p:], memory)[0],
             inputs=[*(f"y_{name}" for name in self.measured), *(f"r_{name}" for name in self.commanded)],
             outputs=list(self.law.input_names),
             states=[f"memory[{k}]" for k in range(self.memory.size)],
@@ -210,7 +220,6 @@ class Controller(Summarised):
         """Law, estimator, period, limits, and what is measured and commanded."""
         limits, command, mode = self.limits, self.command_limits, self.mode
         law, zone = ", ".join(dict.fromkeys(law.kind for law in self.laws)), self.integral_dead_zone
-        pairs = zip(command.texts, command.rate)
         facts = {
             "law": law if len(self.laws) == 1 else f"{len(self.laws)} laws ({law})",
             "estimator": "none (state feedback)" if self.estimator is None else type(self.estimator).__name__,
@@ -218,30 +227,18 @@ class Controller(Summarised):
             "measured": names_text(self.measured),
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
-        }
-        optional = {
             "saturation": ", ".join(limits.texts) if np.isfinite(limits.pair).any() else "",
-            "integrals push": self.windup.text if mode.bounds_windup else "",
+            "integrals push": ", ".join(
+                f"at most {size:.4g} more than at rest" for size in self.windup.limit if np.isfinite(size)
+            ) if mode.bounds_windup else "",
             "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
-            "command": ", ".join(f"{text}, at most {rate:.4g} per s" for text, rate in pairs)
-            if mode.limits_command else "",
+            "command": ", ".join(
+                f"{text}, at most {rate:.4g} per s" for text, rate in zip(command.texts, command.rate)
+            ) if mode.limits_command else "",
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
         }  # fmt: skip
-        return {**facts, **{name: fact for name, fact in optional.items() if fact}}
-
-    @property
-    def commanded(self) -> tuple[str, ...]:
-        """Names of the command's elements: the tracked states, or all states and inputs of a moving reference."""
-        return (*self.states, *self.law.input_names) if self.mode.moving else self.tracked
-
-    @property
-    def judged(self) -> tuple[str, ...]:
-        """States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
-        measured ones, or the first."""
-        if self.tracked or not self.mode.moving:
-            return self.tracked
-        return tuple(name for name in self.measured if name in self.states) or self.states[:1]
+        return {name: fact for name, fact in facts.items() if fact}
 
     # What is data and what is remembered ------------------------------------------------------------
     @cached_property
@@ -257,58 +254,53 @@ class Controller(Summarised):
     @cached_property
     def data_vector(self) -> np.ndarray:
         """Numbers of the step, flat, in the layout `data`."""
-        vector = self.data.flat(self._data_values)
-        vector.setflags(write=False)
-        return vector
+        return read_only(self.data.flat(self._data_values))
 
     @cached_property
     def _data_values(self) -> dict[str, np.ndarray]:
-        """The numbers of laws, limits and estimator by name; those of several laws in rows."""
-        laws, mode, limits, command, estimator = (
-            self.laws, self.mode, self.limits, self.command_limits, self.estimator,
-        )  # fmt: skip
+        laws, mode, limits, command = self.laws, self.mode, self.limits, self.command_limits
         codes = [LawCode(law, self.composed) for law in laws]
 
-        def rows(parts: Sequence[Any]) -> np.ndarray:
+        def rows(parts: Sequence[Any]) -> np.ndarray:  # those of several laws
             return np.stack(parts) if mode.laws > 1 else np.asarray(parts[0])
 
         gains = [code.slope[:, len(self.states) :] for code in codes]
-        n, m = len(self.law.state_names), len(self.law.input_names)
-        values: dict[str, Any] = {
+        n, m, p = len(self.states), len(self.law.input_names), len(self.measured)
+        whole = n + len(self.tracked)
+        values = {
             "period": [self.period], "law": np.concatenate([code.data for code in codes]),
-            "operating_point": rows([_shaped("operating_point", law.operating_point, n) for law in laws]),
-            "operating_input": rows([_shaped("operating_input", law.operating_input, m) for law in laws]),
+            "operating_point": rows([shaped("operating_point", law.operating_point, (whole,)) for law in laws]),
+            "operating_input": rows([shaped("operating_input", law.operating_input, (m,)) for law in laws]),
             "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
+            **({} if self.estimator is None else {
+                "parameters": self.estimator.plant.parameters.vector(),
+                "process_noise": shaped("process_noise", self.estimator.process_noise, (n, n)),
+                "measurement_noise": shaped("measurement_noise", self.estimator.measurement_noise, (p, p)),
+            }),
+            **({
+                "inverse_slope": rows([inverse_slope(gain) for gain in gains]),
+                "decay": [np.exp(-self.period / self.fade)],
+            } if mode.takes_over else {}),
+            **({"closer": [1.0 - self.law.hysteresis]}
+               if isinstance(self.law, Schedule) and mode.laws > 1 else {}),
+            **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
+            **({
+                "command_lower": command.lower, "command_upper": command.upper, "command_rate": command.rate,
+            } if mode.limits_command else {}),
+            **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
+            **({
+                "windup_line": self.windup.line, "windup_spread": self.windup.spread,
+                "windup_limit": self.windup.limit,
+            } if mode.bounds_windup else {}),
         }  # fmt: skip
-        if estimator is not None:
-            n, p = estimator.plant.n, len(estimator.plant.outputs)
-            values |= {
-                "parameters": estimator.plant.parameters.vector(),
-                "process_noise": _shaped("process_noise", estimator.process_noise, n, n),
-                "measurement_noise": _shaped("measurement_noise", estimator.measurement_noise, p, p),
-            }
-        if mode.takes_over:
-            inverse = rows([inverse_slope(gain) for gain in gains])
-            values |= {"inverse_slope": inverse, "decay": [np.exp(-self.period / self.fade)]}
-        if isinstance(self.law, Schedule) and mode.laws > 1:
-            values["closer"] = [1.0 - self.law.hysteresis]
-        values |= {"input_rate": limits.rate} if mode.limits_input_rate else {}
-        if mode.limits_command:
-            lower, upper = command.pair
-            values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
-        values |= {"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}
-        if mode.bounds_windup:
-            bound = self.windup
-            values |= {"windup_line": bound.line, "windup_spread": bound.spread, "windup_limit": bound.limit}
         return {name: np.asarray(value) for name, value in values.items()}
 
     @property
     def operating_reference(self) -> np.ndarray:
         """The command that holds the operating point, (k,); (x*, u*), (n + m,), of a moving reference."""
         point = np.asarray(self.law.operating_point, dtype=float)
-        if self.mode.moving:
-            return np.concatenate([point[: len(self.states)], self.law.operating_input])
-        return point[self._places]
+        moving = np.concatenate([point[: len(self.states)], self.law.operating_input])
+        return moving if self.mode.moving else point[[self.states.index(name) for name in self.tracked]]
 
     @cached_property
     def windup(self) -> Windup:
@@ -330,26 +322,26 @@ class Controller(Summarised):
         return self.memory.flat(self._initial_values(state, input))
 
     def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
-        zeros, values = np.zeros(len(self.tracked)), {}
-        if self.estimator is not None:
-            initial = self.estimator.initial
-            values["belief"] = list(initial if state is None else self.estimator.initial_at(state))
+        estimator, mode, zeros = self.estimator, self.mode, np.zeros(len(self.tracked))
+        if estimator is None:
+            belief = {}
+        else:
+            belief = {"belief": list(estimator.initial if state is None else estimator.initial_at(state))}
         u = self.input_before(input, state)
-        values |= {"u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference}
-        values["started"] = np.zeros(1)
-        values |= {"bias": np.zeros(len(u))} if self.mode.takes_over else {}
-        values |= {"active": np.eye(self.mode.laws)[0]} if self.mode.laws > 1 else {}
-        return values | ({"command": zeros} if self.mode.limits_command else {})
+        return {
+            **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
+            "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
+            **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
+            **({"command": zeros} if mode.limits_command else {}),
+        }  # fmt: skip
 
     # Code -----------------------------------------------------------------------------------------
     @cached_property
     def composed(self) -> bool:
         """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
-        if self._always_in_pieces:
-            return True
-        evaluations = self.mode.laws + STEPS if self.mode.takes_over else 1
-        law = evaluations * np.size(self.law.law_data)
-        return law + (self.estimator.operations if self.estimator is not None else 0) > ONE_TRACE
+        law = (self.mode.laws + STEPS if self.mode.takes_over else 1) * np.size(self.law.law_data)
+        estimator = self.estimator.operations if self.estimator is not None else 0
+        return self._always_in_pieces or law + estimator > ONE_TRACE
 
     @cached_property
     def law_code(self) -> LawCode:
@@ -359,17 +351,22 @@ class Controller(Summarised):
     @property
     def code_key(self) -> tuple[object, ...]:
         """Key of the compiled code: equal for controllers that differ in data alone."""
-        law, estimator = self.laws[0], self.estimator
-        names = (tuple(law.state_names), tuple(law.input_names))
-        model = None
-        if estimator is not None:
-            model = (type(estimator), estimator.estimator_key, estimator.plant.code_key)
-        sizes = (self.composed, self.memory.size, self.data.size)
-        return ("controller", type(law), law.law_key, names, sizes, model, self.mode)
+        law, e = self.laws[0], self.estimator
+        return (
+            "controller",
+            type(law),
+            law.law_key,
+            (tuple(law.state_names), tuple(law.input_names)),
+            (self.composed, self.memory.size, self.data.size),
+            None if e is None else (type(e), e.estimator_key, e.plant.code_key),
+            self.mode,
+        )
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        parts = (self.law_code, self.estimator, self._sources)
-        return controller_step(*parts, y if len(y) else None, r, memory, data, run, self.mode)
+        y = y if len(y) else None
+        return controller_step(
+            self.law_code, self.estimator, self._sources, y, r, memory, data, run, self.mode
+        )
 
     @property
     def traced(self) -> Any:
@@ -422,9 +419,14 @@ class Controller(Summarised):
 
     def _bound(self, measured: bool) -> Bound:
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._remembered
-        arrays = {"y": y} if measured else {}
-        arrays |= {"r": now.reference, "data": self.data_vector.copy(), "memory": now.memory}
-        arrays |= {"u": u, "estimate": now.estimate}
+        arrays = {
+            **({"y": y} if measured else {}),
+            "r": now.reference,
+            "data": self.data_vector.copy(),
+            "memory": now.memory,
+            "u": u,
+            "estimate": now.estimate,
+        }
         sizes = {name: array.size for name, array in arrays.items()}
         kernel = share(
             ("step", measured, self.code_key),
@@ -488,7 +490,6 @@ class Controller(Summarised):
             self._ready = ready
 
     def _prepared(self) -> Bound:
-        """The compiled step, built before the first sample; ControllerInUse while another thread runs a step."""
         if self._ready is None:
             raise ControllerInUse
         self._ready = None
@@ -527,16 +528,17 @@ class Controller(Summarised):
 
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        """Arguments and memory, for copies and pickles: a copy continues from there, with its own memory."""
-        arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
-        return {
-            "arguments": {**arguments, **self._options},
-            "remembered": copy.deepcopy(vars(self._remembered)),
+        arguments = {
+            "solution": self.law,
+            "estimator": self.estimator,
+            "period": self.period,
+            **self._options,
         }
+        return {"arguments": arguments, "remembered": copy.deepcopy(vars(self._remembered))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
-        self._remembered.restore(state["remembered"])
+        vars(self._remembered).update(state["remembered"])  # before any step is bound to the arrays
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:
@@ -545,14 +547,3 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
     An InvalidInput says that the file is not there, is no such file, is damaged, or is of another version.
     """
     return read_controller(path, Controller)
-
-
-def _shaped(name: str, value: Any, *shape: int) -> np.ndarray:
-    array = np.asarray(value, dtype=float)
-    if array.shape not in ((), shape):
-        raise InvalidInput(
-            f"The array {name!r} has the wrong shape.",
-            f"expected {shape}, got {array.shape}",
-            "one element for each place",
-        )
-    return np.broadcast_to(array, shape)

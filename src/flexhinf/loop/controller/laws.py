@@ -54,8 +54,7 @@ class Schedule(Law):
     """
 
     def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
-        self.laws = _checked(laws)
-        self.hysteresis = real_number(hysteresis)
+        self.laws, self.hysteresis = _checked(laws), real_number(hysteresis)
         if not 0.0 <= self.hysteresis < 1.0:
             raise InvalidInput(
                 "The hysteresis of a schedule is no fraction.",
@@ -102,13 +101,11 @@ def _checked(laws: Any) -> tuple[Law, ...]:
         )
     for law in laws:
         check_kinds(law, None)
-    first = laws[0]
-    names = [(list(law.state_names), list(law.input_names)) for law in laws]
-    for other in names:
-        if other != names[0]:
+        first, own = ([list(each.state_names), list(each.input_names)] for each in (laws[0], law))
+        if own != first:
             raise InvalidInput(
                 "The laws of a schedule do not mean the same states and inputs.",
-                f"expected {names[0]}, got {other}",
+                f"expected {first}, got {own}",
                 "laws of one problem at several poses",
             )
     laws = with_common_monomials(laws)
@@ -121,7 +118,7 @@ def _checked(laws: Any) -> tuple[Law, ...]:
                 f"got {other[0].__name__} {other[1]!r} of {other[2]}",
                 "solve all to the same degree",
             )
-    places = [first.state_names.index(name) for name in first.tracked]
+    places = [laws[0].state_names.index(name) for name in laws[0].tracked]
     poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
     if not places or len(set(poses)) < len(poses):
         raise InvalidInput(
@@ -132,13 +129,19 @@ def _checked(laws: Any) -> tuple[Law, ...]:
     return laws
 
 
-class NamedLaw(Law):
-    """Base of laws that copy names, operating point and numbers of another law; `kind` is the class of that law,
-    `law_degree` the degree of its value function."""
+class StoredLaw(Law):
+    """A law that copies names, operating point and numbers of another one, and is the table of its polynomial, or its
+    traced functions in `arrays`; one that is `placed` depends on the reference that it acts about.
+
+    `kind` is the class of the other law, `law_degree` the degree of its value function.
+    """
 
     kind: Any = ""
+    law_key: Any = ""
     law_data: Any = None
     law_degree: Any = None
+    law_table: Any = None
+    _about: Any = None
 
     def __init__(
         self,
@@ -148,33 +151,45 @@ class NamedLaw(Law):
         data: np.ndarray,
         kind: str,
         degree: int | None,
+        arrays: Mapping[str, Any],
+        table: PolynomialLaw | None = None,
+        placed: bool = False,
     ) -> None:
         self.state_names, self.input_names = map(tuple, names)
         self.operating_point, self.operating_input = point, input
-        self.law_data, self.kind, self.law_degree = data, kind, degree
+        self.law_data, self.kind, self.law_degree, self.law_table = data, kind, degree, table
+        if table is not None:
+            self.law_key = f"polynomial {table.n} {table.degrees}"
+            return
+        n, states, m = len(self.state_names), len(self.plant_states), len(self.input_names)
+        self._law = self._function("law", "law.", arrays, [n, data.size])
+        if placed:
+            self._about = self._function("law_about", "about.", arrays, [n, states, m, data.size])
+        code = [name.encode() + arrays[name].tobytes() for name in sorted(arrays) if name.startswith("law.")]
+        self.law_key = f"stored {hashlib.sha256(b''.join(code)).hexdigest()}"
 
+    def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
+        function = function_from_arrays(_below(prefix, arrays), name)
+        lengths = [function.size1_in(k) for k in range(function.n_in())]
+        if lengths != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
+            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {lengths}")
+        return function
 
-class TableLaw(NamedLaw):
-    """A law that is the table of its polynomial."""
-
-    law_key: Any = ""
-    law_table: Any = None
-
-    def __init__(
-        self,
-        names: Sequence[Sequence[str]],
-        point: Any,
-        input: Any,
-        table: PolynomialLaw,
-        kind: str,
-        degree: int | None,
-    ) -> None:
-        super().__init__(names, point, input, table.coefficients.ravel(), kind, degree)
-        self.law_table, self.law_key = table, f"polynomial {table.n} {table.degrees}"
+    @property
+    def depends_on_reference(self) -> bool:
+        """Whether it has a function about a reference."""
+        return self._about is not None
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), for a deviation x (n,) on any element."""
+        if self.law_table is None:
+            return apply(self._law, x, data)[0]
         return self.law_table.evaluate(x, np.asarray(data).reshape(self.law_table.coefficients.shape))
+
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+        """k(x), (m,), about a reference (state, input)."""
+        placed = self._about is not None
+        return apply(self._about, x, state, input, data)[0] if placed else self.evaluate_law(x, data)
 
 
 def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
@@ -192,11 +207,9 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
             for degree in degrees
             for _ in range(basis.count(table.n, degree))
         ]
-        whole = PolynomialLaw(table.n, degrees, np.array(rows).T)
-        names = law.state_names, law.input_names
-        padded.append(
-            TableLaw(names, law.operating_point, law.operating_input, whole, law.kind, law.law_degree)
-        )
+        whole, names = PolynomialLaw(table.n, degrees, np.array(rows).T), (law.state_names, law.input_names)
+        ends, data = (law.operating_point, law.operating_input), whole.coefficients.ravel()
+        padded.append(StoredLaw(names, *ends, data, law.kind, law.law_degree, {}, whole))
     return tuple(padded)
 
 
@@ -235,56 +248,6 @@ MOST_SIGNALS = 1000
 #: Options of a controller that are pairs of arrays, by the names of these, and others that are arrays.
 PAIRS = {"saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper")}
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
-
-NAMES = ("states", "inputs", "disturbances", "outputs")
-
-
-class StoredLaw(NamedLaw):
-    """A law from a file that is a traced function."""
-
-    law_key: Any = ""
-
-    def __init__(
-        self,
-        names: Any,
-        point: Any,
-        input: Any,
-        data: np.ndarray,
-        kind: str,
-        degree: int | None,
-        arrays: Mapping[str, Any],
-    ) -> None:
-        super().__init__(names, point, input, data, kind, degree)
-        self._law = self._function("law", "law.", arrays, [len(self.state_names), data.size])
-        digest = hashlib.sha256()  # of the instructions
-        for name in sorted(arrays):
-            if name.startswith("law."):
-                digest.update(name.encode() + arrays[name].tobytes())
-        self.law_key = f"stored {digest.hexdigest()}"
-
-    def _function(self, name: str, prefix: str, arrays: Mapping[str, Any], sizes: list[int]) -> Any:
-        function = function_from_arrays(_below(prefix, arrays), name)
-        lengths = [function.size1_in(k) for k in range(function.n_in())]
-        if lengths != sizes or function.n_out() != 1 or function.size1_out(0) != len(self.input_names):
-            raise InvalidInput("Another law.", f"expected arguments of {sizes} numbers, got {lengths}")
-        return function
-
-    def evaluate_law(self, x: Any, data: Any) -> Any:
-        """k(x), (m,)."""
-        return apply(self._law, x, data)[0]
-
-
-class StoredPlacedLaw(StoredLaw):
-    """A law from a file that depends on the reference that it acts about."""
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        sizes = [len(self.state_names), len(self.plant_states), len(self.input_names), self.law_data.size]
-        self._about = self._function("law_about", "about.", arguments[-1], sizes)
-
-    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
-        """k(x), (m,), about a reference (state, input)."""
-        return apply(self._about, x, state, input, data)[0]
 
 
 def write_controller(
@@ -352,14 +315,15 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
-    whole: dict[str, Any] = {"solution": law, "estimator": estimator, "period": header["period"]}
-    whole |= {name: arrays[name] for name in ARRAYS if name in arrays}
-    for name, ends in PAIRS.items():
-        if ends[0] in arrays:
-            whole[name] = tuple(arrays[end] for end in ends)
-    if "windup.limit" in arrays:
-        whole["windup"] = Windup(**_below("windup.", arrays))
-    return {**whole, **header["options"]}
+    return {
+        "solution": law,
+        "estimator": estimator,
+        "period": header["period"],
+        **{name: arrays[name] for name in ARRAYS if name in arrays},
+        **{name: tuple(arrays[end] for end in ends) for name, ends in PAIRS.items() if ends[0] in arrays},
+        **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
+        **header["options"],
+    }
 
 
 def _below(prefix: str, arrays: Mapping[str, Any]) -> dict[str, Any]:
@@ -408,14 +372,14 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
             raise InvalidInput(
                 "Wrong numbers.", f"{name} of a law is no vector of finite numbers that fits it"
             )
-    numbers, kind = (arrays["point"], arrays["input"]), str(header["name"])
+    ends, kind = (arrays["point"], arrays["input"]), str(header["name"])
+    rest = (states, inputs), *ends, arrays["data"], kind, header["degree"], arrays
     if header["degrees"] is None:
-        stored = StoredPlacedLaw if header["placed"] else StoredLaw
-        return stored((states, inputs), *numbers, arrays["data"], kind, header["degree"], arrays)
+        return StoredLaw(*rest, placed=header["placed"])
     if header["placed"]:
         raise InvalidInput("Another law.", "expected no degrees of a law that depends on its reference")
     table = PolynomialLaw(len(states), tuple(header["degrees"]), arrays["data"].reshape(len(inputs), -1))
-    law = TableLaw((states, inputs), *numbers, table, kind, header["degree"])
+    law = StoredLaw(*rest, table)
     law.evaluate_law(np.zeros(len(states)), arrays["data"])
     return law
 
@@ -426,7 +390,6 @@ def _prefixed(prefix: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.nda
 
 # Estimators and their models ----------------------------------------------------------------------
 def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Header entry of a setting (estimator, plant, array or number); its arrays are added to `arrays`."""
     if isinstance(value, Estimator):
         kind = type(value)
         if getattr(import_module(ESTIMATORS), kind.__name__, None) is not kind:
@@ -438,12 +401,12 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
         settings = {k: _store(part, f"{prefix}{k}.", arrays) for k, part in value.settings().items()}
         return {"estimator": [kind.__module__, kind.__qualname__], "settings": settings}
     if isinstance(value, Plant):
-        parts = _prefixed("flow.", function_arrays(value.traced_flow))
-        parts |= _prefixed("output.", function_arrays(value.traced_output))
-        arrays |= _prefixed(prefix, parts | _prefixed("parameters.", value.parameters.values))
-        named = {kind: list(getattr(value, kind)) for kind in NAMES}
+        arrays |= _prefixed(f"{prefix}flow.", function_arrays(value.traced_flow))
+        arrays |= _prefixed(f"{prefix}output.", function_arrays(value.traced_output))
+        arrays |= _prefixed(f"{prefix}parameters.", value.parameters.values)
         return {"plant": {
-            **named, "parameters": list(value.parameters.names), "units": dict(value.units),
+            **{kind: list(getattr(value, kind)) for kind in ("states", "inputs", "disturbances", "outputs")},
+            "parameters": list(value.parameters.names), "units": dict(value.units),
             "groups": {name: list(members) for name, members in value.groups.items()},
             "limits": {name: list(ends) for name, ends in value.limits.items()},
         }}  # fmt: skip

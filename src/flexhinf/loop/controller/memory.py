@@ -15,6 +15,7 @@ the input before the first sample (`Controller.input_before`).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -48,13 +49,9 @@ class Layout:
 
     @cached_property
     def _arrays(self) -> list[tuple[str, Shape, slice]]:
-        arrays, start = [], 0
-        for name, part in self.parts.items():
-            for shape in part if isinstance(part, list) else [part]:
-                stop = start + math.prod(shape)
-                arrays.append((name, shape, slice(start, stop)))
-                start = stop
-        return arrays
+        parts = [(n, shape) for n, p in self.parts.items() for shape in (p if isinstance(p, list) else [p])]
+        ends = [0, *itertools.accumulate(math.prod(shape) for _, shape in parts)]
+        return [(*part, slice(*pair)) for part, pair in zip(parts, itertools.pairwise(ends))]
 
     @property
     def size(self) -> int:
@@ -79,23 +76,27 @@ class Layout:
 
     def pairs(self, values: Mapping[str, Any]) -> list[tuple[Any, slice]]:
         """Every array of named parts, and its place in the vector."""
-        arrays: list[Any] = []
-        for name, part in self.parts.items():
-            arrays += values[name] if isinstance(part, list) else [values[name]]
+        parts = (
+            values[name] if isinstance(part, list) else [values[name]] for name, part in self.parts.items()
+        )
+        arrays = itertools.chain.from_iterable(parts)
         return [(array, place) for array, (_, _, place) in zip(arrays, self._arrays, strict=True)]
 
     def flat(self, values: Mapping[str, Any]) -> np.ndarray:
         """The vector (size,) of named parts; a plain number fills its part, and another shape is an InvalidInput."""
-        flat = []
-        for (name, shape, _), (array, _) in zip(self._arrays, self.pairs(values)):
-            if np.shape(array) not in ((), shape):
-                raise InvalidInput(
-                    f"The array {name!r} has the wrong shape.",
-                    f"expected {shape}, got {np.shape(array)}",
-                    "one element for each place",
-                )
-            flat.append(np.broadcast_to(np.asarray(array), shape).ravel())
-        return np.concatenate(flat)
+        pairs = zip(self._arrays, self.pairs(values))
+        return np.concatenate([shaped(name, array, shape).ravel() for (name, shape, _), (array, _) in pairs])
+
+
+def shaped(name: str, array: Any, shape: Shape) -> np.ndarray:
+    """An array of this shape, of one or of a plain number; another is refused."""
+    if np.shape(array) not in ((), shape):
+        raise InvalidInput(
+            f"The array {name!r} has the wrong shape.",
+            f"expected {shape}, got {np.shape(array)}",
+            "one element for each place",
+        )
+    return np.broadcast_to(np.asarray(array), shape)
 
 
 def filler(buffer: np.ndarray) -> Callable[[Any], None]:
@@ -158,8 +159,7 @@ class StateHistory:
         for place in (self.memory, self.start, self.older, self.newer):
             place[:] = memory
         self.estimate[:] = np.nan
-        self.samples = 0
-        self.waiting = True
+        self.samples, self.waiting = 0, True
         self.failed = self.holding = self.begun_again = False
         self.hold_command()
 
@@ -170,9 +170,7 @@ class StateHistory:
     def good(self, measured: bool) -> None:
         """Note a good sample, and keep every `SPACING`th memory as an earlier one; the oldest is forgotten. Nothing is
         allocated: this is a part of the step in real time."""
-        self.failed = False
-        if measured:
-            self.waiting = False
+        self.failed, self.waiting = False, self.waiting and not measured
         self.samples += 1
         if self.samples == SPACING:
             self.older, self.newer = self.newer, self.older
@@ -189,8 +187,7 @@ class StateHistory:
         start = np.array_equal(self.older, self.start)
         if start and self.begun_again:  # the start that was told is bad itself
             self.start[:] = self.older[:] = self.designed
-        self.holding = start and not self.begun_again
-        self.begun_again = start
+        self.holding, self.begun_again = start and not self.begun_again, start
         self.memory[:] = self.older
         self.older[:] = self.newer[:] = self.start
         if self.holding:
@@ -198,15 +195,6 @@ class StateHistory:
         else:
             self.hold_command()
         return True
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Take over the attributes of another history of this size, in place: the compiled step writes to these
-        arrays."""
-        for name, part in state.items():
-            if isinstance(part, np.ndarray):
-                getattr(self, name)[:] = part
-            else:
-                setattr(self, name, part)
 
 
 def step_program(
@@ -220,8 +208,8 @@ def step_program(
     whether a command is read, and `steps` are those of `Controller.steps`.
     """
     roles: dict[str, Any] = {name: role for name, role in ROLES.items() if name in sizes}
-    buffers = [Buffer(name, sizes[name], role) for name, role in roles.items()]
-    buffers += [
+    buffers = [
+        *(Buffer(name, sizes[name], role) for name, role in roles.items()),
         Buffer("after", sizes["memory"], "work", cleared=False),
         Buffer("estimated", sizes["estimate"], "work", cleared=False),
     ]
@@ -239,19 +227,25 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
     """The error of a compiled step that ended with a code; y and the command are its arguments, and `back` says whether
     an earlier memory has replaced its own."""
     arguments = f"y={value_text(y)}, reference={value_text(reference)}"
-    if code != BAD_RESULT:
-        what, advice = "command", "another command"
-        if code == BAD_MEASUREMENT:
-            what = "measurement"
-            advice = "step(None) to predict over a sample without a measurement, or hold the last input"
-        return NumericalFailure(
-            f"The {what} is not a finite number; nothing was updated.", f"got {arguments}", advice
-        )
-    what = "The controller's estimate or input is no longer finite; nothing was updated."
-    advice = "step(None) to predict over this sample; if it goes on, reset()"
-    if back:
-        what = "The controller's estimate or input is no longer finite, again; the controller went back to what it "
-        what += f"remembered {SPACING} to {2 * SPACING} good samples ago, or at its start."
-        advice = "go on with the next measurement, or reset(state)"
+    lost = "The controller's estimate or input is no longer finite"
+    kept = f"what it remembered {SPACING} to {2 * SPACING} good samples ago, or at its start"
     look = "then look at the measurement's unit, saturation= and the noise covariances"
-    return NumericalFailure(what, f"after {arguments}", f"{advice}; {look}")
+    what, advice = {
+        (BAD_MEASUREMENT, back): (
+            "The measurement is not a finite number; nothing was updated.",
+            "step(None) to predict over a sample without a measurement, or hold the last input",
+        ),
+        (BAD_REFERENCE, back): (
+            "The command is not a finite number; nothing was updated.",
+            "another command",
+        ),
+        (BAD_RESULT, False): (
+            f"{lost}; nothing was updated.",
+            f"step(None) to predict over this sample; if it goes on, reset(); {look}",
+        ),
+        (BAD_RESULT, True): (
+            f"{lost}, again; the controller went back to {kept}.",
+            f"go on with the next measurement, or reset(state); {look}",
+        ),
+    }[code, back]
+    return NumericalFailure(what, f"{'after' if code == BAD_RESULT else 'got'} {arguments}", advice)

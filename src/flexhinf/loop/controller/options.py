@@ -47,18 +47,15 @@ def checked_period(value: Any) -> float:
     """A sampling period, s, within `PERIODS`; else an InvalidInput asks for the unit that was probably meant."""
     period = checked_positive("The sampling period", value, "seconds", "1e-3 for 1 kHz")
     low, high = PERIODS
-    if low <= period <= high:
-        return period
-    meant = "a period in seconds: 1e-3 for 1 kHz"
-    if period > high:
-        meant = f"period={1e-3 * period:g} if {period:g} ms was meant"
-        if period >= 10.0:
-            meant += f", or {1.0 / period:g} for a rate of {period:g} Hz"
-    raise InvalidInput(
-        "The sampling period is out of proportion.",
-        f"expected {low:g} s to {high:g} s, got {period:g} s",
-        meant,
-    )
+    if not low <= period <= high:
+        rate = f", or {1.0 / period:g} for a rate of {period:g} Hz" if period >= 10.0 else ""
+        meant = f"period={1e-3 * period:g} if {period:g} ms was meant{rate}"
+        raise InvalidInput(
+            "The sampling period is out of proportion.",
+            f"expected {low:g} s to {high:g} s, got {period:g} s",
+            meant if period > high else "a period in seconds: 1e-3 for 1 kHz",
+        )
+    return period
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +109,7 @@ class Limits:
             return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
         advice = f"48.0 for ±48, or {name}=(lower, upper)"
         pair = isinstance(saturation, tuple) and len(saturation) == 2
-        lower, upper = (
-            ends(part, name, advice) for part in (saturation if pair else (saturation, saturation))
-        )
+        lower, upper = (ends(part, name, advice) for part in (saturation if pair else (saturation,) * 2))
         lower = lower if pair else -upper
         if not np.all(lower < upper):
             raise InvalidInput(
@@ -228,21 +223,14 @@ class Windup:
         limit = np.where(room > limit, limit, np.inf)
         return Windup(limit, lines, spreads) if len(laws) > 1 else Windup(limit, lines[0], spreads[0])
 
-    @property
-    def text(self) -> str:
-        """The bound at the operating point, for a summary."""
-        sizes = self.limit[np.isfinite(self.limit)]
-        return ", ".join(f"at most {size:.4g} more than at rest" for size in sizes)
-
 
 def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     names = law.plant_states
     n, places = len(names), [names.index(name) for name in law.tracked]
     point, rest = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))
     slope = LawCode(law, True).slope[:, :n]
-    model: Plant | None = estimator.plant if estimator is not None else None
-    if model is None and isinstance(law, ProblemLaw):
-        model = law.problem.plant
+    own = law.problem.plant if isinstance(law, ProblemLaw) else None
+    model = own if estimator is None else estimator.plant
     travel = TRAVEL + np.abs(point[places])
     along, held = (None, None) if model is None else _line(model, point[:n], rest, places)
     if model is None or along is None or held is None:
@@ -267,26 +255,26 @@ def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tupl
     return line[: len(x)], line[len(x) :]
 
 
-HOLD, ZERO = "hold", "zero"
-
-
 class FirstInput:
     """The input (m,) of a controller before its first sample.
 
     `before_first` is as for `flexhinf.Controller`, "hold", "zero" or (m,), and `limits` are those of the input; what
-    is none of these, or not within the limits, is an InvalidInput.
+    is none of these, or not within the limits, is an InvalidInput. `is_zero` says whether the input is zero wherever
+    the controller starts, and `text` the option in words, for a summary.
     """
 
     def __init__(self, before_first: Any, law: Law, estimator: Estimator | None, limits: Limits) -> None:
         self.law, self.estimator, self.limits = law, estimator, limits
         named = isinstance(before_first, str)
-        if named and before_first not in (HOLD, ZERO):
+        if named and before_first not in ("hold", "zero"):
             raise InvalidInput(
                 "There is no such input before the first measurement.",
                 f"expected 'hold', 'zero' or one number per input, got {value_text(before_first)}",
                 "before_first='zero' for motors that stay without power until there is a measurement",
             )
         self.option: Any = before_first if named else self._checked(before_first)
+        self.is_zero = named and before_first == "zero"
+        self.text = "zero" if self.is_zero else "what holds the robot where the estimate begins"
 
     def at(self, input: Any = None, state: Any = None) -> np.ndarray:
         """The input (m,): `input` if it fits, else an InvalidInput; by default that of `before_first`, for the estimate
@@ -300,45 +288,32 @@ class FirstInput:
         if np.array_equal(place, self.estimator.initial[0]):
             return self.own.copy()
         plant, u = self.estimator.plant, np.zeros(len(self.own))
-        every = {"x": np.array(place), "p": plant.parameters.vector(), "u": u}
+        every = {"x": place, "p": plant.parameters.vector(), "u": u}
         arrays = {name: array for name, array in every.items() if array.size}
 
         def build() -> Any:
-            buffers = [
+            buffers = tuple(
                 Buffer(name, array.size, "out" if name == "u" else "in") for name, array in arrays.items()
-            ]
+            )
             *inputs, held = (Slice(name, size=array.size) for name, array in arrays.items())
             call = Call(holding_function(plant), tuple(inputs), (held,))
-            return compile_program(Program("holding", tuple(buffers), (call,), ()))
+            return compile_program(Program("holding", buffers, (call,), ()))
 
         share(("holding kernel", plant.code_key), build).run(arrays, {})
         return self._within(u) if np.isfinite(u).all() else self.own.copy()
 
-    @property
-    def is_zero(self) -> bool:
-        """Whether the input is zero wherever the controller starts."""
-        return isinstance(self.option, str) and self.option == ZERO
-
-    @property
-    def text(self) -> str:
-        """The option in words, for a summary."""
-        return "zero" if self.is_zero else "what holds the robot where the estimate begins"
-
     @cached_property
     def own(self) -> np.ndarray:
         """Input (m,) where the estimate begins, within the limits."""
-        rest = np.array(self.law.operating_input, dtype=float)
         if isinstance(self.option, np.ndarray):
             return self.option
-        if self.is_zero:
-            return self._within(np.zeros(len(rest)))
-        if self.estimator is None:
-            return self._within(rest)
-        mean = np.asarray(self.estimator.initial[0], dtype=float)
+        rest, estimator = np.array(self.law.operating_input, dtype=float), self.estimator
+        if estimator is None or self.is_zero:
+            return self._within(np.zeros_like(rest) if self.is_zero else rest)
+        mean = np.asarray(estimator.initial[0], dtype=float)
         if not np.array_equal(mean, np.asarray(self.law.operating_point, dtype=float)[: len(mean)]):
-            plant = self.estimator.plant
-            arguments = [array for array in (mean, plant.parameters.vector()) if array.size]
-            held = np.ravel(np.asarray(holding_function(plant)(*arguments), dtype=float))
+            arguments = [array for array in (mean, estimator.plant.parameters.vector()) if array.size]
+            held = np.ravel(np.asarray(holding_function(estimator.plant)(*arguments), dtype=float))
             rest = held if np.isfinite(held).all() else rest
         return self._within(rest)
 

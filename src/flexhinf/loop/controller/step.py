@@ -106,8 +106,7 @@ class LawCode:
         return run.call(_chosen, active, *totals)
 
 
-def _chosen(active: Any, *values: Any) -> Any:
-    """The active law's value; the others may never have been computed."""
+def _chosen(active: Any, *values: Any) -> Any:  # the other laws may never have been computed
     return sum(where(flag > 0.5, value, 0.0) for flag, value in zip(active, values, strict=True))
 
 
@@ -119,12 +118,6 @@ class Source(NamedTuple):
     measured: bool
     place: int
     state: int
-
-    @staticmethod
-    def of(name: str, states: Sequence[str], measured: Sequence[str]) -> Source:
-        """Source of a state by name."""
-        state = states.index(name)
-        return Source(True, measured.index(name), state) if name in measured else Source(False, state, state)
 
 
 @dataclass(frozen=True)
@@ -160,14 +153,9 @@ class Mode:
             )
 
     @property
-    def bumpless(self) -> bool:
-        """Whether the law takes over the last input at the first sample."""
-        return self.start == "bumpless"
-
-    @property
     def takes_over(self) -> bool:
         """Whether a law ever takes over: at the first sample, or from another law."""
-        return self.bumpless or self.laws > 1
+        return self.start == "bumpless" or self.laws > 1
 
 
 STANDING = Mode()
@@ -195,11 +183,10 @@ def controller_step(
     estimate: Any = y
     belief: Any = None
     if estimator is not None:
-        prior = type(estimator.initial)(*memory.belief)
-        belief = prior
+        belief = type(estimator.initial)(*memory.belief)
         if y is not None:
             belief = estimator.measurement_update_on(
-                run, prior, y, memory.u, data.parameters, data.measurement_noise
+                run, belief, y, memory.u, data.parameters, data.measurement_noise
             )
         estimate = belief.mean
         if y is None:
@@ -212,9 +199,8 @@ def controller_step(
             data.command_upper, data.command_rate,
         )  # fmt: skip
     active: Any = None
-    taken: Any = None
     point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
-    inverse = data.inverse_slope if mode.takes_over else None
+    taken, inverse = None, data.inverse_slope if mode.takes_over else None
     lines = [data.windup_line, data.windup_spread] if mode.bounds_windup else []
     if mode.laws > 1:
         places = [source.state for source in tracked]
@@ -241,8 +227,7 @@ def controller_step(
         feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
-    rates = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else ()
-    bounds = ()
+    rates, bounds = (memory.u, data.period, data.input_rate) if mode.limits_input_rate else (), ()
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
@@ -256,10 +241,21 @@ def controller_step(
     return u, estimate, after
 
 
-def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[Any, Any, Any, Any]:
+def _deviation(
+    tracked: Sequence[Source],
+    moving: bool,
+    y: Any,
+    estimate: Any,
+    last: Any,
+    reference: Any,
+    integral: Any,
+    started: Any,
+    period: Any,
+    point: Any,
+    *others: Any,
+) -> tuple[Any, Any, Any, Any]:
     """Tracked positions, growth of the integrals, integrals, and the law's argument: x − x*, or x − x_d about the
     moving reference of this sample."""
-    y, estimate, last, reference, integral, started, period, point, *others = arrays
     n, places = len(estimate), [source.state for source in tracked]
     position = _positions(tracked, y, estimate)
     if moving:
@@ -268,13 +264,11 @@ def _deviation(tracked: Sequence[Source], moving: bool, *arrays: Any) -> tuple[A
     else:
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
-    for zone in (
-        others[1:] if moving else others
-    ):  # what lies beyond the dead zone ±zone (k,), where there is one
+    # What lies beyond the dead zone ±zone (k,), where there is one.
+    for zone in others[1:] if moving else others:
         error = error - clip(error, -zone, zone)
     growth = started * period * error
-    integral = integral + growth
-    centre = np.concatenate([others[0][:n], point[n:]]) if moving else point
+    integral, centre = integral + growth, np.concatenate([others[0][:n], point[n:]]) if moving else point
     return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - centre
 
 
@@ -283,18 +277,33 @@ def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
 
 
 def _limited(
-    tracked: Sequence[Source], y: Any, estimate: Any, r: Any, last: Any, started: Any, *data: Any
+    tracked: Sequence[Source],
+    y: Any,
+    estimate: Any,
+    r: Any,
+    last: Any,
+    started: Any,
+    period: Any,
+    lower: Any,
+    upper: Any,
+    rate: Any,
 ) -> Any:
-    """The command (k,) within its range and its rate limit from the last one, at first from the positions."""
-    period, lower, upper, rate = data
     last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
 
-def _wound(places: Sequence[int] | None, integral: Any, point: Any, gain: Any, r: Any, *bound: Any) -> Any:
+def _wound(
+    places: Sequence[int] | None,
+    integral: Any,
+    point: Any,
+    gain: Any,
+    r: Any,
+    line: Any,
+    spread: Any,
+    limit: Any,
+) -> Any:
     """Integral action (m,) beyond its bound, see `flexhinf.loop.controller.options`; about a moving reference, which
     has no `places`, the law needs none of it at rest."""
-    line, spread, limit = bound
     pushed = gain @ (integral - point[len(point) - len(integral) :])
     if places is not None:
         away = r - point[places]
@@ -303,18 +312,25 @@ def _wound(places: Sequence[int] | None, integral: Any, point: Any, gain: Any, r
 
 
 def _input(
-    bounded: bool, feedback: Any, growth: Any, integral: Any, before: Any, *data: Any
+    bounded: bool,
+    feedback: Any,
+    growth: Any,
+    integral: Any,
+    before: Any,
+    rest: Any,
+    lower: Any,
+    upper: Any,
+    gain: Any,
+    *bounds: Any,
 ) -> tuple[Any, Any, Any]:
     """The input within its limits, the integrals after anti-windup, and the flag that a step was made.
 
-    Behind u*, both limits and the gain of the integrals come, where windup is `bounded`, the integral action beyond its
-    bound; and the last input, the period and the largest rate, where that is limited.
+    The last of the arguments are, where windup is `bounded`, the integral action beyond its bound; and the last input,
+    the period and the largest rate, where that is limited.
     """
-    rest, lower, upper, gain, *bounds = data
     wanted = rest + feedback
     u = clip(wanted, lower, upper)
-    rates = bounds[1:] if bounded else bounds
-    if rates:
+    if rates := bounds[1:] if bounded else bounds:
         last, period, rate = rates
         u = clip(u, last - period * rate, last + period * rate)
     # Anti-windup: an integral that would push a saturated input further stands still.
@@ -342,18 +358,27 @@ def inverse_slope(slope: np.ndarray) -> np.ndarray:
 
 
 def bumpless_transfer(
-    run: Any, law: Callable[[Any], Any], taken: Any, deviation: Any, feedback: Any, wanted: Any, *data: Any
+    run: Any,
+    law: Callable[[Any], Any],
+    taken: Any,
+    deviation: Any,
+    feedback: Any,
+    wanted: Any,
+    inverse: Any,
+    growth: Any,
+    bias: Any,
+    point: Any,
+    decay: Any,
 ) -> tuple[Any, Any, Any, Any]:
     """The feedback of a sample at which a law may take over.
 
     Arguments: the law k(x) on the run; `taken` (1,), 1 where a law takes over at this sample, else 0; the law's
-    argument (n + k,) with the integrals as they are and k of it; u_last − u* (m,). Behind these the inverse slope
-    (k, m), see `inverse_slope`; the growth of the integrals since the last sample (k,); the last bias (m,); x*
-    (n + k,); and the fraction of the bias that is left after a period (1,).
+    argument (n + k,) with the integrals as they are and k of it; u_last − u* (m,); the inverse slope (k, m), see
+    `inverse_slope`; the growth of the integrals since the last sample (k,); the last bias (m,); x* (n + k,); and the
+    fraction of the bias that is left after a period (1,).
 
     Returns k with the bias (m,); growth and integrals (k,), the growth zero where a law takes over; the bias (m,).
     """
-    inverse, growth, bias, point, decay = data
     n = deviation.shape[0] - growth.shape[0]
     misfit, errors = wanted, deviation[n:]
 
@@ -369,8 +394,9 @@ def bumpless_transfer(
 
         if growth.shape[0]:
             errors, misfit, _ = run.repeat(STEPS, step, errors, misfit, inverse)
-    parts = (taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay)
-    return run.call(partial(_joined, n), *parts)
+    return run.call(
+        partial(_joined, n), taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay
+    )
 
 
 def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
@@ -380,20 +406,29 @@ def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
 def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:
-    """The better of two integrals, and the inverse slope that explains the last step (Broyden's good update)."""
     step, rest = trial[trial.shape[0] - errors.shape[0] :] - errors, wanted - value
     did = inverse @ (misfit - rest)
     divisor, size = step @ did, absolute(step) @ absolute(did)
     usable = absolute(divisor) > ROUNDING * size
     share = where(usable, 1.0 / where(usable, divisor, 1.0), 0.0)
     better = rest @ rest < misfit @ misfit
-    inverse = inverse + np.outer((step - did) * share, step @ inverse)
+    inverse = inverse + np.outer((step - did) * share, step @ inverse)  # Broyden's good update
     return where(better, errors + step, errors), where(better, rest, misfit), inverse
 
 
-def _joined(n: int, *parts: Any) -> tuple[Any, Any, Any, Any]:
-    """Results of the transfer where a law takes over, else of the law itself; see `bumpless_transfer`."""
-    taken, feedback, wanted, misfit, errors, growth, bias, deviation, point, decay = parts
+def _joined(
+    n: int,
+    taken: Any,
+    feedback: Any,
+    wanted: Any,
+    misfit: Any,
+    errors: Any,
+    growth: Any,
+    bias: Any,
+    deviation: Any,
+    point: Any,
+    decay: Any,
+) -> tuple[Any, Any, Any, Any]:
     new = taken[0] > 0.5
     integral = where(new, errors, deviation[n:]) + point[n:]
     bias = where(new, misfit, decay * bias)
@@ -425,8 +460,7 @@ def chosen(
         # Squared distances, so squared fractions; the first sample chooses without hysteresis.
         changes = where(started[0] > 0.5, nearest < closer[0] * closer[0] * (active @ distances), True)
         now = np.array([where(changes, where(index == law, 1.0, 0.0), was) for law, was in enumerate(active)])
-        taken = where(started[0] > 0.5, 1.0 - active @ now, 1.0 if mode.bumpless else 0.0)
-        rows = (np.tensordot(now, table, axes=1) for table in (points, *tables))
-        return now, np.array([taken]), *rows
+        taken = where(started[0] > 0.5, 1.0 - active @ now, 1.0 if mode.start == "bumpless" else 0.0)
+        return now, np.array([taken]), *(np.tensordot(now, table, axes=1) for table in (points, *tables))
 
     return run.call(choose, r, active, started, data.closer, *tables)

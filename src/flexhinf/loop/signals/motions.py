@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -9,15 +10,22 @@ from typing import Any, ClassVar
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.signals.references import Quintic, checked_order, checked_samples
+from flexhinf.loop.signals.references import Quintic, Sampled, checked_order
 from flexhinf.validation import HUGE, real_array, unknown_name, value_text
 
 # Jerk-limited motion [berscheid2021] --------------------------------------------------------------------
 LIMITS = ("velocity", "acceleration", "jerk")
 
 
+class _Motion:
+    derivatives: Callable[..., Any]
+
+    def __call__(self, t: Any) -> Any:
+        return self.derivatives(t, 0)[0]
+
+
 @dataclass(frozen=True, eq=False)
-class RestToRest:
+class _RestToRest:
     """A motion from `start` to `goal` at rest, of phases of constant jerk (`lengths` in s, `jerks` in unit/s³, (K,)
     each), or its moving average.
 
@@ -32,14 +40,12 @@ class RestToRest:
     average: float
 
     @cached_property
-    def times(self) -> np.ndarray:
-        """Corners of the piecewise constant highest derivative, s from the start."""
+    def times(self) -> np.ndarray:  # corners of the piecewise constant highest derivative, s from the start
         corners = np.concatenate([[0.0], np.cumsum(self.lengths)])
         return np.unique(np.concatenate([corners, corners + self.average]))
 
     @cached_property
-    def _curve(self) -> Any:
-        """The position as SciPy's piecewise polynomial: the highest derivative, integrated from rest."""
+    def _curve(self) -> Any:  # the highest derivative, integrated from rest
         from scipy.interpolate import PPoly
 
         middle = (self.times[1:] + self.times[:-1]) / 2.0
@@ -56,8 +62,7 @@ class RestToRest:
         return np.where(t < 0.0, 0.0, np.append(self.jerks, 0.0)[phase])
 
     def __call__(self, t: np.ndarray, order: int) -> np.ndarray:
-        """The derivative of an order at times (N,), from the right where it jumps; at rest before and after."""
-        inside = (t >= self.times[0]) & (t < self.times[-1])
+        inside = (t >= self.times[0]) & (t < self.times[-1])  # from the right where a derivative jumps
         outside = np.where(t < self.times[0], self.start, self.goal) if order == 0 else np.zeros(np.shape(t))
         if self.goal == self.start:
             return outside
@@ -65,7 +70,7 @@ class RestToRest:
 
 
 @dataclass(frozen=True)
-class JerkLimited:
+class JerkLimited(_Motion):
     """From rest at `start` to rest at `goal`, from `at` on, as fast as the limits allow.
 
     Several channels arrive together. The motion is made by the ruckig library and kept as polynomials, so that values
@@ -101,17 +106,18 @@ class JerkLimited:
             name: real_array(getattr(self, name)) for name in ("start", "goal", *LIMITS, "at", "smoothing")
         }
         for name, array in arrays.items():
-            most = 0 if name in ("at", "smoothing") else 1
-            least = 0.0 if name == "smoothing" else -np.inf
+            most, least = 0 if name in ("at", "smoothing") else 1, 0.0 if name == "smoothing" else -np.inf
             if array.ndim > most or not np.all(np.isfinite(array) & (array >= least)):
                 raise InvalidInput(
                     "A jerk-limited motion needs finite numbers.",
                     f"got {name}={value_text(getattr(self, name))}",
                     "one number in seconds" if not most else "one number, or one per channel",
                 )
-        sizes = {array.size for array in arrays.values() if array.ndim}
+        sizes, shapes = (
+            {a.size for a in arrays.values() if a.ndim},
+            {name: a.shape for name, a in arrays.items()},
+        )
         if len(sizes) > 1 or 0 in sizes:
-            shapes = {name: array.shape for name, array in arrays.items()}
             raise InvalidInput(
                 "The channels of a motion differ in number.",
                 f"expected one number or k each, got {shapes}",
@@ -143,15 +149,36 @@ class JerkLimited:
         return max(float(channel.times[-1]) for channel in self._channels)
 
     @cached_property
-    def _channels(self) -> tuple[RestToRest, ...]:
+    def _channels(self) -> tuple[_RestToRest, ...]:
+        """Of each channel the seven phases by ruckig, whose tolerances are absolute: so it works in units of the
+        longest distance and of the longest time that one limit alone requires; both are powers of two, so that nothing
+        is rounded."""
+        from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
+
         arrays = (np.atleast_1d(getattr(self, name)) for name in ("start", "goal", *LIMITS))
         start, goal, *limits = (array.tolist() for array in np.broadcast_arrays(*arrays))
-        phases = _phases([b - a for a, b in zip(start, goal)], limits)
-        return tuple(RestToRest(a, b, t, j, self.smoothing) for a, b, (t, j) in zip(start, goal, phases))
-
-    def __call__(self, t: Any) -> Any:
-        """The position."""
-        return self.derivatives(t, 0)[0]
+        k, distances, bounds = len(start), [b - a for a, b in zip(start, goal)], np.array(limits)
+        distance, request, trajectory = np.array(distances), InputParameter(k), Trajectory(k)
+        with np.errstate(over="ignore", under="ignore", invalid="ignore"):  # refused below
+            length = _power(np.abs(distance).max())
+            time = _power(np.max((np.abs(distance) / bounds) ** (1.0 / np.array([[1.0], [2.0], [3.0]]))))
+            scaled, jerk = bounds * [[time], [time**2], [time**3]] / length, length / time**3
+        request.target_position = (distance / length).tolist()  # from rest at zero
+        request.max_velocity, request.max_acceleration, request.max_jerk = scaled.tolist()
+        try:
+            result = Ruckig(k).calculate(request, trajectory)
+        except RuckigError:
+            result = Result.Error
+        if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
+            raise InvalidInput(
+                "No motion was found within the limits.",
+                f"got {result} for ways of {distances} with velocity, acceleration and jerk {limits}",
+                "limits of a size that fits the way",
+            )
+        return tuple(
+            _RestToRest(a, b, time * np.array(profile.t), jerk * np.array(profile.j), self.smoothing)
+            for a, b, profile in zip(start, goal, trajectory.profiles[0])
+        )
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and its time derivatives, (order + 1, …), from the right where they jump.
@@ -167,38 +194,8 @@ class JerkLimited:
         return np.stack(columns, axis=-1) if several else columns[0]
 
 
-def _phases(distances: list[float], limits: list[list[float]]) -> list[Any]:
-    """Lengths and jerks of each channel's seven phases.
-
-    ruckig's tolerances are absolute, so it works in units of the longest distance and of the longest time that one
-    limit alone requires; both are powers of two, so that nothing is rounded.
-    """
-    from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
-
-    k, distance, bounds = len(distances), np.array(distances), np.array(limits)
-    request, trajectory = InputParameter(k), Trajectory(k)
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):  # refused below
-        length = _power(np.abs(distance).max())
-        time = _power(np.max((np.abs(distance) / bounds) ** (1.0 / np.array([[1.0], [2.0], [3.0]]))))
-        scaled, jerk = bounds * [[time], [time**2], [time**3]] / length, length / time**3
-    request.target_position = (distance / length).tolist()  # from rest at zero
-    request.max_velocity, request.max_acceleration, request.max_jerk = scaled.tolist()
-    try:
-        result = Ruckig(k).calculate(request, trajectory)
-    except RuckigError:
-        result = Result.Error
-    if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
-        raise InvalidInput(
-            "No motion was found within the limits.",
-            f"got {result} for ways of {distances} with velocity, acceleration and jerk {limits}",
-            "limits of a size that fits the way",
-        )
-    return [(time * np.array(profile.t), jerk * np.array(profile.j)) for profile in trajectory.profiles[0]]
-
-
 def _power(value: np.float64) -> np.float64:
-    fine = 0.0 < value < np.inf
-    return np.ldexp(1.0, np.frexp(value)[1] - 1) if fine else np.float64(1.0)
+    return np.ldexp(1.0, np.frexp(value)[1] - 1) if 0.0 < value < np.inf else np.float64(1.0)
 
 
 # Through samples [deboor2001] -----------------------------------------------------------------------------
@@ -206,18 +203,8 @@ def _power(value: np.float64) -> np.float64:
 DEGREE = 9
 
 
-@dataclass(frozen=True, eq=False)
-class _Sampled:
-    times: Any
-    values: Any
-    derivatives: ClassVar[Any]
-
-    def __post_init__(self) -> None:
-        for name, array in zip(("times", "values"), checked_samples(self.times, self.values, smooth=True)):
-            object.__setattr__(self, name, array)
-
-    def __call__(self, t: Any) -> Any:
-        return self.derivatives(t, 0)[0]
+class _SampledMotion(_Motion, Sampled):
+    smooth: ClassVar[bool] = True
 
     @property
     def duration(self) -> float:
@@ -225,14 +212,13 @@ class _Sampled:
         return float(self.times[-1] - self.times[0])
 
     def _resting(self, t: np.ndarray, rows: list[Any]) -> np.ndarray:
-        """Values and derivatives (K, …) of which all but the values are zero before and after the motion."""
-        moving = (t > self.times[0]) & (t < self.times[-1])
+        moving = (t > self.times[0]) & (t < self.times[-1])  # else all derivatives are zero
         moving = moving.reshape((*t.shape, *(1,) * (self.values.ndim - 1)))
         return np.stack([rows[0], *(np.where(moving, row, 0.0) for row in rows[1:])])
 
 
 @dataclass(frozen=True, eq=False)
-class Spline(_Sampled):
+class Spline(_SampledMotion):
     """The spline of degree nine through samples, held at both ends, with four continuous derivatives everywhere.
 
     All four are zero at both ends. Between the samples it may go a little beyond them, as every smooth curve through
@@ -257,7 +243,6 @@ class Spline(_Sampled):
 
     @cached_property
     def _curve(self) -> Any:
-        """SciPy's spline over the time in units of the mean distance of the samples, which keeps it well scaled."""
         from scipy.interpolate import make_interp_spline
 
         rest = [(k, np.zeros(self.values.shape[1:])) for k in range(1, 5)]
@@ -265,7 +250,7 @@ class Spline(_Sampled):
         return make_interp_spline(where, self.values, DEGREE, bc_type=(rest, rest))
 
     @property
-    def _unit(self) -> float:
+    def _unit(self) -> float:  # the mean distance of the samples keeps the spline well scaled
         return self.duration / max(1, len(self.times) - 1)
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
@@ -300,7 +285,7 @@ MOST_STOPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Waypoints(_Sampled):
+class Waypoints(_SampledMotion):
     """From rest at the first waypoint to rest at the last one, through all others, each at its time.
 
     Parameters
@@ -342,10 +327,9 @@ class Waypoints(_Sampled):
             )
         shortest = float(np.diff(self.times).min(initial=np.inf))
         if self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest:
-            expected = f"expected 0 s to less than the shortest way of {shortest:.4g} s"
             raise InvalidInput(
                 "The smoothing of a motion does not fit its waypoints.",
-                f"{expected}, got {value_text(self.smoothing)} s",
+                f"expected 0 s to less than the shortest way of {shortest:.4g} s, got {value_text(self.smoothing)} s",
                 "waypoints further apart in time, or profile='spline'",
             )
 
@@ -397,12 +381,9 @@ class Waypoints(_Sampled):
 
     @cached_property
     def _parts(self) -> list[Quintic | JerkLimited]:
-        parts: list[Quintic | JerkLimited] = []
-        for begin, length in zip(self.times[:-1].tolist(), np.diff(self.times).tolist()):
-            if self.profile == "quintic":
-                parts.append(Quintic(0.0, 1.0, length, at=begin))
-                continue
-            rate = UNIT_TIME / (length - self.smoothing)
-            limits = VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3
-            parts.append(JerkLimited(0.0, 1.0, *limits, at=begin, smoothing=self.smoothing))
-        return parts
+        ways = zip(self.times[:-1].tolist(), np.diff(self.times).tolist())
+        if self.profile == "quintic":
+            return [Quintic(0.0, 1.0, length, at=begin) for begin, length in ways]
+        rates = [(begin, UNIT_TIME / (length - self.smoothing)) for begin, length in ways]
+        limits = [(begin, (VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3)) for begin, rate in rates]
+        return [JerkLimited(0.0, 1.0, *most, at=begin, smoothing=self.smoothing) for begin, most in limits]

@@ -19,7 +19,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
-from flexhinf.validation import checked_positive, real_array, real_number, value_text
+from flexhinf.validation import checked_positive, read_only, real_array, real_number, value_text
 
 #: Shortest part of a motion with derivatives, s: those of fourth order grow with its fourth power, and stay finite.
 SHORTEST = 1e-9
@@ -35,26 +35,21 @@ class Signal(Protocol):
 
     def __call__(self, t: Any) -> Any:
         """The value at a time, or at each of an array of times, s."""
-        ...
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and its time derivatives up to an order, (order + 1, …)."""
-        ...
 
 
 def signal_name(signal: Any, depth: int = 3) -> str:
     """A short description of a command or disturbance, of lists and mappings at most `depth` in one another."""
-    if signal is None:
-        return "none"
     if isinstance(signal, (Mapping, list, tuple)):
-        if not depth:
-            return "…"
-        if isinstance(signal, Mapping):
-            return "; ".join(f"{name}: {signal_name(part, depth - 1)}" for name, part in signal.items())
-        return "; ".join(signal_name(part, depth - 1) for part in signal)
+        mapping = isinstance(signal, Mapping)
+        labels = [f"{name}: " for name in signal] if mapping else [""] * len(signal)
+        parts = zip(labels, signal.values() if mapping else signal)
+        return "; ".join(f"{label}{signal_name(part, depth - 1)}" for label, part in parts) if depth else "…"
     if callable(signal):
         return str(getattr(signal, "name", getattr(signal, "__name__", type(signal).__name__)))
-    return f"constant {signal}"
+    return "none" if signal is None else f"constant {signal}"
 
 
 def checked_order(order: Any, what: str, highest: int | None = None, why: str = "", advice: str = "") -> int:
@@ -73,24 +68,30 @@ def checked_order(order: Any, what: str, highest: int | None = None, why: str = 
     return int(order)
 
 
-def checked_samples(times: Any, values: Any, smooth: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Copies of times (N,) and values (N,) or (N, k), read only; `smooth` ones are for a motion with derivatives.
-    Refused are those that are no function of time, or so near to each other that its derivatives are lost."""
-    times, values = real_array(times), real_array(values)
-    finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
-    shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
-    if not (finite and shaped and np.all(np.diff(times) > 0.0)):
-        found = f"got times {times.shape} and values {values.shape}"
-        raise InvalidInput(
-            "The samples do not describe a function of time.",
-            f"expected finite increasing times with one value (or row) each, {found}",
-            "sort the samples and drop repeated times",
-        )
-    if smooth:
-        _check_shortest("samples of a motion", float(np.diff(times).min(initial=np.inf)))
-    for array in (times, values):
-        array.setflags(write=False)
-    return times, values
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """Base of signals through samples: copies of times (N,), s, and values (N,) or (N, k), read only; `smooth` ones are
+    for a motion with derivatives. Refused are those that are no function of time, or so near to each other that its
+    derivatives are lost."""
+
+    times: Any
+    values: Any
+    smooth: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        times, values = real_array(self.times), real_array(self.values)
+        finite = np.all(np.isfinite(times)) and np.all(np.isfinite(values))
+        shaped = times.ndim == 1 and len(times) > 0 and values.ndim in (1, 2) and len(values) == len(times)
+        if not (finite and shaped and np.all(np.diff(times) > 0.0)):
+            found = f"got times {times.shape} and values {values.shape}"
+            raise InvalidInput(
+                "The samples do not describe a function of time.",
+                f"expected finite increasing times with one value (or row) each, {found}",
+                "sort the samples and drop repeated times",
+            )
+        if self.smooth:
+            _check_shortest("samples of a motion", float(np.diff(times).min(initial=np.inf)))
+        vars(self).update(times=read_only(times), values=read_only(values))
 
 
 def _check_shortest(what: str, seconds: float) -> None:
@@ -100,10 +101,6 @@ def _check_shortest(what: str, seconds: float) -> None:
             f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
             "times in seconds",
         )
-
-
-def _stacked(*rows: Any) -> Any:
-    return np.stack([np.asarray(row) for row in rows])
 
 
 class _Finite:
@@ -123,15 +120,13 @@ class _Finite:
 
     @property
     def name(self) -> str:
-        """A short description."""
         return self.text.format(**vars(self))
 
-    def __call__(self, t: Any) -> Any:
-        raise NotImplementedError
+    __call__: Callable[[Any], Any]
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and zeros, (order + 1, …): at rest on both sides of a jump, which itself has no derivative."""
-        return _stacked(self(t), *[0.0 * t] * checked_order(order, "signal"))
+        return np.stack([self(t), *[0.0 * t] * checked_order(order, "signal")])
 
 
 @dataclass(frozen=True)
@@ -186,7 +181,7 @@ class Sine(_Finite):
         sine, cosine = np.sin(angle), np.cos(angle)
         turned, orders = (sine, cosine, -sine, -cosine), range(1, checked_order(order, "sine") + 1)
         waves = [self.amplitude * pulsation**k * turned[k % 4] for k in orders]
-        return _stacked(self(t), *(where(t >= self.at, wave, 0.0) for wave in waves))
+        return np.stack([self(t), *(where(t >= self.at, wave, 0.0) for wave in waves)])
 
 
 @dataclass(frozen=True)
@@ -224,19 +219,11 @@ class Quintic(_Finite):
                 value = value * s + c
             value = (self.goal - self.start) / self.duration**k * value
             rows.append(where(t >= self.at, where(t < self.at + self.duration, value, 0.0), 0.0))
-        return _stacked(self(t), *rows)
+        return np.stack([self(t), *rows])
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
+class Samples(Sampled):
     """Linear interpolation of values (N,) or (N, k) at increasing times (N,), s; held at both ends."""
-
-    times: Any
-    values: Any
-
-    def __post_init__(self) -> None:
-        for name, array in zip(("times", "values"), checked_samples(self.times, self.values)):
-            object.__setattr__(self, name, array)
 
     @property
     def name(self) -> str:
@@ -254,7 +241,7 @@ class Samples:
         is refused."""
         why, advice = "its speed jumps at every sample", "fh.Spline(times, values)"
         checked_order(order, "linear interpolation", 0, why, advice)
-        return _stacked(self(t))
+        return np.stack([self(t)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,9 +295,7 @@ class Moving:
         return np.concatenate(self._both(t), axis=-1)
 
     def _both(self, t: Any) -> tuple[np.ndarray, np.ndarray]:
-        """(x_d, u_d); those of the last times are kept, since many robots are commanded the same."""
-        times = np.array(t, dtype=float, ndmin=1)
-        kept = vars(self).get("_last")
+        times, kept = np.array(t, dtype=float, ndmin=1), vars(self).get("_last")
         if kept is None or not np.array_equal(kept[0], times):
             motion = motion_of(self.signals, times, 4, self.names)
             parts = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))
@@ -321,6 +306,6 @@ class Moving:
                     "robot.inverse_dynamics",
                 )
             kept = times, *parts
-            object.__setattr__(self, "_last", kept)
+            object.__setattr__(self, "_last", kept)  # many robots are commanded the same
         _, x, u = kept
         return (x.copy(), u.copy()) if np.ndim(t) else (x[0].copy(), u[0].copy())

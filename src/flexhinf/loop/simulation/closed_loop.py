@@ -88,8 +88,8 @@ class Loop(Summarised):
                 f"expected a Controller, got {type(controller).__name__}",
                 "Controller(solution, estimator, period)",
             )
-        count = sub_steps if sub_steps is not None else 1
-        if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+        whole = isinstance(sub_steps, int) and not isinstance(sub_steps, bool)
+        if sub_steps is not None and not (whole and sub_steps >= 1):
             raise InvalidInput(
                 "The number of sub-steps is not usable.",
                 f"expected an integer >= 1, got {value_text(sub_steps)}",
@@ -104,17 +104,12 @@ class Loop(Summarised):
                 f"expected a Plant or a flexhinf.plant.BlackBox, got {type(true_plant).__name__}",
                 "robot.plant(...), or a subclass of BlackBox with reset, step and output",
             )
-        if controller.estimator is None:
-            needed, outputs = controller.states, tuple(true_plant.states)
-            fits = set(needed) <= set(outputs)
-        else:
-            needed, outputs = controller.measured, tuple(true_plant.outputs)
-            fits = needed == outputs
-        if not fits:
-            what, found = "what the controller needs", f"expected {list(needed)}, got {list(outputs)}"
+        needed, fed_back = controller.measured, controller.estimator is None
+        outputs = tuple(true_plant.states if fed_back else true_plant.outputs)
+        if needed != outputs and not (fed_back and set(needed) <= set(outputs)):
             raise InvalidInput(
-                f"The true plant does not give {what}.",
-                found,
+                "The true plant does not give what the controller needs.",
+                f"expected {list(needed)}, got {list(outputs)}",
                 "the same `measured=` for the true plant and for the estimator's",
             )
         wanted, inputs = tuple(controller.law.input_names), tuple(true_plant.inputs)
@@ -146,15 +141,13 @@ class Loop(Summarised):
             )
         n, commanded, steps = plant.n, len(controller.commanded), self.sub_steps
         p, idle = plant.parameters.vector(), np.zeros(len(plant.inputs))
-        places = None
-        if controller.estimator is None:
-            places = [plant.states.index(name) for name in controller.states]
+        places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
         def measured(x: Any) -> np.ndarray:
             x = np.asarray(x, dtype=float)
-            if places is not None:
-                return x[places]
-            return np.ravel(np.asarray(plant.traced_output(x, idle, p), dtype=float))
+            return np.ravel(
+                np.asarray(plant.traced_output(x, idle, p) if places is None else x[places], dtype=float)
+            )
 
         def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
             u, after = controller.evaluate(measured(state[:n]), v[:commanded], state[n:])
@@ -183,21 +176,21 @@ class Loop(Summarised):
     def summary(self) -> dict[str, str]:
         """True plant and channel, then the controller."""
         channel = self.channel
-        facts = {
+        quanta = ", ".join(f"{step:.4g}" for step in channel.quanta)
+        return {
             "true plant": type(self.true_plant).__name__,
             "states": names_text(tuple(self.true_plant.states)),
             "disturbances": names_text(tuple(self.true_plant.disturbances)),
+            **({"input delay": f"{channel.delay} samples"} if channel.delay else {}),
+            **({"quantisation": quanta} if quanta else {}),
+            **self.controller.summary(),
         }
-        facts |= {"input delay": f"{channel.delay} samples"} if channel.delay else {}
-        facts |= (
-            {"quantisation": ", ".join(f"{step:.4g}" for step in channel.quanta)} if channel.quanta else {}
-        )
-        return {**facts, **self.controller.summary()}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Parts of the loop for copies and pickles, without compiled code."""
-        names = ("true_plant", "controller", "_sub_steps_option", "channel")
-        return {name: vars(self)[name] for name in names}
+        # Without compiled code.
+        return {
+            name: vars(self)[name] for name in ("true_plant", "controller", "_sub_steps_option", "channel")
+        }
 
     # What is run ----------------------------------------------------------------------------------
     @cached_property
@@ -279,9 +272,8 @@ class Loop(Summarised):
             "reference": reference, "disturbance": disturbance, "noise": noise, "duration": duration, "seed": seed,
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
-        if isinstance(self.true_plant, Plant):
-            return self.prepared(**settings).run()[0]
-        return self.run_paced(AT_ONCE, **settings)
+        compiled = isinstance(self.true_plant, Plant)
+        return self.prepared(**settings).run()[0] if compiled else self.run_paced(AT_ONCE, **settings)
 
     def run_paced(
         self, pacing: Pacing, stepped: Any = None, reference: Any = None, disturbance: Any = None,
@@ -305,9 +297,13 @@ class Loop(Summarised):
             stepped.reset(input=initial_input)
         d = sample_signal(by_name(disturbance, box), times, tuple(box.disturbances), "disturbance")
         before, samples = controller.input_before(initial_input), len(times)
-        width = {"output": len(controller.measured), "input": len(controller.law.input_names)}
-        width |= {"estimate": len(controller.states), **({"state": len(box.states)} if box.states else {})}
-        recorded = {name: np.full((samples, size), np.nan) for name, size in width.items()}
+        names = {
+            "output": controller.measured,
+            "input": controller.law.input_names,
+            "estimate": controller.states,
+            **({"state": box.states} if box.states else {}),
+        }
+        recorded = {name: np.full((samples, len(several)), np.nan) for name, several in names.items()}
         recorded |= {"reference": commands, "disturbance": d}
         placed = initial_state is not None or set(controller.states) <= set(box.states)
         states = tuple(box.states) or controller.states
@@ -356,8 +352,9 @@ class Loop(Summarised):
         multi_turn: bool = False,
     ) -> PreparedRun:
         """A run on a `Plant`, prepared but not yet made; arguments as of `run`."""
-        run = (reference, disturbance, noise, duration, initial_state, initial_input)
-        return self.ensemble(*run, multi_turn=multi_turn).single(seed, self.sub_steps)
+        return self.ensemble(
+            reference, disturbance, noise, duration, initial_state, initial_input, multi_turn=multi_turn
+        ).single(seed, self.sub_steps)
 
     def ensemble(
         self,
@@ -405,11 +402,13 @@ class Loop(Summarised):
             "held": controller.input_before(initial_input),
             "memory": controller.initial_memory(input=initial_input),
         }
-        shared = {"data": controller.data_vector, "facts": command.vector()}
-        if commands.size:
-            shared["reference"] = commands.ravel()
-        if noise is not None:
-            shared["deviation"] = np.ascontiguousarray(checked_deviation(noise, controller.measured))
+        deviation = None if noise is None else checked_deviation(noise, controller.measured)
+        shared = {
+            "data": controller.data_vector,
+            "facts": command.vector(),
+            **({"reference": commands.ravel()} if commands.size else {}),
+            **({} if deviation is None else {"deviation": np.ascontiguousarray(deviation)}),
+        }
         tracking = {
             name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
         }
@@ -437,11 +436,10 @@ class Loop(Summarised):
         operating point. A command that does not fit, or leaves the range of its state, is refused."""
         controller, plant = self.controller, self.true_plant
         times = np.arange(sample_count(duration, controller.period)) * controller.period
-        names, value = controller.commanded, reference
-        if reference is None:
-            value = controller.operating_reference
-        elif isinstance(reference, Mapping):
-            value = {**dict(zip(names, controller.operating_reference.tolist())), **by_name(reference, plant)}
+        names, held = controller.commanded, controller.operating_reference
+        value = held if reference is None else reference
+        if isinstance(reference, Mapping):
+            value = {**dict(zip(names, held.tolist())), **by_name(reference, plant)}
         commands = sample_signal(value, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
         limits = next((model.limits for model in models if model.limits), {})
@@ -449,10 +447,9 @@ class Loop(Summarised):
         if not multi_turn and reference is not None:
             check_turns(value, commands, names, units)
         check_ranges(commands, times, names, limits, units)
-        settings = {
+        return times, commands, {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": 0,
             "period": controller.period, "sub_steps": 0, "quantisation": list(self.channel.quanta) or "none",
             "input_delay_samples": self.channel.delay,
         }  # fmt: skip
-        return times, commands, settings

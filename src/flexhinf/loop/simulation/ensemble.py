@@ -40,7 +40,7 @@ from flexhinf.loop.simulation.program import (
 )
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.plant import Plant, fastest_modes, sub_steps
-from flexhinf.validation import checked_array, real_array, value_text
+from flexhinf.validation import checked_array, read_only, real_array, value_text
 
 #: Runs side by side in one kernel. Eight numbers are one register of AVX-512 and two of AVX2.
 LANES = 8
@@ -68,13 +68,8 @@ class EnsemblePlants:
     def __len__(self) -> int:
         return len(self.truth)
 
-    def some(self, rows: slice) -> EnsemblePlants:
-        """The plants in some rows."""
-        own = {name: values[rows] for name, values in self.own.items()}
-        return EnsemblePlants(self.truth[rows], self.parts[rows], self.seeds[rows], own)
 
-
-#: Signal and its size in `LoopSizes`, by the buffer that it is recorded in.
+#: Signal and its size in `LoopCode.sizes`, by the buffer that it is recorded in.
 RECORDED = {
     "states": ("state", "x"), "estimates": ("estimate", "estimate"), "outputs": ("output", "y"),
     "inputs": ("input", "u"),
@@ -86,53 +81,46 @@ class PreparedRun:
     """A run with all its arrays, ready for the kernel.
 
     `times` (N,) are in s; `arrays` are the inputs of the kernel, by buffer (those that the loop does not have are left
-    out), `recorded` signals that are known before the run, `parts` Runge–Kutta steps per period, `settings` for the
-    trajectory.
+    out), `recorded` signals that are known before the run, `settings` for the trajectory.
     """
 
     code: LoopCode
     times: np.ndarray
     arrays: dict[str, np.ndarray]
     recorded: dict[str, np.ndarray]
-    parts: int
     settings: dict[str, Any]
 
     def buffers(self) -> tuple[dict[str, np.ndarray], dict[str, int]]:
         """Arrays of the kernel by buffer, of which those that it writes are new, and the turns of its loops."""
         code, own, samples = self.code, self.arrays, len(self.times)
-        late = code.channel.delay * code.sizes.u
         arrays = {
             buffer.name: own[buffer.name].copy() if buffer.role == "state" else own[buffer.name]
             for buffer in code.program.buffers
             if buffer.name in own
-        }
-        arrays |= {
-            name: np.zeros(samples * getattr(code.sizes, size)) for name, (_, size) in RECORDED.items()
-        }
+        } | {name: np.zeros(samples * code.sizes[size]) for name, (_, size) in RECORDED.items()}
         # Before the inputs stand those that wait.
         arrays["inputs"] = np.concatenate([np.tile(own["held"], code.channel.delay), arrays["inputs"]])
-        return arrays, {"steps": samples, "parts": self.parts, "late": late}
+        return arrays, {
+            "steps": samples,
+            "parts": code.sub_steps,
+            "late": code.channel.delay * code.sizes["u"],
+        }
 
     def run(self, kernel: Any = None) -> tuple[Trajectory, int, int]:
         """Make this run, on the loop's kernel or one that does the same: its trajectory, up to its end, and the code
         and the last sample of its `Status`."""
-        code, samples, signals = self.code, len(self.times), {}
-        arrays, counts = self.buffers()
+        code, (arrays, counts) = self.code, self.buffers()
         status = (code.kernel() if kernel is None else kernel).run(arrays, counts)
-        for name, (signal, size) in RECORDED.items():
-            begin = arrays[name].size - samples * getattr(code.sizes, size)
-            signals[signal] = arrays[name][begin:].reshape(samples, -1)
-        signals |= self.recorded
-        end = int(status.code), int(status.step)
+        arrays["inputs"] = arrays["inputs"][counts["late"] :]
+        rows = {signal: arrays[name].reshape(len(self.times), -1) for name, (signal, _) in RECORDED.items()}
+        signals, end = rows | self.recorded, (int(status.code), int(status.step))
         return Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end), *end
 
 
 @lru_cache(4)
 def zeros(size: int) -> np.ndarray:
     """Zeros (size,), read-only: one array for all runs, since fresh memory for each takes as long as the run."""
-    values = np.zeros(size)
-    values.setflags(write=False)
-    return values
+    return read_only(np.zeros(size))
 
 
 class Recorded(NamedTuple):
@@ -242,10 +230,11 @@ class Ensemble:
         kept = tuple((kind, k) for kind, some in names.items() for k in range(len(some)))
         everything = np.arange(self.command.samples)
         whole = replace(self, tracking={}, common=(), kept=kept, instants=everything)
-        ends = np.cumsum([len(some) for some in names.values()])[:-1]
-        times = everything * self.command.period
+        ends, times = np.cumsum([len(some) for some in names.values()])[:-1], everything * self.command.period
         for first in range(0, len(plants), THREADS * LANES):
-            some = plants.some(slice(first, first + THREADS * LANES))
+            rows = slice(first, first + THREADS * LANES)
+            own = {name: values[rows] for name, values in plants.own.items()}
+            some = EnsemblePlants(plants.truth[rows], plants.parts[rows], plants.seeds[rows], own)
             result = whole._in_lanes(some, LANES, THREADS, disturbances)
             for k, row in enumerate(result.kept):
                 recorded = dict(zip(names, np.split(row, ends, axis=1)))
@@ -254,8 +243,11 @@ class Ensemble:
                     if disturbances
                     else np.zeros((len(times), len(self.plant.disturbances)))
                 )
-                signals = {kind: recorded[kind] for kind in ("state", "estimate", "output", "input")}
-                signals |= {"reference": self.commands, "disturbance": acting}
+                kinds = ("state", "estimate", "output", "input")
+                signals = {kind: recorded[kind] for kind in kinds} | {
+                    "reference": self.commands,
+                    "disturbance": acting,
+                }
                 yield Trajectory.until(
                     self.plant, self.controller, times, signals, self._settings(some, k), int(result.codes[k]),
                     int(result.steps[k]),
@@ -274,9 +266,8 @@ class Ensemble:
         return len(plants) < LANES or len(plants) * self.command.samples < WORTH
 
     def _room(self, count: int) -> Recorded:
-        codes, steps = (np.zeros(count, dtype=int) for _ in range(2))
-        kept = np.zeros((count, len(self.instants), len(self.kept)))
-        return Recorded(codes, steps, np.zeros((len(self.remembered), count)), kept)
+        kept, remembered = (count, len(self.instants), len(self.kept)), (len(self.remembered), count)
+        return Recorded(np.zeros(count, int), np.zeros(count, int), np.zeros(remembered), np.zeros(kept))
 
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
@@ -306,18 +297,15 @@ class Ensemble:
         rest: Iterator[np.ndarray],
         recorded: Recorded,
     ) -> None:
-        """Run batches of plants that no other thread has taken, on arrays of this thread."""
         samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
         start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
         start = {name: column for name, column in start.items() if name not in own}
         counts, waiting = {"steps": samples, "parts": parts}, self.channel.delay
-        if waiting:
-            if "held" in own:
-                own["inputs"] = np.tile(own["held"], (1, waiting))
-            else:
-                start["inputs"] = np.tile(start["held"], waiting)
-        sizes = {name: len(column) for name, column in start.items()}
-        sizes |= {name: rows.shape[1] for name, rows in own.items()}
+        if waiting and "held" in own:
+            own["inputs"] = np.tile(own["held"], (1, waiting))
+        elif waiting:
+            start["inputs"] = np.tile(start["held"], waiting)
+        sizes = {name: column.shape[-1] for name, column in (start | own).items()}
         if waiting:
             sizes["inputs"], counts["late"] = (samples + waiting) * sizes["held"], waiting * sizes["held"]
         sizes["kept"] = samples * len(self.kept)
@@ -331,8 +319,7 @@ class Ensemble:
             for name in arrays.keys() & own.keys():
                 arrays[name][: own[name].shape[1]] = own[name][filled].T
             run()
-            status = run.status
-            ends = np.array([status.code, status.step]).reshape(2, -1)
+            ends = np.array([run.status.code, run.status.step]).reshape(2, -1)
             recorded.codes[rows], recorded.steps[rows] = ends[:, :count]
             if "remembered" in arrays:
                 recorded.remembered[:, rows] = arrays["remembered"][:, :count]
@@ -343,7 +330,6 @@ class Ensemble:
                     recorded.kept[row, self.instants > recorded.steps[row]] = np.nan
 
     def _alone(self, plants: EnsemblePlants, threads: int) -> Recorded:
-        """Run each plant on the kernel of a single run, and reduce its signals afterwards."""
         recorded, disturbances = self._room(len(plants)), self._disturbances(plants)
         with ThreadPoolExecutor(threads) as pool:
             runs = pool.map(
@@ -353,11 +339,16 @@ class Ensemble:
             for k, (run, code, last) in enumerate(runs):
                 recorded.codes[k], recorded.steps[k] = code, last
                 if code == 0 and len(recorded.remembered):
-                    remembered, step = self.remembered.copy(), np.zeros(1)
+                    remembered = self.remembered
                     arrays = {
-                        name: run.signals[name].ravel() for name in ("state", "estimate", "output", "input")
+                        **{
+                            name: run.signals[name].ravel()
+                            for name in ("state", "estimate", "output", "input")
+                        },
+                        **self.shared,
+                        "remembered": remembered,
+                        "step": np.zeros(1),
                     }
-                    arrays |= {**self.shared, "remembered": remembered, "step": step}
                     names = [buffer.name for buffer in self._reducer.program.buffers]
                     self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
                     recorded.remembered[:, k] = remembered
@@ -370,17 +361,16 @@ class Ensemble:
     def _prepared(
         self, plants: EnsemblePlants, disturbances: Disturbances, k: int, settings: dict[str, Any]
     ) -> PreparedRun:
-        """The k-th run alone, with `settings` for its trajectory."""
         parts, samples = int(plants.parts[k]), self.command.samples
         code = LoopCode(self.plant, self.controller, self.channel, parts)
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
         noise = sample_noise(self.shared.get("deviation"), plants.seeds[k], samples, self.controller.measured)
-        acting = np.zeros((samples, code.sizes.d))
+        acting = np.zeros((samples, code.sizes["d"]))
         if disturbances:
             values = disturbances[parts] * own["load"] if "load" in own else disturbances[parts]
             acting = values[:, 0, 0].copy()
         else:  # one array for all runs: pages that are never written take no memory
-            values = zeros(samples * code.sizes.capacity * 3 * code.sizes.d)
+            values = zeros(samples * code.sizes["capacity"] * 3 * code.sizes["d"])
         arrays = {
             **{name: own[name] for name in ("x", "held", "memory")}, "u": own["held"].copy(),
             "data": self.shared["data"], "noise": noise.ravel(),
@@ -388,7 +378,7 @@ class Ensemble:
             "reference": self.commands.ravel(), "disturbance": values.ravel(),
         }  # fmt: skip
         recorded = {"reference": self.commands, "disturbance": acting}
-        return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, parts, settings)
+        return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, settings)
 
     # What the runs have -----------------------------------------------------------------------------
     def _plants(self, parameters: Any, seeds: Any, states: Any, loads: Any, inputs: Any) -> EnsemblePlants:
@@ -426,9 +416,10 @@ class Ensemble:
             )
         if inputs is not None:
             held = rows("initial inputs", inputs, self.start["held"])
-            memory = [controller.initial_memory(input=row) for row in held]
             own["held"] = np.array([controller.input_before(row) for row in held]).reshape(held.shape)
-            own["memory"] = np.array(memory).reshape(count, -1)
+            own["memory"] = np.array([controller.initial_memory(input=row) for row in held]).reshape(
+                count, -1
+            )
         if self.sub_steps is None:  # those of a `Loop` of each plant alone
             point = operating_state(plant.states, controller)
             modes = fastest_modes(plant, truth, point, controller.law.operating_input)
@@ -459,8 +450,12 @@ class Ensemble:
         own = {**self.start, **{name: rows[k] for name, rows in plants.own.items()}}
         plant = self.plant.with_parameters(**vars(self.plant.parameters.named(plants.truth[k])))
         placed = self.placed or not np.array_equal(own["x"], self.start["x"])
-        start = start_text(plant, own["x"], placed, self.controller, own["held"])
-        return {**self.settings, "seed": plants.seeds[k], "sub_steps": int(plants.parts[k]), "start": start}
+        return {
+            **self.settings,
+            "seed": plants.seeds[k],
+            "sub_steps": int(plants.parts[k]),
+            "start": start_text(plant, own["x"], placed, self.controller, own["held"]),
+        }
 
     @property
     def commands(self) -> np.ndarray:
@@ -480,14 +475,17 @@ class Ensemble:
 
     def kernel(self, sub_steps: int, lanes: int = LANES) -> Kernel:
         """Compiled program of as many runs as lanes; without a disturbance it serves any number of sub-steps."""
-        room = 1 if self.disturbance is None else sub_steps
-        code = LoopCode(self.plant, self.controller, self.channel, room)
-        options = EnsembleOptions(
-            "deviation" in self.shared, self.disturbance is not None, self.channel.delay > 0, self.kept
-        )
-        updates = tuple(reduction.code_key for reduction in self.reductions)
+        disturbed = self.disturbance is not None
+        code = LoopCode(self.plant, self.controller, self.channel, sub_steps if disturbed else 1)
+        options = EnsembleOptions("deviation" in self.shared, disturbed, self.channel.delay > 0, self.kept)
         return share(
-            (*code.key, "ensemble", options, updates, lanes),
+            (
+                *code.key,
+                "ensemble",
+                options,
+                tuple(reduction.code_key for reduction in self.reductions),
+                lanes,
+            ),
             lambda: compile_program(loop_program(code, options, self.reductions), lanes),
         )
 
@@ -495,7 +493,7 @@ class Ensemble:
     def _reducer(self) -> Kernel:
         sizes = LoopCode(self.plant, self.controller, self.channel, 1).sizes
         return share(
-            ("reductions", sizes, tuple(reduction.code_key for reduction in self.reductions)),
+            ("reductions", *sizes.values(), tuple(reduction.code_key for reduction in self.reductions)),
             lambda: compile_program(reduction_program(sizes, self.reductions)),
         )
 

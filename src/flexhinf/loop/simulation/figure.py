@@ -17,9 +17,8 @@ class NotebookFigure(Figure):
     def _repr_svg_(self) -> str:
         text = StringIO()
         with mpl.rc_context({"svg.fonttype": "none"}), warnings.catch_warnings():
-            warnings.filterwarnings(
-                "ignore", "Glyph .* missing from font"
-            )  # the browser has fonts for every script
+            # The browser has fonts for every script.
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")
             self.savefig(text, format="svg")
         return text.getvalue()
 

@@ -42,10 +42,9 @@ def sample_count(duration: Any, period: float) -> int:
             "a duration in seconds, for example 8.0",
         )
     if samples > MOST_SAMPLES:
-        most = f"{MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s"
         raise InvalidInput(
             "The run is too long for its period.",
-            f"expected at most {most}, got {seconds:g} s",
+            f"expected at most {MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s, got {seconds:g} s",
             f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
         )
     return round(samples)
@@ -83,8 +82,8 @@ def starting_state(initial: Any, states: Sequence[str], controller: Controller) 
 
 
 def _designed_start(controller: Controller) -> dict[str, float]:
-    estimator, law = controller.estimator, controller.law
-    start = law.operating_point if estimator is None else estimator.initial[0]
+    estimator = controller.estimator
+    start = controller.law.operating_point if estimator is None else estimator.initial[0]
     return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
 
 
@@ -107,13 +106,10 @@ def start_text(
     input before the first sample.
     """
     own = _designed_start(controller)
-    apart = {name: (value, own[name]) for name, value in zip(plant.states, x.tolist()) if name in own}
-    name, (value, start) = max(
-        apart.items(), key=lambda item: abs(item[1][0] - item[1][1]), default=("", (0.0, 0.0))
-    )
-    text = STARTED
-    if abs(value - start) > SAME_START * max(1.0, abs(start)):
-        text = f"{name} = {value:.6g}, the controller starts at {start:.6g}"
+    apart = ((value, own[name], name) for name, value in zip(plant.states, x.tolist()) if name in own)
+    value, start, name = max(apart, key=lambda item: abs(item[0] - item[1]), default=(0.0, 0.0, ""))
+    away = abs(value - start) > SAME_START * max(1.0, abs(start))
+    text = f"{name} = {value:.6g}, the controller starts at {start:.6g}" if away else STARTED
     if placed or not isinstance(plant, Plant):
         return text
     rates = plant.derivative(x, before)
@@ -137,9 +133,7 @@ def check_ranges(
     """Refuse commands (N, k) at times (N,) that leave the range of a state, by the names of the columns; what has no
     limits has no range. The InvalidInput names the state, the first time, the value and the range."""
     for name, column in zip(names, commands.T):
-        if name not in limits:
-            continue
-        low, high = limits[name]
+        low, high = limits.get(name, (-np.inf, np.inf))
         slack = ROUNDING * (high - low)
         outside = np.flatnonzero((column < low - slack) | (column > high + slack))
         if len(outside):
@@ -157,9 +151,8 @@ def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], unit
     Of the reference, as for `flexhinf.Loop.run`, numbers and the signals of `WRITTEN` are looked at; samples and
     functions are computed, not written. The InvalidInput names the state, the value, and as many degrees in rad.
     """
-    parts = list(reference) if isinstance(reference, (list, tuple)) else [reference] * len(names)
-    if isinstance(reference, Mapping):
-        parts = [reference.get(name) for name in names]
+    several = reference if isinstance(reference, (list, tuple)) else [reference] * len(names)
+    parts = [reference.get(name) for name in names] if isinstance(reference, Mapping) else several
     for name, part, column in zip(names, parts, commands.T):
         written = isinstance(part, WRITTEN) or not callable(part)
         largest = float(column[np.argmax(np.abs(column))])
@@ -187,11 +180,10 @@ MOST_NUMBERS = 200_000_000
 
 def by_name(signal: Any, plant: Plant | BlackBox) -> Any:
     """A mapping with the plant's groups (``link_torque`` of all joints) replaced by single names, which win."""
-    groups = plant.groups
     if not isinstance(signal, Mapping):
         return signal
-    single = {name: part for name, part in signal.items() if name not in groups}
-    return {**{member: part for name, part in signal.items() for member in groups.get(name, ())}, **single}
+    members = {member: part for name, part in signal.items() for member in plant.groups.get(name, ())}
+    return {**members, **{name: part for name, part in signal.items() if name not in plant.groups}}
 
 
 def sample_signal(
@@ -211,8 +203,12 @@ def sample_signal(
             if name not in channels:
                 raise unknown_name(f"There is no {what} {name!r}.", name, channels)
         signal = [signal.get(name) for name in channels]
-    several = isinstance(signal, Sequence) and not isinstance(signal, str)
-    if depth and several and len(signal) == len(channels):
+    if (
+        depth
+        and isinstance(signal, Sequence)
+        and not isinstance(signal, str)
+        and len(signal) == len(channels)
+    ):
         columns = [
             sample_signal(part, times, [name], what, depth - 1) for part, name in zip(signal, channels)
         ]
@@ -300,8 +296,9 @@ def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
     """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
     refused."""
     deviation = real_array(noise)
-    usable = np.all(np.isfinite(deviation) & (deviation >= 0.0))
-    if deviation.shape not in ((), (len(channels),)) or not usable:
+    if deviation.shape not in ((), (len(channels),)) or not np.all(
+        np.isfinite(deviation) & (deviation >= 0.0)
+    ):
         raise InvalidInput(
             "The measurement noise does not fit the measurements.",
             f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,9 +79,8 @@ def step_shape(time: np.ndarray, position: np.ndarray, reference: np.ndarray) ->
     if np.any(tail_of(reference) != final):
         return None
     changes = np.flatnonzero(reference != reference[0])
-    if len(changes):
-        return StepShape(float(reference[0]), final, float(time[changes[0]]))
-    return StepShape(float(position[0]), final, float(time[0]))
+    initial, at = (reference[0], time[changes[0]]) if len(changes) else (position[0], time[0])
+    return StepShape(float(initial), final, float(at))
 
 
 def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None) -> dict[str, float | None]:
@@ -168,9 +167,9 @@ def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
     side = np.where(deviation >= far, 1, np.where(deviation <= -far, -1, 0))
     outside = np.flatnonzero(side)
     rises = outside[1:][np.diff(side[outside]) > 0]
-    if amplitude == 0.0 or len(rises) < 2:
-        return LimitCycle(amplitude, None)
-    return LimitCycle(amplitude, float((len(rises) - 1) / (time[rises[-1]] - time[rises[0]])))
+    periodic = amplitude != 0.0 and len(rises) >= 2
+    frequency = float((len(rises) - 1) / (time[rises[-1]] - time[rises[0]])) if periodic else None
+    return LimitCycle(amplitude, frequency)
 
 
 def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
@@ -179,7 +178,6 @@ def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
 
 
 def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:
-    """Time from `start` to the last deviation outside ±2 % of the height; None if that is the last of all."""
     outside = np.flatnonzero(np.abs(deviation) > SETTLING_BAND * abs(height) * (1.0 + ROUNDING))
     if len(outside) == 0:
         return 0.0
@@ -208,9 +206,7 @@ class Command:
 
     def vector(self) -> np.ndarray:
         """Numbers of the command for a kernel, (1 + 3r,): the tail, first, last and change."""
-        tail = self.samples - len(
-            tail_of(np.empty(self.samples))
-        )  # first sample of the last tenth of the run
+        tail = self.samples - len(tail_of(np.empty(self.samples)))  # its first sample
         return np.concatenate([[tail], self.first, self.last, self.change])
 
 
@@ -288,8 +284,7 @@ class EnsembleResult:
         settling time or a rise time is infinite where the run is not settled, or has not risen, at its end.
         `estimation_rmse` is (N, j), one column per estimated state whose true value is known.
         """
-        if name is None and self.judged:
-            name = self.judged[0]
+        name = self.judged[0] if name is None and self.judged else name
         if name is not None and name not in self.by_state:
             raise unknown_name(f"{name!r} is not tracked.", name, self.judged)
         return {**(self.by_state[name] if name is not None else {}), **self.common}
@@ -297,8 +292,8 @@ class EnsembleResult:
     def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
         """Metrics of the k-th run, with None as in `Trajectory.metrics`."""
         row = {key: values[k].tolist() for key, values in self.metrics(name).items()}
-        known = {key: value for key, value in row.items() if isinstance(value, list) or np.isfinite(value)}
-        return {key: known.get(key) if self.completed[k] else None for key in row}
+        known = [key for key, value in row.items() if isinstance(value, list) or np.isfinite(value)]
+        return {key: row[key] if self.completed[k] and key in known else None for key in row}
 
 
 class Place(NamedTuple):
@@ -321,8 +316,7 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
     band = SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
     outside = where(after, where(abs(beyond) > band, step, outside), outside)
-    way = 1.0 + beyond / height
-    rises = []
+    way, rises = 1.0 + beyond / height, []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
         new = where(after, where(sample < -0.5, where(way >= level, 1.0, 0.0), 0.0), 0.0)
@@ -333,13 +327,11 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
 def _stepped_metrics(
     kept: np.ndarray, height: np.ndarray, start: Any, command: Command
 ) -> dict[str, np.ndarray]:
-    _, high, low, outside, _, *crossings = kept
-    period = command.period
+    (_, high, low, outside, _, *crossings), period, times = kept, command.period, []
     with np.errstate(divide="ignore", invalid="ignore"):
         overshoot = 100.0 * np.maximum(0.0, np.where(height > 0.0, high, low) / height)
         settling = np.where(outside < start, 0.0, outside * period - start * period)
         settling[outside == command.samples - 1] = np.inf
-        times = []
         for k, level in enumerate(RISE):
             sample, at, last = crossings[3 * k : 3 * k + 3]
             back = np.where(sample > start, (at - level) / (at - last), 0.0)
@@ -360,9 +352,8 @@ def tracking_reductions(place: Place) -> tuple[Reduction, Reduction]:
 def step_reduction(state: int, begin: float, end: float) -> Reduction:
     """`flexhinf.loop.step_metrics` of a true state (its column) that steps from `begin` to another `end` at once,
     whatever the command; both are data, not code. The column stands before each name: ``"0 overshoot_percent"``."""
-    start = (begin, *_STEP_START[1:], end)
-    named = partial(_fixed_step_metrics, state)
-    return Reduction(start, partial(_fixed_step, state), named, ("fixed step", state))
+    update, result = partial(_fixed_step, state), partial(_fixed_step_metrics, state)
+    return Reduction((begin, *_STEP_START[1:], end), update, result, ("fixed step", state))
 
 
 def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
@@ -382,11 +373,10 @@ def _step(place: Place, kept: Any, now: Instant) -> Any:
 
 
 def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    """Metrics of a step: NaN where the command has no step, infinite where the run does not settle or rise."""
     height = command.last[place.command] - kept[0]
-    values_by_name = _stepped_metrics(kept, height, command.change[place.command], command)
-    step = (height != 0.0) & command.steps[place.command]
-    return {name: np.where(step, values, np.nan) for name, values in values_by_name.items()}
+    metrics = _stepped_metrics(kept, height, command.change[place.command], command)
+    step = (height != 0.0) & command.steps[place.command]  # NaN where the command has none
+    return {name: np.where(step, values, np.nan) for name, values in metrics.items()}
 
 
 def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
@@ -410,10 +400,7 @@ def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
 
 
 def _peak(kept: Any, now: Instant) -> Any:
-    largest = kept[0]
-    for u in now.input:
-        largest = maximum(largest, abs(u))
-    return np.array([largest])
+    return np.array([reduce(maximum, map(abs, now.input), kept[0])])
 
 
 def _peak_metric(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
@@ -467,9 +454,8 @@ class RingDown:
     def damping_of(self, run: int) -> float:
         """Smallest damping ratio visible in a run; 1 where nothing oscillates, 0 where runs are no decaying
         oscillations and do not come to rest."""
-        if not self.error <= FITS and not self.rests:
-            return 0.0
-        return min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
+        least = min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
+        return least if self.error <= FITS or self.rests else 0.0
 
     @property
     def damping(self) -> float:
@@ -489,14 +475,14 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
     are of each run the columns in which oscillations are looked for.
     """
     before = np.vstack([run[:-1] for run in runs])
-    scale = np.sqrt(np.mean(before**2, axis=0))
-    scale[scale == 0.0] = 1.0
+    spread = np.sqrt(np.mean(before**2, axis=0))
+    scale = np.where(spread == 0.0, 1.0, spread)
     left, sizes, right = np.linalg.svd(before / scale, full_matrices=False)
     kept = int((sizes > RESOLVED * max(sizes[0], 1e-300)).sum())
     left, sizes, right = left[:, :kept], sizes[:kept], right[:kept]
     after = np.vstack([run[1:] for run in runs]) / scale
-    step = right @ (after.T @ left) / sizes  # c(k+1) = step c(k) for z = scale · (c right)
-    values, vectors = np.linalg.eig(step)
+    # c(k+1) = step c(k) for z = scale · (c right)
+    values, vectors = np.linalg.eig(right @ (after.T @ left) / sizes)
     shapes = scale[:, None] * (right.T @ vectors)
     with np.errstate(divide="ignore"):
         exponents = np.log(values.astype(complex)) / period

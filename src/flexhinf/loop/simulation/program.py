@@ -3,7 +3,7 @@ and controller: quantised sensors and delayed inputs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -43,15 +43,14 @@ WHOLE = 1e-6
 def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
     """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have; the InvalidInput says
     the unit that was probably meant."""
-    if samples <= most * (1.0 + WHOLE):
-        return
     late = period * samples
-    found = f"got {late:g} s = {samples:.0f} samples of {period:g} s"
-    raise InvalidInput(
-        "The input delay is out of proportion to the period.",
-        f"expected at most {most} samples = {most * period:g} s, {found}",
-        f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
-    )
+    if not samples <= most * (1.0 + WHOLE):
+        raise InvalidInput(
+            "The input delay is out of proportion to the period.",
+            f"expected at most {most} samples = {most * period:g} s, got {late:g} s = {samples:.0f} samples of "
+            f"{period:g} s",
+            f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
+        )
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,6 @@ class Channel:
         """Channel from user's numbers: steps of the measurements (None, one, or (p,)), and the delay, s, a whole number
         of periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
-        late = real_number(delay)
         fits = steps.shape in ((0,), (), (len(measured),))
         if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
             raise InvalidInput(
@@ -78,7 +76,7 @@ class Channel:
                 f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
                 "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
             )
-        samples = late / period
+        samples = real_number(delay) / period
         if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
             raise InvalidInput(
                 "The input delay is not a whole number of samples.",
@@ -91,10 +89,8 @@ class Channel:
 
     def quantised(self, y: Any) -> Any:
         """Measurements (p,) rounded to their steps, on any element."""
-        if not self.quanta:
-            return y
-        rounded = [q * np.floor(value / q + 0.5) if q > 0.0 else value for value, q in zip(y, self.quanta)]
-        return np.array(rounded)
+        rounded = [q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)]
+        return np.array(rounded) if self.quanta else y
 
 
 #: Nothing in between.
@@ -102,21 +98,6 @@ DIRECT = Channel((), 0)
 
 #: How a run ends whose numbers are no longer finite: those of the controller, or of the true plant.
 CONTROL_FAILED, PLANT_FAILED = 1, 2
-
-
-class LoopSizes(NamedTuple):
-    """Lengths of the buffers of a loop."""
-
-    x: int
-    u: int
-    y: int
-    r: int
-    d: int
-    memory: int
-    data: int
-    estimate: int
-    parameters: int
-    capacity: int
 
 
 def rk4_function(plant: Plant) -> ca.Function:
@@ -136,9 +117,8 @@ def measure_function(plant: Plant, controller: Controller, channel: Channel = DI
     places = [plant.index(name) for name in controller.states] if controller.estimator is None else None
 
     def measure(x: Any, u: Any, noise: Any, truth: Any) -> Any:
-        if places is not None:
-            return channel.quantised(x[places] + noise)
-        return channel.quantised(plant.evaluate_output(x, u, truth[1:]) + noise)
+        y = x[places] if places is not None else plant.evaluate_output(x, u, truth[1:])
+        return channel.quantised(y + noise)
 
     sizes = (plant.n, len(plant.inputs), len(controller.measured), 1 + plant.parameters.size)
     return trace(measure, *sizes, name="measure")
@@ -150,25 +130,22 @@ class EnsembleOptions(NamedTuple):
     noisy: bool  # measurement noise
     disturbed: bool
     delayed: bool  # inputs
-    kept: tuple[
-        tuple[str, int], ...
-    ]  # recorded at every sample: "state", "output", "estimate" or "input"; column
+    #: recorded at every sample: "state", "output", "estimate" or "input"; column
+    kept: tuple[tuple[str, int], ...]
 
 
 class _Buffers(dict[str, Buffer]):
     """Buffers of a program by name, collected while it is written; those without elements are left out."""
 
-    def whole(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
-        """All of a buffer of so many elements."""
+    def whole(
+        self, name: str, size: int, role: Any, shared: bool = False, strides: tuple[int, ...] = ()
+    ) -> tuple[Slice, ...]:
         if size:
-            self[name] = Buffer(name, size, role, shared=shared)
-        return (Slice(name, size=size),) if size else ()
+            self[name] = Buffer(name, None if strides else size, role, shared=shared)
+        return (Slice(name, size=size, strides=strides),) if size else ()
 
-    def row(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:
-        """The row of a sample."""
-        if size:
-            self[name] = Buffer(name, None, role, shared=shared)
-        return (Slice(name, size=size, strides=(size,)),) if size else ()
+    def row(self, name: str, size: int, role: Any, shared: bool = False) -> tuple[Slice, ...]:  # of a sample
+        return self.whole(name, size, role, shared, (size,))
 
 
 def capacity(sub_steps: int) -> int:
@@ -187,19 +164,26 @@ class LoopCode:
     sub_steps: int  # Runge–Kutta steps per period, for which there is room
 
     @cached_property
-    def sizes(self) -> LoopSizes:
-        """Lengths of the buffers."""
+    def sizes(self) -> dict[str, int]:
+        """Lengths of the signals x, u, y, r, d and of other buffers, and the `capacity`."""
         plant, controller = self.plant, self.controller
-        return LoopSizes(
-            plant.n, len(plant.inputs), len(controller.measured), len(controller.commanded), len(plant.disturbances),
-            controller.memory.size, controller.data.size, len(controller.states), plant.parameters.size,
-            capacity(self.sub_steps),
-        )  # fmt: skip
+        return {
+            "x": plant.n, "u": len(plant.inputs), "y": len(controller.measured), "r": len(controller.commanded),
+            "d": len(plant.disturbances), "memory": controller.memory.size, "data": controller.data.size,
+            "estimate": len(controller.states), "parameters": plant.parameters.size,
+            "capacity": capacity(self.sub_steps),
+        }  # fmt: skip
 
     @cached_property
     def key(self) -> tuple[object, ...]:
         """Key of the compiled code."""
-        return ("loop", self.plant.code_key, self.controller.code_key, self.sizes, self.channel.quanta)
+        return (
+            "loop",
+            self.plant.code_key,
+            self.controller.code_key,
+            *self.sizes.values(),
+            self.channel.quanta,
+        )
 
     @property
     def program(self) -> Program:
@@ -226,17 +210,17 @@ def loop_program(
     plant, controller, sizes = code.plant, code.controller, code.sizes
     many, b = options is not None, _Buffers()
     delayed = options is None or options.delayed
-    x, held = b.whole("x", sizes.x, "state"), b.whole("held", sizes.u, "state")
-    u = b.whole("u", sizes.u, "work" if many else "state")
-    memory, data = b.whole("memory", sizes.memory, "state"), b.whole("data", sizes.data, "in", many)
-    truth = b.whole("truth", 1 + sizes.parameters, "in")
-    command = b.row("reference", sizes.r, "in", many)
+    x, held = b.whole("x", sizes["x"], "state"), b.whole("held", sizes["u"], "state")
+    u = b.whole("u", sizes["u"], "work" if many else "state")
+    memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", many)
+    truth = b.whole("truth", 1 + sizes["parameters"], "in")
+    command = b.row("reference", sizes["r"], "in", many)
     if options is None:
-        y, noise = b.row("outputs", sizes.y, "out"), b.row("noise", sizes.y, "in")
-        estimate = b.row("estimates", sizes.estimate, "out")
+        y, noise = b.row("outputs", sizes["y"], "out"), b.row("noise", sizes["y"], "in")
+        estimate = b.row("estimates", sizes["estimate"], "out")
     else:
-        y, noise = b.whole("y", sizes.y, "work"), b.whole("noise", sizes.y, "work")
-        estimate, step = b.whole("estimate", sizes.estimate, "work"), b.whole("step", 1, "state")
+        y, noise = b.whole("y", sizes["y"], "work"), b.whole("noise", sizes["y"], "work")
+        estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
     control, scratch = controller.steps(
         {
             "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
@@ -245,12 +229,12 @@ def loop_program(
     )  # fmt: skip
     body: list[Step] = []
     if options is None:
-        body.append(Copy(x[0], b.row("states", sizes.x, "out")[0]))
+        body.append(Copy(x[0], b.row("states", sizes["x"], "out")[0]))
     elif options.noisy:
-        key, normal = b.whole("key", 3, "in"), b.whole("normal", sizes.y, "work")
+        key, normal = b.whole("key", 3, "in"), b.whole("normal", sizes["y"], "work")
         body.append(Normal(step[0], key[0], normal[0]))
-        deviation = b.whole("deviation", sizes.y, "in", many)
-        body.append(Call(_product_function(sizes.y, 1), (*normal, *deviation), noise))
+        deviation = b.whole("deviation", sizes["y"], "in", many)
+        body.append(Call(_product_function(sizes["y"], 1), (*normal, *deviation), noise))
     measure = drop_empty(measure_function(plant, controller, code.channel))
     body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
     if options is not None and options.kept:
@@ -260,31 +244,31 @@ def loop_program(
             signals = {"state": x, "output": y, "estimate": estimate, "input": u}
             return np.array([signals[kind][column] for kind, column in places])
 
-        kept = drop_empty(trace(keep, sizes.x, sizes.y, sizes.estimate, sizes.u, name="keep"))
+        kept = drop_empty(trace(keep, sizes["x"], sizes["y"], sizes["estimate"], sizes["u"], name="keep"))
         body.append(Call(kept, (*x, *y, *estimate, *u), b.row("kept", len(places), "out")))
     acting = u
     if delayed:
-        acting = b.row("inputs", sizes.u, "state")
+        acting = b.row("inputs", sizes["u"], "state")
         body.append(Copy(u[0], replace(acting[0], shift="late")))
     body += [Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
     if many:
         remembered = b.whole("remembered", _remembered(reductions), "state")
         observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
-        facts = b.whole("facts", 1 + 3 * sizes.r, "in", many)
+        facts = b.whole("facts", 1 + 3 * sizes["r"], "in", many)
         body.append(
             Call(drop_empty(_reduce_function(sizes, reductions)), (*observed, *facts), (*remembered, *step))
         )
     body.append(Copy(acting[0], held[0]))
-    size, parts = 3 * sizes.d, []
+    size, parts = 3 * sizes["d"], []
     stage: tuple[Slice, ...] = ()
     if size and (options is None or options.disturbed):
-        stage = (Slice("disturbance", size=size, strides=(size * sizes.capacity, size)),)
+        stage = (Slice("disturbance", size=size, strides=(size * sizes["capacity"], size)),)
         b["disturbance"] = Buffer("disturbance", None, "in", shared=many)
     if many:
-        own, load = b.whole("acting", size, "work"), Slice("load", size=sizes.d)
+        own, load = b.whole("acting", size, "work"), Slice("load", size=sizes["d"])
         if stage:
-            b.whole("load", sizes.d, "in")
-            parts.append(Call(_product_function(sizes.d, 3), (*stage, load), own))
+            b.whole("load", sizes["d"], "in")
+            parts.append(Call(_product_function(sizes["d"], 3), (*stage, load), own))
         stage = own
     parts.append(Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x))
     body += [Repeat("parts", tuple(parts)), Guard(x[0], PLANT_FAILED)]
@@ -293,15 +277,13 @@ def loop_program(
     return Program(name, (*b.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
 
 
-def reduction_program(sizes: LoopSizes, reductions: Sequence[Reduction]) -> Program:
+def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:
     """The reductions of a program of many runs alone, of the recorded signals of one run."""
     b = _Buffers()
     step, remembered = b.whole("step", 1, "state"), b.whole("remembered", _remembered(reductions), "state")
-    signals = {
-        "state": sizes.x, "estimate": sizes.estimate, "output": sizes.y, "input": sizes.u, "reference": sizes.r,
-    }  # fmt: skip
-    rows = [piece for name, size in signals.items() for piece in b.row(name, size, "in")]
-    facts = b.whole("facts", 1 + 3 * sizes.r, "in")
+    signals = {"state": "x", "estimate": "estimate", "output": "y", "input": "u", "reference": "r"}
+    rows = [piece for name, size in signals.items() for piece in b.row(name, sizes[size], "in")]
+    facts = b.whole("facts", 1 + 3 * sizes["r"], "in")
     function = drop_empty(_reduce_function(sizes, reductions))
     reduce = Call(function, (*step, *remembered, *rows, *facts), (*remembered, *step))
     return Program("reductions", tuple(b.values()), (Repeat("steps", (reduce,)),), ("steps",))
@@ -312,13 +294,13 @@ def _remembered(reductions: Sequence[Reduction]) -> int:
 
 
 def _product_function(size: int, times: int) -> ca.Function:
-    """(times rows of numbers, factors) → the rows times the factors, rounded before anything is added to them."""
+    # Rounded before anything is added to the products.
     return trace(lambda rows, factors: rows * np.tile(factors, times), size * times, size, name="product")
 
 
-def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Function:
+def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> ca.Function:
     """(step, remembered, x, estimate, y, u, command, facts) → remembered, if anything is, and the next step."""
-    r = sizes.r
+    r = sizes["r"]
 
     def reduce(step: Any, kept: Any, x: Any, estimate: Any, y: Any, u: Any, command: Any, facts: Any) -> Any:
         rows = (facts[1 + k * r : 1 + (k + 1) * r] for k in range(3))
@@ -328,5 +310,5 @@ def _reduce_function(sizes: LoopSizes, reductions: Sequence[Reduction]) -> ca.Fu
         remembered = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
         return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in remembered]), step + 1.0
 
-    widths = (1, _remembered(reductions), sizes.x, sizes.estimate, sizes.y, sizes.u, r, 1 + 3 * r)
+    widths = (1, _remembered(reductions), sizes["x"], sizes["estimate"], sizes["y"], sizes["u"], r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

@@ -15,7 +15,7 @@ from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, s
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_path, unknown_name
+from flexhinf.validation import checked_path, read_only, unknown_name
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -76,16 +76,17 @@ class Trajectory(Summarised):
     ) -> Trajectory:
         """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
         `program` failed with this code, or before the run was stopped (a negative code)."""
-        end, message = (last + 1 if code else len(times)), ""
-        if code > 0:
-            who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-            message = (
+        end = last + 1 if code else len(times)
+        who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
+        message = (
+            (
                 f"The closed loop diverged: at t = {times[last]:g} s the {who} is no longer finite. "
                 "Try a smaller command, a larger gamma, a shorter period or another penalty."
             )
-        time, signals = times[:end], {name: values[:end] for name, values in recorded.items()}
-        for array in (time, *signals.values()):
-            array.setflags(write=False)
+            if code > 0
+            else ""
+        )
+        time, signals = read_only((times[:end], {name: values[:end] for name, values in recorded.items()}))
         every = {
             "state": tuple(plant.states), "estimate": controller.states, "output": controller.measured,
             "input": tuple(controller.law.input_names), "reference": controller.commanded,
@@ -94,8 +95,8 @@ class Trajectory(Summarised):
         names = {kind: every[kind] for kind in signals}
         table = {**(controller.estimator.plant.units if controller.estimator else {}), **plant.units}
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
-        diverged_at = float(time[-1]) if message else None
-        return Trajectory(time, signals, names, units, settings, controller.judged, diverged_at, message)
+        end = float(time[-1]) if message else None
+        return Trajectory(time, signals, names, units, settings, controller.judged, end, message)
 
     @property
     def data(self) -> xr.Dataset:
@@ -106,12 +107,14 @@ class Trajectory(Summarised):
         """
         import xarray as xr
 
-        variables, coordinates = {}, {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
-        for kind, values in self.signals.items():
-            dimension = f"{kind}_name"
-            variables[kind] = (("time", dimension), values, {"units": ", ".join(self.units[kind])})
-            coordinates[dimension] = (dimension, list(self.names[kind]))  # type: ignore[assignment]
-            coordinates[f"{kind}_unit"] = (dimension, list(self.units[kind]))  # type: ignore[assignment]
+        coordinates: dict[str, Any] = {"time": ("time", self.time, {"units": "s", "long_name": "time"})}
+        for kind in self.signals:
+            for labels, several in (("name", self.names), ("unit", self.units)):
+                coordinates[f"{kind}_{labels}"] = (f"{kind}_name", list(several[kind]))
+        variables = {
+            kind: (("time", f"{kind}_name"), values, {"units": ", ".join(self.units[kind])})
+            for kind, values in self.signals.items()
+        }
         settings = {**self.settings, "status": self.status}
         return xr.Dataset(variables, coordinates, {k: str(v) for k, v in settings.items()})
 
@@ -182,14 +185,13 @@ class Trajectory(Summarised):
         write_file(path, "run", self._write_csv if suffix == ".csv" else self._write_netcdf)
 
     def _write_csv(self, path: str) -> None:
-        labels, columns = ["time [s]"], [self.time]
-        for kind, values in self.signals.items():
-            for name, unit, column in zip(self.names[kind], self.units[kind], values.T):
-                label = f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}"
-                labels.append(_csv_cell(label))
-                columns.append(column)
-        table = np.column_stack(columns)
-        np.savetxt(path, table, "%.17g", ",", header=",".join(labels), comments="", encoding="utf-8")
+        labels = [
+            _csv_cell(f"{kind}.{name} [{unit}]" if unit else f"{kind}.{name}")
+            for kind in self.signals
+            for name, unit in zip(self.names[kind], self.units[kind])
+        ]
+        header, table = ",".join(["time [s]", *labels]), np.column_stack([self.time, *self.signals.values()])
+        np.savetxt(path, table, "%.17g", ",", header=header, comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
         empty = [f"{kind}_name" for kind, names in self.names.items() if not names]
@@ -197,36 +199,38 @@ class Trajectory(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Status, length, and the metrics of the first tracked state."""
-        facts = {"status": self.message or self.status}
-        facts["time"] = f"{number_text(float(self.time[-1]), 's')}, {len(self.time)} samples"
         start = self.settings.get("start", "")
-        facts |= {"started at": start} if start not in ("", STARTED, f"{STARTED}, at rest") else {}
+        facts = {
+            "status": self.message or self.status,
+            "time": f"{number_text(float(self.time[-1]), 's')}, {len(self.time)} samples",
+            **({"started at": start} if start not in ("", STARTED, f"{STARTED}, at rest") else {}),
+        }
         if not self.judged or self.diverged_at is not None:
             return facts
-        name, metrics = self.judged[0], self.metrics()
+        name, metrics, inputs = self.judged[0], self.metrics(), set(self.units["input"])
         unit = dict(zip(self.names["estimate"], self.units["estimate"])).get(name, "")
-        inputs = set(self.units["input"])
-        units = {
-            "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": unit,
-            "peak_input": inputs.pop() if len(inputs) == 1 else "",
+        labels = {
+            "overshoot_percent": ("overshoot", "%"), "settling_time_s": ("settling time", "s"),
+            "rise_time_s": ("rise time", "s"), "steady_state_error": ("steady state error", unit),
+            "peak_input": ("peak input", inputs.pop() if len(inputs) == 1 else ""),
         }  # fmt: skip
-        facts["tracked state"] = name
-        for key, of in units.items():
-            value, label = metrics[key], key.removesuffix("_percent").removesuffix("_s").replace("_", " ")
-            facts[label] = "none" if value is None else number_text(value, of)
-        return facts
+        return {
+            **facts,
+            "tracked state": name,
+            **{
+                label: "none" if metrics[key] is None else number_text(metrics[key], of)
+                for key, (label, of) in labels.items()
+            },
+        }
 
     def _repr_html_(self) -> str:
         return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()  # type: ignore[attr-defined]
 
 
 def _rms(errors: np.ndarray) -> float:
-    """Root of the mean square, of numbers whose squares are not finite too."""
-    largest = float(np.abs(errors).max())
-    fine = 0.0 < largest < np.inf
-    return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if fine else largest
+    largest = float(np.abs(errors).max())  # of numbers whose squares are not finite too
+    return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if 0.0 < largest < np.inf else largest
 
 
-def _csv_cell(text: str) -> str:
-    """A text as one cell of a CSV file (RFC 4180)."""
+def _csv_cell(text: str) -> str:  # RFC 4180
     return '"' + text.replace('"', '""') + '"' if any(mark in text for mark in ',"\n') else text
