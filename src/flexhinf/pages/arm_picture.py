@@ -93,13 +93,12 @@ class ArmFilm:
                 "the run without --record",
             )
         right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), extent, size)
-        units = (("°", ~slides), ("mm", slides))
         return ArmFilm(
             robot, f"{robot.name}: {'step' if prepared.plan is None else 'move'}", trajectory.time[kept], links, motors,
             command, inputs[kept], np.maximum(*np.abs(run.input_range)),
             " or ".join(dict.fromkeys(trajectory.units["input"])), motors - links,
             magnification(motors - links, slides, size), slides, extent, size, np.column_stack([right, up]), names,
-            " or ".join(unit for unit, there in units if there.any()),
+            " or ".join(unit for unit, there in (("°", ~slides), ("mm", slides)) if there.any()),
         )  # fmt: skip
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:
@@ -155,19 +154,23 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     slowness, speed = played / length if length else 1.0, "in real time"
     if abs(slowness - 1.0) >= 1e-6:
         speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
-    springs = "springs drawn as they are"
-    if film.factor > 1:
-        springs = f"wind-up of the springs drawn {film.factor} times larger"
+    springs = (
+        f"wind-up of the springs drawn {film.factor} times larger"
+        if film.factor > 1
+        else "springs drawn as they are"
+    )
     rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
     low, high = 0.10 + rows, 0.86
     middle = low + 0.42 * (high - low)
     positions = (
-        f"{'position' if film.slides.any() else 'angle'} of the links",
-        film.links,
-        film.in_plot_units(film.command),
+        ("links minus their command", film.links - film.command, None)
+        if n > MANY
+        else (
+            f"{'position' if film.slides.any() else 'angle'} of the links",
+            film.links,
+            film.in_plot_units(film.command),
+        )
     )
-    if n > MANY:
-        positions = ("links minus their command", film.links - film.command, None)
     with house_style():
         figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
         canvas = FigureCanvasAgg(figure)

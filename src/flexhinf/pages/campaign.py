@@ -115,10 +115,6 @@ def write_campaign(
             Section("Failures", _failures(judged), "failures"),
         )
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
-    request = (
-        f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
-        f"noise and with {len(table.names('parameter'))} numbers of its own{spread}."
-    )
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f" Search: {worst_text(case)}"
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
@@ -133,14 +129,19 @@ def write_campaign(
         groups[heads.get(head, "Campaign")].append(
             Setting(name if head == "true robot " else name.removeprefix(head), value)
         )
-    page = Page(
-        journal.about.get("title", "Campaign"), request, f"{campaign_verdict(judged)}{search}",
-        tuple(section for section in parts if section.blocks),
-        Settings({name: group for name, group in groups.items() if group}),
-        Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
-        _statuses(judged, cases, gains),
+    write_page(
+        journal.folder, "report of the campaign",
+        Page(
+            journal.about.get("title", "Campaign"),
+            (f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
+                f"noise and with {len(table.names('parameter'))} numbers of its own{spread}."),
+            f"{campaign_verdict(judged)}{search}",
+            tuple(section for section in parts if section.blocks),
+            Settings({name: group for name, group in groups.items() if group}),
+            Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
+            _statuses(judged, cases, gains),
+        ),
     )  # fmt: skip
-    write_page(journal.folder, "report of the campaign", page)
     return judged
 
 
@@ -262,12 +263,6 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         f" {first.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
         if first.outside else ""
     )  # fmt: skip
-    about = (
-        f"{first.starts} searches for each metric, by gradients from differences, begin at the worst samples{every} "
-        f"and random points of the box of tolerances: {sum(worst.runs for worst in cases)} runs in all, with the "
-        "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, not "
-        f"a proof.{outside}"
-    )
     numbers = []
     for name in by_effect(case):
         value, (low, high) = case.found.numbers[name], case.intervals[name]
@@ -277,7 +272,10 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         numbers.append((name.replace("_", " "), number(value, 6), case.units[name], change, place, alone))
     metric, text = metric_text(case.metric), worst_text(case)
     return [
-        Paragraph(about),
+        Paragraph((f"{first.starts} searches for each metric, by gradients from differences, begin at the worst samples{every} "
+            f"and random points of the box of tolerances: {sum(worst.runs for worst in cases)} runs in all, with the "
+            "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, not "
+            f"a proof.{outside}")),
         Table(
             ("metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there"), rows,
             "The worst robot inside the box of tolerances", "table-worst-case", stacks=True,
@@ -337,13 +335,6 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
     ]  # fmt: skip
     worst = next((row for row in gains.rows if row.robot == "worst"), None)
     numbers = "" if worst is None else f" The worst robot found: {gain_changes(worst, judged.nominal)}."
-    text = (
-        "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
-        "which V stays inside the sampled or proved level; inputs are held for a period. An attained gain is a lower "
-        "bound. A designed γ is that of the nominal robot with the true state; a proved one holds for the z, d, robots "
-        f"and level of its certificate, and for the loop with the true state alone.{numbers}"
-        f"{f' No γ is proved of this law: {gains.unproved}.' if gains.unproved else ''}"
-    )
     figure, (axis,) = new_figure(1, labels=[(gains.rows[0].names[0].replace("_", " "), "")])
     for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
         axis.plot(
@@ -352,7 +343,11 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
     legend(axis)
     columns = ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is")
     return [
-        Paragraph(text), Table(columns, cells, "Attained gains", "table-worst-disturbance", stacks=True),
+        Paragraph(("Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
+            "which V stays inside the sampled or proved level; inputs are held for a period. An attained gain is a lower "
+            "bound. A designed γ is that of the nominal robot with the true state; a proved one holds for the z, d, robots "
+            f"and level of its certificate, and for the loop with the true state alone.{numbers}"
+            f"{f' No γ is proved of this law: {gains.unproved}.' if gains.unproved else ''}")), Table(columns, cells, "Attained gains", "table-worst-disturbance", stacks=True),
         figure_block("worst-disturbance", figure, "The first component of d.", "The worst disturbances found"),
         Paragraph("This command, in the folder above, runs the disturbances again:"),
         Listing(replay_command(judged.table.journal.folder.name, "--worst-case gain")),

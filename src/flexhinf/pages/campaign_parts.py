@@ -301,9 +301,11 @@ def histogram(
     time, spread = judged.table.journal.time, float(np.ptp(values))
     period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
     half = 0.5 * abs(float(values[0])) or 0.5
-    bins = [float(values[0]) - half, float(values[0]) + half]
-    if spread:
-        bins = histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
+    bins = (
+        histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
+        if spread
+        else [float(values[0]) - half, float(values[0]) + half]
+    )
     axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
     axis.grid(axis="x", visible=False)
     axis.set_xlabel(metric_text(name, unit), fontsize=8)
@@ -321,35 +323,35 @@ LEAST_P = 1e-6
 def write_pair(result: PairResult) -> Path:
     """Write index.html of a comparison; returns its path."""
     settings, counts = result.judged[0].table.journal.settings, result.paired.success
-    request = (
-        f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
-        f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."
-    )
     varied = [m for m in map(result.paired.metric, result.paired.metrics) if np.any(_finite(m) != 0.0)]
-    numbers = [
-        *(
-            KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")
-            for side, failures, only in zip("AB", counts.failures, (counts.only_a, counts.only_b))
-        ),
-        *(
-            KeyNumber(
-                metric_text(metric.name),
-                _signed(metric.median),
-                metric.unit,
-                f"median of B − A; {_interval_text(result, metric)}",
-            )
-            for metric in varied[:2]
-        ),
-    ]
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
         blocks = [*_success(result), *_differences(result, varied[:PANELS]), *_extremes(result, varied)]
-    title = f"Two designs on the same robots “{result.pair.a.request.robot.name}”"
-    page = Page(
-        title, request, pair_verdict(result), (Section("A against B", blocks, "pair"),),
-        Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])), numbers,
+    return write_page(
+        result.folder, "report of the comparison",
+        Page(
+            f"Two designs on the same robots “{result.pair.a.request.robot.name}”",
+            (f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
+                f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."),
+            pair_verdict(result), (Section("A against B", blocks, "pair"),),
+            Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])),
+            [
+                *(
+                    KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")
+                    for side, failures, only in zip("AB", counts.failures, (counts.only_a, counts.only_b))
+                ),
+                *(
+                    KeyNumber(
+                        metric_text(metric.name),
+                        _signed(metric.median),
+                        metric.unit,
+                        f"median of B − A; {_interval_text(result, metric)}",
+                    )
+                    for metric in varied[:2]
+                ),
+            ],
+        ),
     )  # fmt: skip
-    return write_page(result.folder, "report of the comparison", page)
 
 
 # In words ----------------------------------------------------------------------------------------------------
@@ -406,9 +408,6 @@ def _finite(metric: PairedMetric) -> np.ndarray:
 # Blocks ------------------------------------------------------------------------------------------------------
 def _success(result: PairResult) -> list[Any]:
     differing = [(name.replace("_", " "), a, b) for name, a, b in result.pair.differences]
-    designs: Any = Note("The specifications do not differ: the controllers are two of the same design.")
-    if differing:
-        designs = Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
     tally, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
     limits = [
         f"{metric_text(requirement.metric)} {limit_text(requirement, first.table.unit(requirement.metric))}"
@@ -432,7 +431,9 @@ def _success(result: PairResult) -> list[Any]:
     ]  # fmt: skip
     pairs = [("A keeps them", tally.neither, tally.only_b), ("A fails", tally.only_a, tally.both_fail)]
     return [
-        designs,
+        Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
+        if differing
+        else Note("The specifications do not differ: the controllers are two of the same design."),
         Paragraph(text),
         *(
             [Note(f"B by itself requires {', '.join(own)}; here both are judged by the same requirements.")]
@@ -463,13 +464,14 @@ def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
             ]
             row = (*medians, _signed(metric.median), span, *better, len(metric.pairs))
             rows.append((metric_text(metric.name), metric.unit, *row))
-    columns = (
-        "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
-        "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
-        Column("95 %", brief=None), Column("pairs", brief=None),
+    return Table(
+        (
+            "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
+            "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
+            Column("95 %", brief=None), Column("pairs", brief=None),
+        ),
+        rows, "Paired differences", "table-differences", title=f"B − A on the same {result.paired.count} robots",
     )  # fmt: skip
-    title = f"B − A on the same {result.paired.count} robots"
-    return Table(columns, rows, "Paired differences", "table-differences", title=title)
 
 
 def pair_table(result: PairResult) -> Any:

@@ -309,8 +309,7 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
     claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim)
-    kinds: tuple[Any, ...] = (law.steps, evidence.worst)
-    for runs in kinds if law.steps else ():
+    for runs in (law.steps, evidence.worst) if law.steps else ():
         if not runs:
             continue
         name, title, second, caption = (
@@ -448,33 +447,34 @@ def _degree_table(laws: Sequence[CertifiedDegree]) -> Table:
         rows.append(
             (name, *proved, law.cpu_seconds, (law.reason if claim is None else "used" if law.used else ""))
         )
-    columns = (
-        "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
-        "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
-    )  # fmt: skip
     whom = "all parameters within the tolerances" if any(law.box for law in laws) else "nominal parameters"
-    title = f"What is proved, with the true state fed back and {whom} (* used)"
-    return Table(columns, rows, "", "table-degrees", stacks=True, title=title)
+    return Table(
+        (
+            "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
+            "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
+        ),
+        rows, "", "table-degrees", stacks=True, title=f"What is proved, with the true state fed back and {whom} (* used)",
+    )  # fmt: skip
 
 
 def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
     effort = claim.inputs[0].unit
-    inputs = [
-        [", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)]
-        for run in law.steps
-    ]
-    rows = [
-        (_rule(run.rule), _angle(claim, run.amplitude), run.overshoot_percent, *texts)
-        for run, texts in zip(law.steps, inputs)
-    ]
-    columns = (
-        Column("start of the integrator", brief="integrators start"),
-        Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
-        Column("first input", effort, right=True), Column(_peak(effort), effort, right=True),
+    return Table(
+        (
+            Column("start of the integrator", brief="integrators start"),
+            Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
+            Column("first input", effort, right=True), Column(_peak(effort), effort, right=True),
+        ),
+        [
+            (_rule(run.rule), _angle(claim, run.amplitude), run.overshoot_percent, *texts)
+            for run, texts in zip(law.steps,
+            [
+                [", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)]
+                for run in law.steps
+            ])
+        ],
+        "Simulated, not proved: the nominal robot, undisturbed", "table-steps", stacks=True, title=f"{law_name(law.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts",
     )  # fmt: skip
-    caption = "Simulated, not proved: the nominal robot, undisturbed"
-    title = f"{law_name(law.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts"
-    return Table(columns, rows, caption, "table-steps", stacks=True, title=title)
 
 
 def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:

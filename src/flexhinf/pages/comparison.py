@@ -157,22 +157,16 @@ def comparison_page(
     assert own is not None
     slides, degrees = robot.links.slides, s.in_degrees
     way = f"{pose_text(own.setup.start, slides, degrees)} to {pose_text(own.setup.goal, slides, degrees)}"
-    intro = (
-        f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {way}. "
-        f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
-        f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
-        f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}"
-    )
     notes = (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))
-    limits = [
-        (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
-        for x in comparison.criterion.limits
-    ]
     trade_off = trade_off_figure(comparison, tuned_laws(comparison))
     blocks: dict[tuple[str, str], Sequence[Any]] = {
         ("criterion", "Laws by the criterion"): (
-            Table(("limit for every law", "value", "stated by"), limits, id="table-limits"), Paragraph(RANKING),
+            Table(("limit for every law", "value", "stated by"),
+            [
+                (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
+                for x in comparison.criterion.limits
+            ],
+            id="table-limits"), Paragraph(RANKING),
             _ranking(comparison), *map(Note, notes),
         ),
         ("trade-off", "Trade-off"): () if trade_off is None else (trade_off,),
@@ -184,14 +178,20 @@ def comparison_page(
     sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in blocks.items() if parts]
     missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
     kept = ("met", f"The design meets {len(comparison.own.requirements)} requirements.")
-    sampled = Status(
-        "not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."
-    )
     unmet = ("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
     return Page(
-        f"Control laws compared on {robot.name}", intro, _whole(comparison_verdict(comparison)),
+        f"Control laws compared on {robot.name}",
+        (f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {way}. "
+            f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
+            f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
+            f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
+            f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}"),
+        _whole(comparison_verdict(comparison)),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
-        Provenance(tuple(command), s.seed), _key_numbers(comparison), [Status(*(unmet if missed else kept)), sampled],
+        Provenance(tuple(command), s.seed), _key_numbers(comparison), [Status(*(unmet if missed else kept)),
+        Status(
+            "not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."
+        )],
     )  # fmt: skip
 
 
@@ -232,11 +232,13 @@ def _ranking(comparison: Comparison) -> Table:
             ", ".join(law.sensors).replace("_", " ") or "true state",
             "yes" if law.name in first else "no: more unstable corners than the design",
         ))  # fmt: skip
-    columns = (
-        "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
-        "ranked",
+    return Table(
+        (
+            "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
+            "ranked",
+        ),
+        rows, "", "table-criterion", stacks=True,
     )  # fmt: skip
-    return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
 def _frequency(comparison: Comparison) -> list[Any]:

@@ -272,9 +272,11 @@ class Units:
         position, load, spring = (units(signal_names(kind, joints)) for kind in kinds)
         speed = " or ".join(f"{each}/s" for each in position.split(" or "))
         thousandths = " or ".join("mrad" if each == "rad" else "mm" for each in position.split(" or "))
-        display = (False, position, speed, 1.0, (thousandths, 1e3))
-        if degrees and position == "rad":
-            display = (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
+        display = (
+            (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
+            if degrees and position == "rad"
+            else (False, position, speed, 1.0, (thousandths, 1e3))
+        )
         return Units(position, speed, load, spring, units(plant.inputs), *display)
 
     def small_text(self, value: float, digits: int) -> str:
@@ -316,8 +318,7 @@ def listed(texts: Sequence[str]) -> str:
 def range_text(values: Any, digits: int = 3) -> str:
     """Range of some numbers as text, or their common value."""
     ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
-    ends = dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))
-    return " to ".join(ends) or "–"
+    return " to ".join(dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))) or "–"
 
 
 def limit_text(limits: np.ndarray) -> str:
@@ -378,9 +379,11 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
         if name in off or abs(new - old) <= 1e-11 * abs(old):
             continue
         change = 100.0 * (new / old - 1.0) if old else math.inf
-        text = f"{'' if change < 0 else '+'}{number(change, 2 if abs(change) < 100.0 else 3)} %"
-        if "payload_mass" in name or not old:
-            text = f"{number(new, 2)} {robot[name].unit}".strip()
+        text = (
+            f"{number(new, 2)} {robot[name].unit}".strip()
+            if "payload_mass" in name or not old
+            else f"{'' if change < 0 else '+'}{number(change, 2 if abs(change) < 100.0 else 3)} %"
+        )
         changes.append((change, f"{name.replace('_', ' ')} {text}"))
     texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
     others = ["others by less"] if len(changes) > LISTED else []

@@ -99,9 +99,8 @@ FIRST_PART = 6.0
 # Drawings ----------------------------------------------------------------------------------------------
 def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
     """Link position as measured and as estimated, degrees; None for the estimate if the true state is fed back."""
-    same = run.names["output"] == run.names["estimate"]
     measured, estimate = (np.degrees(run.signal(kind, "link_position")) for kind in ("output", "estimate"))
-    return measured, None if same else estimate
+    return measured, None if (run.names["output"] == run.names["estimate"]) else estimate
 
 
 def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:

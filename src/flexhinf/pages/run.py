@@ -110,9 +110,11 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
         error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
         return f"{text} The move was followed within {named(error, worst.joint)} and needed at most {effort}."
     settling, overshoot = response.settling, response.overshoot
-    settled = f"did not settle ({settling.joint})"
-    if np.isfinite(settling.value):
-        settled = f"settled in {named(settling_text(settling.value), settling.joint)}"
+    settled = (
+        f"settled in {named(settling_text(settling.value), settling.joint)}"
+        if np.isfinite(settling.value)
+        else f"did not settle ({settling.joint})"
+    )
     over = named(f"{number(overshoot.value, 2)} %", overshoot.joint)
     return f"{text} The step {settled}, overshot by {over} and needed at most {effort}."
 

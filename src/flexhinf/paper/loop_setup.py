@@ -132,9 +132,9 @@ class PaperSetup:
         s, kind = self.settings, self.settings.estimator if kind is None else kind
         if kind == "none":
             return None
-        start = np.zeros(self.model.n) if mean is None else mean
+        mean = np.zeros(self.model.n) if mean is None else mean
         build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
-        return build(self.model, s.period, s.process_noise, s.measurement_noise, start, covariance, **options)
+        return build(self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, **options)
 
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""
@@ -149,8 +149,8 @@ class PaperSetup:
     # Runs -------------------------------------------------------------------------------------------------------
     def loop(self, law: Law, inductance: bool = False, estimator: Any = "settings") -> Loop:
         """A loop around the true plant; "settings" is the estimator of the settings."""
-        chosen = self.estimator() if isinstance(estimator, str) else estimator
-        return Loop(self.true_plants[inductance], Controller(law, chosen, self.settings.period))
+        estimator = self.estimator() if isinstance(estimator, str) else estimator
+        return Loop(self.true_plants[inductance], Controller(law, estimator, self.settings.period))
 
     def deviation(self, loop: Loop) -> float | None:
         """Standard deviation of the simulated measurement noise, rad; None where the true state is fed back."""
@@ -198,9 +198,8 @@ class PaperSetup:
         for k in plants:
             whole = ~np.isnan(batch.kept[k]).any(axis=1)
             diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
-            output, estimate = np.degrees(batch.kept[k, whole].T)
-            metrics, changes = batch.metrics_of(k), population.describe(k)
-            runs.append(ToleranceRun(metrics, diverged_at, period * kept[whole], output, estimate, changes))
+            signals = (period * kept[whole], *np.degrees(batch.kept[k, whole].T))
+            runs.append(ToleranceRun(batch.metrics_of(k), diverged_at, *signals, population.describe(k)))
         return runs
 
     def load_response(
@@ -235,18 +234,12 @@ def load_numbers(run: Trajectory) -> dict[str, Any]:
 def _step_numbers(run: Trajectory) -> dict[str, Any]:
     m = run.metrics()
     return {
-        "overshoot_percent": m["overshoot_percent"],
-        "settling_time_s": m["settling_time_s"],
-        "rise_time_s": m["rise_time_s"],
+        **{key: m[key] for key in ("overshoot_percent", "settling_time_s", "rise_time_s")},
         "steady_state_error_rad": m["steady_state_error"],
         "peak_control_V": m["peak_input"],
         "estimation_rmse": m["estimation_rmse"],
         **({} if run.diverged_at is None else {"diverged_at_s": run.diverged_at}),
     }
-
-
-def _peak_numbers(run: Trajectory) -> dict[str, Any]:
-    return {"peak_control_V": run.metrics()["peak_input"]}
 
 
 def _spread(values: Iterable[float | None]) -> list[float | None]:
@@ -257,8 +250,11 @@ def _spread(values: Iterable[float | None]) -> list[float | None]:
 
 #: By the figure's number in the paper: whose runs, and what is read off each; of Figs. 9 and 10 off all plants.
 _READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
-    "03": ("03", _step_numbers), "04": ("03", _peak_numbers), "05": ("05", _step_numbers),
-    "06": ("05", _peak_numbers), "07": ("07", tracking_numbers), "08": ("07", _peak_numbers),
+    "03": ("03", _step_numbers), "05": ("05", _step_numbers), "07": ("07", tracking_numbers),
+    **{
+        drawn: (runs, lambda run: {"peak_control_V": run.metrics()["peak_input"]})
+        for drawn, runs in (("04", "03"), ("06", "05"), ("08", "07"))
+    },
     "11": ("11", load_numbers), "12": ("12", load_numbers),
 }  # fmt: skip
 
@@ -279,7 +275,7 @@ def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
     plants = setup.sampled_plants
     metrics, whole = [run.metrics for run in plants], [run for run in plants if run.diverged_at is None]
     errors = zip(*(run.metrics["estimation_rmse"] for run in whole), strict=True)
-    estimated = {"estimation_rmse": [_spread(state) for state in errors]} if figure == "10" else {}
+    estimated = {"estimation_rmse": [_spread(state) for state in errors]}
     numbers = {
         "plants": len(plants),
         "overshoot_percent": _spread(m["overshoot_percent"] for m in metrics),
@@ -288,7 +284,7 @@ def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
         "unsettled": sum(m["settling_time_s"] is None for m in metrics),
         "diverged": len(plants) - len(whole),
     }
-    return {"nonlinear": {**numbers, **estimated}}
+    return {"nonlinear": {**numbers, **(estimated if figure == "10" else {})}}
 
 
 def known(value: float) -> float | None:

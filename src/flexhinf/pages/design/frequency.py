@@ -268,12 +268,11 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         lines.append(Line(distance * np.cos(turn) - 1.0, distance * np.sin(turn), None, dashed))
         closest = f" The dashed circle about −1 has the smallest distance, {distance:.2f}."
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    panel = Panel(
-        "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
-        y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
-    )  # fmt: skip
     return draw_figure(
-        "nyquist", [panel],
+        "nyquist", [Panel(
+            "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
+            y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
+        )],
         f"{LOOP_CAPTION} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
         "Nyquist diagram", 4.6,
     )  # fmt: skip
@@ -308,9 +307,11 @@ def corners(design: Design) -> Blocks:
     if cases is None:
         return
     if cases.unstable:
-        advice = "the estimator causes it: try another --torque-noise or --estimator"
-        if state is not None and state.unstable > 0:
-            advice = "the law itself does not stand them: try a shorter --period or --delay, less --bandwidth"
+        advice = (
+            "the law itself does not stand them: try a shorter --period or --delay, less --bandwidth"
+            if state is not None and state.unstable > 0
+            else "the estimator causes it: try another --torque-noise or --estimator"
+        )
         preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
         yield note(
             f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; "
@@ -351,9 +352,11 @@ def corners_text(e: LawEvaluation) -> str:
         sensors = ", ".join(s.measured).replace("_", " ")
         other = "" if state is None else f"; with the true state fed back {state.unstable}"
     worst, rate = corners.population.values[corners.worst], corners.designed.fastest
-    grows = "has no equilibrium at the goal"
-    if np.isfinite(rate):
-        grows = f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
+    grows = (
+        f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
+        if np.isfinite(rate)
+        else "has no equilibrium at the goal"
+    )
     return (
         f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes_text(worst, e.setup.robot, s.extras)}) "
         f"{grows}."

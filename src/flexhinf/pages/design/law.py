@@ -206,9 +206,11 @@ def law(design: Design) -> Blocks:
     """The law in words, with its linear gain and the equilibrium about which it acts."""
     solution, problem, via = design.solution, design.problem, design.specification.via
     if design.specification.compare_rigid and design.rigid is None:
-        why = "a penalty that is code cannot be applied to a rigid robot"
-        if design.robot.rigid:
-            why = "of a robot with rigid joints of its own it says nothing new"
+        why = (
+            "of a robot with rigid joints of its own it says nothing new"
+            if design.robot.rigid
+            else "a penalty that is code cannot be applied to a rigid robot"
+        )
         yield note(f"No rigid design was made: {why}.")
     poses = f" The same was done at {count_text(len(via), 'pose')} on the way."
     channels = (
@@ -223,12 +225,11 @@ def law(design: Design) -> Blocks:
     )
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
-    torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
     values = (
         design.robot.joint_names,
         x[:n].tolist(),
         motors.tolist(),
-        torques,
+        finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
         problem.operating_input.tolist(),
     )
     yield joint_table(
@@ -264,12 +265,11 @@ def rigid(design: Design) -> Blocks:
         "robot, where it gets the true position and velocity of one side of the springs without noise, more than it "
         f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
     )
-    ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
     laws: list[tuple[str, str, str, Sequence[Mode], Response]] = [
         (
             "this law",
             "estimator" if estimator else "true state",
-            ours,
+            "stable" if all(mode.stable for mode in design.law_modes) else "unstable",
             design.law_modes,
             design.evaluation.step,
         )
@@ -280,9 +280,11 @@ def rigid(design: Design) -> Blocks:
     ]
     rows = []
     for *texts, modes, response in laws:
-        metrics: list[float | None] = [None, None]
-        if all(mode.stable for mode in modes):
-            metrics = [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
+        metrics: list[float | None] = (
+            [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
+            if all(mode.stable for mode in modes)
+            else [None, None]
+        )
         end = response.diverged_at
         run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
         rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
@@ -303,9 +305,11 @@ def loop_text(loop: RigidLoop) -> str:
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        grows = "does not decay"
-        if worst.time_constant is not None:
-            grows = f"grows with a time constant of {worst.time_constant:.2g} s"
+        grows = (
+            f"grows with a time constant of {worst.time_constant:.2g} s"
+            if worst.time_constant is not None
+            else "does not decay"
+        )
         return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
     if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"

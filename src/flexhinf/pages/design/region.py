@@ -109,12 +109,10 @@ def _amplitude_text(design: Design, amplitude: float) -> str:
 def proof_numbers(design: Design) -> dict[str, Any]:
     """Numbers of the proofs for design.json."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
-    tolerances: dict[str, Any] = {"proved": covers_tolerances(design), "reason": proof.box_reason}
-    if box is not None and box.certificate is not None:
-        tolerances = {
+    tolerances: dict[str, Any] = ({
             "proved": True, "gamma": box.gamma, "step": abs(box.step), "level": box.certificate.level,
             "cpu_s": box.cpu_seconds, "file": BOX_FILE,
-        }  # fmt: skip
+        } if box is not None and box.certificate is not None else {"proved": covers_tolerances(design), "reason": proof.box_reason})  # fmt: skip
     if certificate is None:
         return {
             "strength": "SampledCheck", "proved": False, "step_proved": design.step_proof.proved,

@@ -143,9 +143,11 @@ def payload(design: Design) -> Blocks:
     loaded = ((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads)
     for name, step, m, case in ((modelled, e.step, e.margins, None), *loaded):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
-        load_step: list[float | None] = [None, None, None]
-        if case is not None and case.load_step is not None:
-            load_step = [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
+        load_step: list[float | None] = (
+            [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
+            if case is not None and case.load_step is not None
+            else [None, None, None]
+        )
         metrics = [step.overshoot.value, step.settling.value, used, *load_step, m.damping, m.peak_sensitivity]
         rows.append((name, *finite([*metrics, m.gain_margin])))
     yield Table(
@@ -191,9 +193,11 @@ def payload_text(design: Design) -> str:
     text += f" overshoots by {number(case.step.overshoot.value, 2)} %"
     if case.load_step is None:
         return f"{text}."
-    back = "and is not back within 2 % of its step in the run"
-    if np.isfinite(case.recovery.value):
-        back = f"and is back within 2 % of its step after {number(case.recovery.value, 2)} s"
+    back = (
+        f"and is back within 2 % of its step after {number(case.recovery.value, 2)} s"
+        if np.isfinite(case.recovery.value)
+        else "and is not back within 2 % of its step in the run"
+    )
     sags = f"{units.small_text(case.deflection.value, 2)}{in_joint(case.deflection.joint, design.robot.joint_names)}"
     return f"{text}; gripping it the robot sags by {sags} {back}."
 

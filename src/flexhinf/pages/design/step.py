@@ -146,9 +146,11 @@ def step_text(response: Response, units: Units) -> str:
     overshoot, settling = response.overshoot, response.settling
     if not any("overshoot_percent" in row for row in response.metrics):
         return "No joint moves in this step."
-    settles = f"settles in {number(settling.value, 3)} s"
-    if not np.isfinite(settling.value):
-        settles = f"does not settle within {number(float(response.run.time[-1]), 3)} s"
+    settles = (
+        f"does not settle within {number(float(response.run.time[-1]), 3)} s"
+        if not np.isfinite(settling.value)
+        else f"settles in {number(settling.value, 3)} s"
+    )
     return (
         f"The step {settles}{in_joint(settling.joint, response.joints)}, overshoots by {number(overshoot.value, 2)} %"
         f"{in_joint(overshoot.joint, response.joints)} and needs at most {peak_text(response, units)}."
@@ -192,21 +194,21 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
 def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     response, command, s, joints = e.step, e.setup.command, e.setup.specification, e.setup.joints
     time, goal, (inputs, limit) = response.run.time, response.goal, input_panel(e, response)
-    panels = (
-        joint_panel(
-            "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
-            plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
-            least=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
-        ),
-        joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), least=0.0),
-        inputs,
-    )  # fmt: skip
     fed = ESTIMATORS[s.estimator]
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
     bound = f" (dashed: {limit})" if inputs.dashed else f" ({limit}, beyond the panel)" if limit else ""
     return draw_figure(
-        "step", panels,
+        "step",
+        (
+            joint_panel(
+                "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
+                plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
+                least=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
+            ),
+            joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), least=0.0),
+            inputs,
+        ),
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
         f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
         "Step response", 6.6,
@@ -322,9 +324,11 @@ def samples(design: Design) -> Blocks:
             f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller. "
             "--preset robust includes the tolerances in the synthesis."
         )
-    worst = {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
-    if runs.worst == runs.slowest:
-        worst = {"Largest overshoot and slowest settling": runs.worst}
+    worst = (
+        {"Largest overshoot and slowest settling": runs.worst}
+        if runs.worst == runs.slowest
+        else {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
+    )
     robot, extras = e.setup.robot, e.setup.specification.extras
     which = (
         f" {what}: robot {k + 1} ({changes_text(runs.values[k], robot, extras)})."
