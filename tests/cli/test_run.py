@@ -72,7 +72,7 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
 def test_a_film(
     design: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexhinf.pages import arm_picture
+    from flexhinf.pages import run as arm_picture
 
     monkeypatch.setattr(arm_picture, "SHORTEST", 0.2)
     assert main(["run", design, "--mujoco", "--no-realtime", "--record", "arm.gif"]) in (0, 1)

@@ -17,10 +17,9 @@ from flexhinf.design import Specification
 from flexhinf.design.deployed_run import DeployedRun, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
-from flexhinf.pages import arm_picture, arm_picture as arm_film, run as module
-from flexhinf.pages.arm_picture import ArmFilm, magnification
+from flexhinf.pages import run as arm_film, run as arm_picture, run as module
 from flexhinf.pages.design import step as arm_figure
-from flexhinf.pages.run import check_film, write_film
+from flexhinf.pages.run import ArmFilm, check_film, magnification, write_film
 
 pytest.importorskip("mujoco")
 

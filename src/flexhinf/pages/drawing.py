@@ -54,8 +54,8 @@ DASHED = (6.0, 3.0)
 
 def line_style(place: int) -> dict[str, Any]:
     """Colour of one joint or law among several; lines are dashed once the colours are used up."""
-    style = {"color": SERIES[place % len(SERIES)], "linewidth": 1.5}
-    return style if place < len(SERIES) else {**style, "dashes": (4.0, 2.0)}
+    dashed = {} if place < len(SERIES) else {"dashes": (4.0, 2.0)}
+    return {"color": SERIES[place % len(SERIES)], "linewidth": 1.5, **dashed}
 
 
 def thin(time: np.ndarray, points: int = POINTS) -> slice:
@@ -225,17 +225,12 @@ def with_figures(blocks: Blocks) -> list[Block]:
     return list(filter(None, (block() if callable(block) else block for block in blocks)))
 
 
-LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
-
 ESTIMATORS = {
     "ukf": "the unscented Kalman filter",
     "ekf": "the extended Kalman filter",
     "observer": "the output-injection observer",
     "none": "the true state fed back",
 }
-
-#: Joints up to which a pose is also written in degrees.
-FEW_JOINTS = 3
 
 #: Changes of a robot within its tolerances that are listed, the largest first.
 LISTED = 6
@@ -268,8 +263,9 @@ class Units:
         def units(names: Iterable[str]) -> str:
             return " or ".join(dict.fromkeys(plant.unit(name) for name in names))
 
-        kinds = ("link_position", "link_torque", "joint_torque")
-        position, load, spring = (units(signal_names(kind, joints)) for kind in kinds)
+        position, load, spring = (
+            units(signal_names(kind, joints)) for kind in ("link_position", "link_torque", "joint_torque")
+        )
         speed = " or ".join(f"{each}/s" for each in position.split(" or "))
         thousandths = " or ".join("mrad" if each == "rad" else "mm" for each in position.split(" or "))
         display = (
@@ -292,7 +288,9 @@ def units_of(e: LawEvaluation) -> Units:
 
 def law_name(degree: int) -> str:
     """Name of the law that belongs to a V of this degree."""
-    return LAW_NAMES.get(degree, f"degree {degree - 1}")
+    return {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}.get(
+        degree, f"degree {degree - 1}"
+    )
 
 
 def joint_count(count: int) -> str:
@@ -332,22 +330,16 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
     texts = []
     for value, sliding in zip(values, slides, strict=True):
         text, turned = number(float(value) + 0.0), f"{number(math.degrees(value) + 0.0, 3)}°"
-        if sliding:
-            text = f"{text} m"
-        elif degrees:
-            text = turned
-        elif len(slides) <= FEW_JOINTS:
-            text = f"{text} rad = {turned}" if value else "0"
-        texts.append(text)
+        both = f"{text} rad = {turned}" if value else "0"
+        angle = turned if degrees else both if len(slides) <= 3 else text  # with few joints both units
+        texts.append(f"{text} m" if sliding else angle)
     return ", ".join(texts) if len(texts) == 1 else f"({', '.join(texts)})"
 
 
 def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
     """A step from one equilibrium to another, rad with degrees beside, or m; at most what the joints' limits allow."""
-    if math.isnan(amplitude):
-        return "–"
-    if math.isinf(amplitude):
-        return "any looked at"
+    if not math.isfinite(amplitude):
+        return "–" if math.isnan(amplitude) else "any looked at"
     step = min(amplitude, most)
     degrees = f" ({math.degrees(step):.3g}°)" if unit == "rad" else ""
     return f"{step:.3g} {unit}{degrees}{', all that the joint limits allow' if step < amplitude else ''}"
@@ -385,9 +377,9 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
             else f"{'' if change < 0 else '+'}{number(change, 2 if abs(change) < 100.0 else 3)} %"
         )
         changes.append((change, f"{name.replace('_', ' ')} {text}"))
-    texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
-    others = ["others by less"] if len(changes) > LISTED else []
-    return ", ".join([*texts, *others]) or "the nominal robot"
+    texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))]
+    texts[LISTED:] = ["others by less"] if len(changes) > LISTED else []
+    return ", ".join(texts) or "the nominal robot"
 
 
 def finite(value: Any) -> Any:
@@ -399,10 +391,6 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-#: What is code already, or an option of the command line.
-_OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
 
 
 def joint_table(
@@ -422,4 +410,5 @@ def joint_table(
 
 def note(text: str) -> Note:
     """A remark that the reader must not miss, options of the command line set as code."""
-    return Note(_OPTION.sub(lambda match: f"`{match[0].strip('`')}`", text))
+    option = r"`[^`]*`|--[a-z]+(?:-[a-z]+)*"  # or what is code already
+    return Note(re.sub(option, lambda match: f"`{match[0].strip('`')}`", text))

@@ -138,9 +138,8 @@ def notes(design: Design) -> list[str]:
 
 def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
     """Entries for what is not met, not proved and risky; one for what is met where nothing is missed."""
-    met = [f"{len(lines)} of {len(lines)} requirements"]
-    if not any(line.stated_by != "default" for line in lines):
-        met[0] += ", all of them our defaults"
+    ours = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
+    met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
     if not any(line.what.startswith("damping") for line in lines):
         met.append("neither bandwidth nor damping is required")
     kinds = {
@@ -149,8 +148,8 @@ def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
         "risky": status.risky,
         "not proved": status.not_proved,
     }
-    texts = {kind: "; ".join(part.rstrip(".") for part in parts) for kind, parts in kinds.items()}
-    return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts.items() if text]
+    texts = ((kind, "; ".join(part.rstrip(".") for part in parts)) for kind, parts in kinds.items())
+    return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text]
 
 
 def verdict(design: Design) -> str:
@@ -250,11 +249,12 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
 # For a terminal of 80 columns --------------------------------------------------------------------------
 def design_tables(design: Design) -> list[Terminal]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
-    tables = (
-        block for _, _, part in PARTS for block in part(design) if isinstance(block, Table) and block.title
-    )
-    short = (law.mode_table(design, brief=True) if table.id == "table-modes" else table for table in tables)
-    return [table.terminal() for table in short]
+    return [
+        (law.mode_table(design, brief=True) if table.id == "table-modes" else table).terminal()
+        for _, _, part in PARTS
+        for table in part(design)
+        if isinstance(table, Table) and table.title
+    ]
 
 
 def robots_table() -> Terminal:
@@ -265,8 +265,8 @@ def robots_table() -> Terminal:
         assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
         numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
-    columns = ("name", "joints", "drive", "numbers", "")
-    return Table(columns, rows, "Robots that come with flexhinf: flexhinf design NAME").terminal()
+    title = "Robots that come with flexhinf: flexhinf design NAME"
+    return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
 
 
 #: Name, value, unit and source.
@@ -295,12 +295,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
         ("shared limit", criterion.mode, "", "option --tune"),
         ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
         ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
-        (
-            "load begins at",
-            "a tenth of its run",
-            "",
-            f"{runs.load_duration:g} s long, in equilibrium at the goal",
-        ),
+        ("load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s, in equilibrium at the goal"),
         ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]
@@ -327,11 +322,12 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Se
 
 
 def _source(s: Specification, name: str, otherwise: str = "") -> str:
-    """Source of a setting: the option of the field, its default, or `otherwise`."""
-    option = f"--{name.replace('_', '-')}"
-    if otherwise:
-        return otherwise if getattr(s, name) is None else f"option {option}"
-    return f"{'default of' if getattr(s, name) == getattr(Specification(), name) else 'option'} {option}"
+    option, value = f"--{name.replace('_', '-')}", getattr(s, name)
+    if otherwise and value is None:
+        return otherwise
+    return (
+        f"{'default of' if not otherwise and value == getattr(Specification(), name) else 'option'} {option}"
+    )
 
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
@@ -375,7 +371,7 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
 
 def _position_unit(e: LawEvaluation) -> str:
     units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
-    return units[0] if len(set(units)) == 1 else ", ".join(units)
+    return ", ".join(units[:1] if len(set(units)) == 1 else units)
 
 
 def _estimator(e: LawEvaluation) -> Rows:
@@ -383,8 +379,10 @@ def _estimator(e: LawEvaluation) -> Rows:
     own: Rows = [("estimator", s.estimator, "", _source(s, "estimator"))]
     if s.estimator == "none":
         return [*own, ("fed back", "the true state", "", "option --estimator none")]
-    both = (noise.link_velocities, noise.motor_velocities)
-    links, motors = (list(levels) if isinstance(levels, tuple) else levels for levels in both)
+    links, motors = (
+        list(levels) if isinstance(levels, tuple) else levels
+        for levels in (noise.link_velocities, noise.motor_velocities)
+    )
     initial = "stationary covariance of the filter in equilibrium at the goal"
     return [
         *own,

@@ -146,15 +146,14 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
     """Indices of the runs that overshoot most and settle last, or end farthest; one that diverged is the worst."""
-    ranked = {
-        "largest overshoot": ("overshoot_percent",),
-        "settles last": ("settling_time_s", "steady_state_error"),
+    metrics = {
+        "largest overshoot": ("overshoot_percent",), "settles last": ("settling_time_s", "steady_state_error"),
+    }  # fmt: skip
+    ranks = {
+        name: [[math.inf if run.metrics[key] is None else run.metrics[key] for key in keys] for run in runs]
+        for name, keys in metrics.items()
     }
-    worst = {}
-    for name, metrics in ranked.items():
-        ranks = [[math.inf if run.metrics[m] is None else run.metrics[m] for m in metrics] for run in runs]
-        worst[name] = max(range(len(runs)), key=ranks.__getitem__)
-    return worst
+    return {name: max(range(len(runs)), key=each.__getitem__) for name, each in ranks.items()}
 
 
 @house_style()
@@ -182,25 +181,20 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
 
 
 def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
-    rows = []
-    for name, k in worst_runs(runs).items():
-        overshoot, settling, error = (
-            runs[k].metrics[key] for key in ("overshoot_percent", "settling_time_s", "steady_state_error")
-        )
-        rows.append(
-            (name, overshoot, settling, error and math.degrees(error), runs[k].changes.replace("-", "−"))
-        )
-    columns = (
-        "run", Column("overshoot", "%", 2), Column("settling", "s", 2),
-        Column("largest error in the last 3 s", "°", 3), "changes of the plant",
-    )  # fmt: skip
-    return Table(
-        columns,
-        rows,
+    return Table.of(
+        (
+            Column("run", key="run"), Column("overshoot", "%", 2, key="overshoot_percent"),
+            Column("settling", "s", 2, key="settling_time_s"),
+            Column("largest error in the last 3 s", "°", 3, key="steady_state_error", scale=math.degrees(1.0)),
+            Column("changes of the plant", key="changes"),
+        ),
+        [
+            {**runs[k].metrics, "run": name, "changes": runs[k].changes.replace("-", "−")}
+            for name, k in worst_runs(runs).items()
+        ],
         "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle.",
-        "table-worst-runs",
-        stacks=True,
-    )
+        "table-worst-runs", stacks=True,
+    )  # fmt: skip
 
 
 #: Title, caption, and drawing as SVG, by the figure's number in the paper.

@@ -244,7 +244,6 @@ class Outcome(NamedTuple):
 
 
 def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
-    """Compare the scores of both filters on the same data; NaN with fewer than two pairs."""
     kept, nan = np.isfinite(ukf.squared).all(axis=1) & np.isfinite(ekf.squared).all(axis=1), math.nan
     pairs = int(kept.sum())
     if pairs < 2:

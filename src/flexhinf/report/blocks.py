@@ -409,7 +409,6 @@ class Table(Block):
 
     @cached_property
     def _written(self) -> list[tuple[bool, list[str]]]:
-        """For each column, whether it is right-aligned, and its cells as text."""
         written = []
         for index, column in enumerate(self.heads):
             values: list[Any] = [
@@ -435,7 +434,6 @@ class Table(Block):
         return written
 
     def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
-        """Lines of the table: the title of a group of rows, or the texts and marks of one row."""
         texts = zip(*(texts for _, texts in self._written))
         for row in self.rows:
             if isinstance(row, str):

@@ -49,7 +49,6 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a file; empty where it cannot be read."""
     try:
         return file_digest(path)
     except OSError:
@@ -57,7 +56,6 @@ def _digest(path: Path) -> str:
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:
-    """Content of the marker file; None where there is none, or something else in its place."""
     try:
         marker = json.loads(read_bytes(folder / MARKER, 10_000_000))  # that of a thousand files has 100,000
     except (OSError, ValueError, RecursionError):
@@ -183,7 +181,6 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
 
 
 def _refuse(target: Path) -> None:
-    """Raise unless `target` is free, empty, or an earlier report."""
     here, folder = Path.cwd(), target.is_dir()
     refusals = (
         (target == here or target in here.parents,

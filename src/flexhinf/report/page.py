@@ -231,11 +231,11 @@ class Page:
             Section("How to make this again", (self.provenance,), "again"),
         )
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
-        strip = ""
-        for number in self.numbers:
-            note = f'<dd class="small">{prose(number.note)}</dd>' if number.note else ""
-            value = f"{escape(scalar(number.value))}{unit_html(number.unit)}"
-            strip += f"<div><dt>{prose(number.label)}</dt><dd>{value}</dd>{note}</div>"
+        strip = "".join(
+            f"<div><dt>{prose(n.label)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
+            + (f'<dd class="small">{prose(n.note)}</dd></div>' if n.note else "</div>")
+            for n in self.numbers
+        )
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
         status = "".join(f"<li>{badge(line.kind)} {prose(line.text)}</li>" for line in self.status)
         status = f'<ul class="status">{status}</ul>\n' if status else ""

@@ -14,9 +14,6 @@ from flexhinf.design.specification import TOLERANCE
 from flexhinf.pages.drawing import Blocks, limit_text as effort_text, units_of
 from flexhinf.report import Cell, Column, Paragraph, Table, number
 
-#: Of the judgement in a terminal.
-COLOURS = {"met": "green", "NOT MET": "red"}
-
 
 def requirements(design: Design) -> Blocks:
     """Table of the requirements, those that are not met first, and of the inputs."""
@@ -76,7 +73,7 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
     for where, group in groups.items():
         rows.append(where)
         for line in group:
-            judged = Cell(line.judgement, COLOURS.get(line.judgement, "yellow"))
+            judged = Cell(line.judgement, {"met": "green", "NOT MET": "red"}.get(line.judgement, "yellow"))
             source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
             limit = limit_text(line)
             if source == "default":
@@ -97,21 +94,19 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
 def input_rows(design: Design) -> list[dict[str, Any]]:
     """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
     e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
-    runs: list[tuple[str, Response | np.ndarray]] = [
+    sampled = samples.inputs if samples is not None and len(samples) else None
+    runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
         ("equilibrium at the start", setup.equilibrium(design.start)[1]),
         ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
         ("step, nominal robot", e.step),
-    ]
-    if samples is not None and len(samples):
-        runs.append((f"step, worst of {len(samples)} sampled robots", samples.inputs))
-    if design.mujoco is not None:
-        runs.append(("step on MuJoCo's plant", design.mujoco))
-    runs.append(("planned move with feedforward", e.move.response))
-    runs.append(("load response: torques on the links", e.load_response.response))
-    if e.input_noises is not None:
-        runs.append(("sensor noise in equilibrium (rms)", e.input_noises))
+        (f"step, worst of {0 if samples is None else len(samples)} sampled robots", sampled),
+        ("step on MuJoCo's plant", design.mujoco),
+        ("planned move with feedforward", e.move.response),
+        ("load response: torques on the links", e.load_response.response),
+        ("sensor noise in equilibrium (rms)", e.input_noises),
+    )
     rows, effort = [], setup.limits.effort
-    for what, run in runs:
+    for what, run in ((what, run) for what, run in runs if run is not None):
         inputs = run.inputs if isinstance(run, Response) else np.asarray(run, dtype=float)
         cut = " (until it diverged)" if isinstance(run, Response) and run.diverged_at is not None else ""
         sizes = np.abs(inputs).reshape(-1, len(setup.joints)).max(axis=0)

@@ -56,17 +56,8 @@ from flexhinf.robot.kinematics import skeleton
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
 
-#: What a robot may state and a true plant leaves out by default: how the parameter's name begins, and the extra.
-STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
-
 #: Parts of the way at which the arm is drawn.
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-
-#: Inches that legend, titles and names of the axes take of the arm's height, and numbers of its width.
-AROUND, LEFT = 1.25, 0.8
-
-#: Points closer together than this part of the robot's size lie in one plane.
-FLAT = 0.02
 
 
 def step(design: Design) -> Blocks:
@@ -75,7 +66,11 @@ def step(design: Design) -> Blocks:
     names = [parameter.name for parameter in design.robot.parameters if parameter.value]
     left = [
         extra
-        for begins, extra in STATED.items()
+        for begins, extra in (
+            ("inductance", "inductance"),
+            ("damping", "joint_damping"),
+            ("coulomb_friction", "coulomb_friction"),
+        )
         if extra not in s.extras and any(name.startswith(begins) for name in names)
     ]
     if left:
@@ -97,11 +92,12 @@ def step(design: Design) -> Blocks:
             f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
             f"{units.effort}. Let the estimator run before the law takes over."
         )
-    yield lambda: _step_figure(e, units)
-    yield lambda: arm_of(e)
-    last = float(e.step.run.time[-1])
+    yield from (
+        lambda: _step_figure(e, units),
+        lambda: arm_of(e),
+    )
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
-    peak = Column("peak input", units.effort, key="peak_input")
+    peak, last = Column("peak input", units.effort, key="peak_input"), float(e.step.run.time[-1])
     yield joint_table(
         (
             Column("from", units.angle, key="from", scale=units.scale),
@@ -266,7 +262,8 @@ def arm_figure(
     view = np.column_stack([right, up])
     low, high = (points @ view).min(axis=0) - 0.08 * size, (points @ view).max(axis=0) + 0.08 * size
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
-    height = AROUND + min(max(tall, 0.3), 2.0) * (WIDTH - LEFT) / len(at)
+    # beside the arm, inches: legend, titles and names of the axes in height, numbers in width
+    height = 1.25 + min(max(tall, 0.3), 2.0) * (WIDTH - 0.8) / len(at)
     figure, (axes,) = panels(1, len(at), height, sharex=True, sharey=True)
     dashed = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
     thick = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
@@ -298,7 +295,7 @@ def viewing_plane(
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
     right = next(row for row in spread if abs(row @ up) < 0.5)
     right = right * (1.0 if right.sum() >= 0.0 else -1.0)
-    if np.ptp(centred @ up) > FLAT * size:
+    if np.ptp(centred @ up) > 0.02 * size:  # else all points lie in one plane
         return right, up, ("horizontal", "height")
     return right, np.cross(up, right), ("horizontal", "seen from above")
 
@@ -306,9 +303,6 @@ def viewing_plane(
 # Sampled robots -----------------------------------------------------------------------------------------
 #: Panels of link positions: of the joints whose robots differ most, relative to the largest step.
 PANELS = 3
-
-#: Fewer robots than this get no histograms.
-FEW = 15
 
 #: Half height of the panel about the goal, relative to the step.
 CLOSE = 0.12
@@ -341,7 +335,7 @@ def samples(design: Design) -> Blocks:
     )
     if np.isfinite(runs.positions).all(axis=(1, 2)).any():
         yield lambda: _bands(e, runs)
-    if len(runs) >= FEW and np.isfinite([runs.overshoot, runs.settling]).any():
+    if len(runs) >= 15 and np.isfinite([runs.overshoot, runs.settling]).any():
         yield lambda: _histograms(e, runs)
     yield spread_table(e)
 
@@ -383,7 +377,6 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
-    """Metrics of the sampled robots: name, unit, values, value of the nominal robot, and joint of the worst."""
     own, m, peak = e.step, samples, samples.peak_joints[int(np.argmax(samples.peak))]
     return [
         ("overshoot", "%", m.overshoot, own.overshoot.value, m.overshoot_joints[m.worst]),

@@ -36,9 +36,6 @@ PRESETS = {
     "given": "Weights as given",
 }
 
-#: Disturbances of a problem: how their names begin.
-KINDS = {"link_position": "the command", "link_torque": "link torque", "motor_torque": "motor torque"}
-
 #: Candidates of the trade-off of noise levels in a table, beside the default and the one that is used.
 ROWS = 6
 
@@ -54,7 +51,15 @@ class Weight(NamedTuple):
 def weights(design: Design) -> Blocks:
     """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
     problem, names = design.design_problem, design.problem.disturbance_names
-    kinds = [text for kind, text in KINDS.items() if any(name.startswith(kind) for name in names)]
+    kinds = [
+        text
+        for kind, text in (
+            ("link_position", "the command"),
+            ("link_torque", "link torque"),
+            ("motor_torque", "motor torque"),
+        )
+        if any(name.startswith(kind) for name in names)
+    ]
     which = " of this problem, with the channels of the tolerances" if problem.robustness is not None else ""
     yield Paragraph(
         f"{PRESETS[problem.preset]} ({problem.source}). Disturbances of the problem: "
@@ -66,8 +71,10 @@ def weights(design: Design) -> Blocks:
         yield from _search(design, problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
-        yield robust_table(problem.robustness)
-        yield Paragraph(_robust_text(problem.robustness))
+        yield from (
+            robust_table(problem.robustness),
+            Paragraph(_robust_text(problem.robustness)),
+        )
     yield from _weight_table(design)
 
 
@@ -88,23 +95,25 @@ def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Bl
         return Line(weights, np.where(np.isfinite(seen), seen, np.nan), name, style)
 
     over: dict[str, Any] = {"vertical": search.chosen.damping_weight, "across": "largest damping weight ζ"}
-    yield lambda: draw_figure(
-        "search",
-        (
-            Panel(
-                "smallest damping ratio", "",
-                (
-                    line([c.behaviour.damping for c in candidates], "worst of the tolerances", SERIES[1]),
-                    line([c.behaviour.nominal_damping for c in candidates], "nominal robot", SERIES[0]),
+    yield from (
+        lambda: draw_figure(
+            "search",
+            (
+                Panel(
+                    "smallest damping ratio", "",
+                    (
+                        line([c.behaviour.damping for c in candidates], "worst of the tolerances", SERIES[1]),
+                        line([c.behaviour.nominal_damping for c in candidates], "nominal robot", SERIES[0]),
+                    ),
+                    dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
                 ),
-                dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
+                Panel("γ*", "", [line([c.design.gamma_star for c in candidates], None, SERIES[0])], **over),
             ),
-            Panel("γ*", "", [line([c.design.gamma_star for c in candidates], None, SERIES[0])], **over),
+            "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
+            3.2, columns=3,
         ),
-        "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
-        3.2, columns=3,
+        candidate_table(design),
     )  # fmt: skip
-    yield candidate_table(design)
 
 
 def candidate_table(design: Design) -> Table:
@@ -249,10 +258,13 @@ def _weight_table(design: Design) -> Blocks:
         np.asarray(design.problem.r2, float),
     )
     for weight in state_weights(design.problem, joints):
-        joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
-        alone = not joint or len(joints) == 1
-        signal = weight.signal if alone else weight.signal.replace(f"_{joint}", "", 1)
-        rows.setdefault(signal.replace("_", " "), {})[joints[0] if alone else joint] = weight
+        joint = (
+            next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
+            if len(joints) > 1
+            else ""
+        )
+        signal = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
+        rows.setdefault(signal.replace("_", " "), {})[joint or joints[0]] = weight
     if rows:
         yield Table(
             ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"),
@@ -293,8 +305,10 @@ def noise_levels(design: Design) -> Blocks:
     )
     if search is None:
         return
-    yield lambda: _noise_figure(design, search)
-    yield _noise_table(design, search)
+    yield from (
+        lambda: _noise_figure(design, search),
+        _noise_table(design, search),
+    )
     yield from _hardly_seen(design, search)
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
@@ -323,14 +337,15 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
         return f"{beyond} The default levels keep {kept}."
     if chosen.feasible:
         return f"{beyond} The search took the levels with the least noise that keep {kept}."
-    missed = (f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in chosen.avoidable.items())
-    parts = [f"missed: {', '.join(missed)}"] if chosen.avoidable else []
-    parts += [f"{chosen.unstable} corners of the tolerances are unstable"] if chosen.unstable else []
+    missed = [f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in chosen.avoidable.items()]
+    parts = [
+        *([f"missed: {', '.join(missed)}"] if missed else []),
+        *([f"{chosen.unstable} corners of the tolerances are unstable"] if chosen.unstable else []),
+    ]
     return f"{beyond} No levels were found that keep {kept}: used are those that miss them least ({'; '.join(parts)})."
 
 
 def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
-    """Why motor positions alone limit the damping, where it is missed with them."""
     setup = design.setup
     if (
         any(not name.startswith("motor") for name in setup.model.outputs)
@@ -372,9 +387,7 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
             groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
             for legend_name, candidates, style in groups:
                 points = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
-                lines.append(
-                    Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
-                )
+                lines.append(Line(*points, legend_name, {"color": color, "linestyle": "none", **style}))
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
@@ -405,8 +418,8 @@ def _noise_table(design: Design, search: NoiseSearch) -> Table:
     rows = []
     for candidate, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
         missed = f"{'missed: ' if note and candidate.missed else ''}{', '.join(candidate.missed)}"
-        *finite_metrics, gain = metrics(candidate)
-        rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
+        *sizes, gain = metrics(candidate)
+        rows.append((*sizes, finite(gain), "; ".join(filter(None, (note, missed)))))
     return Table(
         (
             Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
