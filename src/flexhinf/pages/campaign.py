@@ -124,8 +124,9 @@ def write_campaign(
     }
     for name, value in settings.items():
         head = next((head for head in heads if name.startswith(head)), "")
-        own = name if head == "true robot " else name.removeprefix(head)
-        groups[heads.get(head, "Campaign")].append(Setting(own, value))
+        groups[heads.get(head, "Campaign")].append(
+            Setting(name if head == "true robot " else name.removeprefix(head), value)
+        )
     write_page(
         journal.folder, "report of the campaign",
         Page(
@@ -262,15 +263,6 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         if first.outside else ""
     )  # fmt: skip
     varied = ((name, case.found.numbers[name], case.intervals[name]) for name in by_effect(case))
-    numbers = [
-        (
-            name.replace("_", " "), number(value, 6), case.units[name],
-            percent_change(name, value, case.nominal.numbers[name]) or "–",
-            "lowest" if value == low else "highest" if value == high else "inside",
-            value_text(case.alone[name], case.unit),
-        )
-        for name, value, (low, high) in varied
-    ]  # fmt: skip
     metric, text = metric_text(case.metric), worst_text(case)
     return [
         Paragraph(
@@ -288,7 +280,16 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
         Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
         Table(
-            ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal"), numbers,
+            ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal"),
+            [
+                (
+                    name.replace("_", " "), number(value, 6), case.units[name],
+                    percent_change(name, value, case.nominal.numbers[name]) or "–",
+                    "lowest" if value == low else "highest" if value == high else "inside",
+                    value_text(case.alone[name], case.unit),
+                )
+                for name, value, (low, high) in varied
+            ],
             f"The robot with the worst {metric} found", "table-worst-numbers",
         ),
     ]  # fmt: skip
@@ -303,8 +304,9 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
         return []
     worst, _, nominal = trajectories.values()
     signal = max(names, key=lambda name: float(np.abs(worst.tracked(name) - nominal.tracked(name)).max()))
-    moved = np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)
-    u = worst.names["input"][int(np.argmax(moved))]
+    u = worst.names["input"][
+        int(np.argmax(np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)))
+    ]
 
     def panel(name: str, kind: str, read: Callable[[Trajectory], np.ndarray], **options: Any) -> Panel:
         styles = zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0]))
@@ -336,11 +338,6 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
         return []
     worst = next((row for row in gains.rows if row.robot == "worst"), None)
     numbers = "" if worst is None else f" The worst robot found: {gain_changes(worst, judged.nominal)}."
-    lines = [
-        Line(row.times, np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style)
-        for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2]))
-    ]
-    panel = Panel(gains.rows[0].names[0].replace("_", " "), "", lines, also=legend)
     return [
         Paragraph(
             "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², "
@@ -362,7 +359,14 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
             ],
             "Attained gains", "table-worst-disturbance", stacks=True,
         ),
-        draw_figure("worst-disturbance", [panel], "The first component of d.", "The worst disturbances found"),
+        draw_figure(
+            "worst-disturbance",
+            [Panel(gains.rows[0].names[0].replace("_", " "), "", [
+                Line(row.times, np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style)
+                for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2]))
+            ], also=legend)],
+            "The first component of d.", "The worst disturbances found",
+        ),
         Paragraph("This command, in the folder above, runs the disturbances again:"),
         Listing(replay_command(judged.table.journal.folder.name, "--worst-case gain")),
     ]  # fmt: skip

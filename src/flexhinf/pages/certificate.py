@@ -111,24 +111,23 @@ def certificate_page(
         if claim.starts
         else " in the region."
     )
-    settings = [
-        Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
-        Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
-        *(
-            Setting(
-                p.name.replace("_", " "),
-                p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
-            )
-            for p in claim.parameters
-        ),
-        *(Setting(name, value) for name, value in claim.provenance.items()),
-    ]  # fmt: skip
     beyond = ", beyond the budget" if claim.is_gradient_law else ""
     return Page(
         f"Certificate: {claim.about.split(',')[0]}",
         f"{claim.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
         f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach}", sections,
-        Settings({"Certificate": settings}), Provenance(tuple(command), s.seed), _numbers(law, claim),
+        Settings({"Certificate": [
+            Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
+            Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
+            *(
+                Setting(
+                    p.name.replace("_", " "),
+                    p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
+                )
+                for p in claim.parameters
+            ),
+            *(Setting(name, value) for name, value in claim.provenance.items()),
+        ]}), Provenance(tuple(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
          Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
     )  # fmt: skip
@@ -163,15 +162,19 @@ def _peak(unit: str) -> str:
 
 def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
-    attained = "" if gain is None else f"attained by a disturbance: {at_least(gain)}"
-    share = "" if sampled is None else f"{100 * claim.level / sampled:.1f} % of the sampled one"
     return [
         *(
             KeyNumber("largest proved step", _angle(claim, s.amplitude), "", RULES.get(s.rule, s.rule))
             for s in claim.starts
         ),
-        KeyNumber("gain, proved", f"≤ {at_most(claim.gamma)}", "", attained),
-        KeyNumber("level of V", at_least(claim.level), "", share),
+        KeyNumber(
+            "gain, proved", f"≤ {at_most(claim.gamma)}", "",
+            "" if gain is None else f"attained by a disturbance: {at_least(gain)}",
+        ),
+        KeyNumber(
+            "level of V", at_least(claim.level), "",
+            "" if sampled is None else f"{100 * claim.level / sampled:.1f} % of the sampled one",
+        ),
         *(
             KeyNumber(
                 f"{_peak(effort)}, simulated", number(float(step.peak_input.max()), 3), effort,
@@ -197,9 +200,13 @@ def _theorem(claim: Certificate) -> list[Section]:
             rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
             formulas = [line for line in lines if re.match(r"\w+ = ", line)]  # R2, an input's law, V
             others = [_set(line) for line in lines if not re.match(r"\w+ = |d/dt ", line)]
-            rows = [(_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)) for name, rate in rates]
             blocks = [
-                Paragraph(others[0]), Table(("state", "its rate"), rows, "", "table-plant", stacks=True),
+                Paragraph(others[0]),
+                Table(
+                    ("state", "its rate"),
+                    [(_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)) for name, rate in rates],
+                    "", "table-plant", stacks=True,
+                ),
                 Bullets(tuple(others[1:])),
                 *(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))) for line in formulas),
             ]  # fmt: skip
@@ -234,7 +241,6 @@ def _starts(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
             ),
             (scale * path[-1, 0], path[-1, 1], "o", {"color": colour, "markersize": 5}),
         ]
-    integral = next(x.unit for x in claim.states if x.name.endswith("_integral"))
     return [
         Paragraph(
             f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
@@ -242,7 +248,10 @@ def _starts(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
         ),
         _slice(
             ("starts", "Starts of steps"), claim, surface, scale, lines,
-            (f"step to the goal ({unit})", "integral of the error", integral),
+            (
+                f"step to the goal ({unit})", "integral of the error",
+                next(x.unit for x in claim.states if x.name.endswith("_integral")),
+            ),
             "Equilibria at a distance from the goal (+), with each value of the integrator.",
         ),
         *blocks,
@@ -428,10 +437,6 @@ def _gain(evidence: Evidence) -> list[Any]:
     legend(axis)
     (scale, unit), run, few = _position(claim), attained.trajectory, thin(attained.times)
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
-    disturbances = [
-        Line(attained.times[few], column[few], signal.name.replace("_", " "), {"color": colour})
-        for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES)
-    ]
     position = Line(run.time[thin(run.time)], scale * moved[thin(run.time)], None, {"color": SERIES[2]})
     return [
         Paragraph(
@@ -446,7 +451,10 @@ def _gain(evidence: Evidence) -> list[Any]:
         draw_figure(
             "attained",
             (
-                Panel("d", common_unit(claim.disturbances), disturbances, also=legend),
+                Panel("d", common_unit(claim.disturbances), [
+                    Line(attained.times[few], column[few], signal.name.replace("_", " "), {"color": colour})
+                    for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES)
+                ], also=legend),
                 Panel("position − goal", unit, [position]),
             ),
             "The disturbance found, from rest at the goal, and the position.", "Attained gain", 4.6,

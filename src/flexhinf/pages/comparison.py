@@ -150,9 +150,8 @@ def comparison_page(
     start, goal = (
         pose_text(pose, robot.links.slides, s.in_degrees) for pose in (own.setup.start, own.setup.goal)
     )
-    notes = (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))
     trade_off = trade_off_figure(comparison, tuned_laws(comparison))
-    blocks: dict[tuple[str, str], Sequence[Any]] = {
+    sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in {
         ("criterion", "Laws by the criterion"): (
             Table(
                 ("limit for every law", "value", "stated by"),
@@ -165,19 +164,18 @@ def comparison_page(
             Paragraph(
                 "The four columns of ratios are over those of the design as it is; the criterion is their geometric "
                 "mean, and less is better; differences of less than 10 % say nothing. Every law here keeps every "
-                "limit. "
-                "One with more unstable corners of the tolerances than the design is not ranked; a law of which no "
-                "tuning keeps every limit is named with the reason below."
+                "limit. One with more unstable corners of the tolerances than the design is not ranked; a law of "
+                "which no tuning keeps every limit is named with the reason below."
             ),
-            _ranking(comparison), *map(Note, notes),
+            _ranking(comparison),
+            *map(Note, (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))),
         ),
         ("trade-off", "Trade-off"): () if trade_off is None else (trade_off,),
         ("figures", "Figures of every law"): (metric_table(comparison, comparison.compared),),
         ("responses", "Step, load and move"): (responses_figure(comparison),),
         ("frequency", "Frequency responses"): _frequency(comparison),
         ("laws", "The laws and how they were tuned"): _laws(comparison),
-    }  # fmt: skip
-    sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in blocks.items() if parts]
+    }.items() if parts]  # fmt: skip
     missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
     status = Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")
     if missed:
@@ -223,22 +221,22 @@ def _ranking(comparison: Comparison) -> Table:
     laws = tuned_laws(comparison)
     first = {law.name for law in ranked(laws)} | {DESIGN}
     ordered = sorted(laws, key=lambda law: (law.name not in first, law.cost))
-    rows = [
-        (
-            _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
-            *finite([law.cost, *(ratios[name] for name in RATIOS)]),
-            "–" if law.evaluation.corners is None else law.evaluation.corners.unstable,
-            ", ".join(law.sensors).replace("_", " ") or "true state",
-            "yes" if law.name in first else "no: more unstable corners than the design",
-        )
-        for law, ratios in ((law, comparison.criterion.ratios(law.metrics)) for law in ordered)
-    ]  # fmt: skip
     return Table(
         (
             "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
             "ranked",
         ),
-        rows, "", "table-criterion", stacks=True,
+        [
+            (
+                _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
+                *finite([law.cost, *(ratios[name] for name in RATIOS)]),
+                "–" if law.evaluation.corners is None else law.evaluation.corners.unstable,
+                ", ".join(law.sensors).replace("_", " ") or "true state",
+                "yes" if law.name in first else "no: more unstable corners than the design",
+            )
+            for law, ratios in ((law, comparison.criterion.ratios(law.metrics)) for law in ordered)
+        ],
+        "", "table-criterion", stacks=True,
     )  # fmt: skip
 
 
@@ -265,10 +263,11 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     ):  # fmt: skip
         values = [None if law is None else law.evaluation.metrics.get(key) for law in (ours, rival)]
         mine, theirs = (cell(metrics[key], value, comparison) for value in values)
-        note = "" if rival is None else f"{_whole(rival.name)}: {theirs}"
         if values[0] is not None:
             name, unit = f"{_whole(called(ours))}: {metrics[key].label}", unit_of(metrics[key], comparison)
-            numbers.append(KeyNumber(name, mine, unit, note))
+            numbers.append(
+                KeyNumber(name, mine, unit, "" if rival is None else f"{_whole(rival.name)}: {theirs}")
+            )
     return numbers
 
 
@@ -389,8 +388,9 @@ def unit_of(metric: LawMetric, comparison: Comparison) -> str:
         return f"of {len(comparison.scenario.robots)}"
     if metric.key == "unstable_corners" and own is not None and own.corners is not None:
         return f"of {own.corners.count}"
-    known = {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}
-    return known.get(metric.unit, metric.unit)
+    return {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}.get(
+        metric.unit, metric.unit
+    )
 
 
 def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
@@ -409,8 +409,9 @@ def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
         return number(round(value))
     if 0.0 < abs(value) < 1e-2:
         return number(value, 2)
-    size = 0 if value == 0.0 else int(np.floor(np.log10(abs(value))))
-    return number(value, decimals=min(max(2 - size, 0), 3))
+    return number(
+        value, decimals=min(max(2 - (0 if value == 0.0 else int(np.floor(np.log10(abs(value))))), 0), 3)
+    )
 
 
 def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ...]:

@@ -156,8 +156,9 @@ def verdict(design: Design) -> str:
     """The status and what the loop does, in one paragraph for a terminal."""
     status, step_proof = design.status, design.step_proof
     if not step_proof.proved:  # the headline says it in a sentence
-        left = tuple(text for text in status.not_proved if text not in step_proof.missing)
-        status = replace(status, not_proved=left)
+        status = replace(
+            status, not_proved=tuple(text for text in status.not_proved if text not in step_proof.missing)
+        )
     parts = [status.line, _headline(design)]
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(design)}.")
@@ -417,10 +418,11 @@ def _simulation(e: LawEvaluation) -> Rows:
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     position, units = _position_unit(e), units_of(e)
-    command = "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name
     rows: Rows = [
         ("start pose", e.setup.start, position, _source(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
-        ("command", command, "", _source(s, "shaping")),
+        ("command",
+        "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
+        "", _source(s, "shaping")),
         ("move", runs.plan.name, "", _source(s, "move", "ours: the way of the step")),
         ("true plant", f"nominal numbers{extras}", "", _source(s, "extras")),
         ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
@@ -450,9 +452,10 @@ def files_section(files: Sequence[str]) -> Section:
     grouped: dict[tuple[str, str], list[str]] = {}
     for name in sorted(files):
         path = PurePath(name)
-        meanings = (text for key, text in MEANING if key in (name, path.suffix, path.stem))
         folder, _, file = name.rpartition("/")
-        grouped.setdefault((folder, next(meanings, "")), []).append(file)
+        grouped.setdefault(
+            (folder, next((text for key, text in MEANING if key in (name, path.suffix, path.stem)), "")), []
+        ).append(file)
     rows = [
         (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
         for (folder, meaning), names in grouped.items()

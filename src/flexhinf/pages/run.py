@@ -48,10 +48,13 @@ LISTED = 5
 #: A run that takes this many times its own time did not keep up, beyond single late samples.
 SLOW = 1.01
 
-#: Rows of the table of times: what, and the array of `Timing`.
+#: Rows of the table of times: what, and the array of `Timing`; in real time, and else.
 ROWS = {
-    "lateness of the beginning": "woken", "step of the controller": "computed", "input is there": "ready",
-    "simulated robot is done": "over",
+    True: {
+        "lateness of the beginning": "woken", "step of the controller": "computed", "input is there": "ready",
+        "simulated robot is done": "over",
+    },
+    False: {"step of the controller": "computed", "whole sample": "over"},
 }  # fmt: skip
 
 
@@ -72,9 +75,7 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     if tables or len(timing.time):
         rows = [
             (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
-            for name, field in (
-                ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
-            ).items()
+            for name, field in ROWS[timing.real_time].items()
         ]
         columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
         tables.append(Table(columns, rows, f"Times in µs; the period has {number(1e6 * timing.period)} µs"))
@@ -256,9 +257,6 @@ def _encoder() -> str | None:
 #: than this part of the robot's size where a joint slides.
 FACTORS, WIDEST, FARTHEST = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.3, 0.15
 
-#: Length of a motor's hand, as a part of its link.
-HAND = 0.62
-
 
 def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
     """Factor by which wind-ups (N, n), rad or m, are enlarged: the largest of `FACTORS` with which all stay small
@@ -299,19 +297,17 @@ class ArmFilm:
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
         if not kept.stop:
             raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
-        goal, commanded = (
-            np.broadcast_to(prepared.goal, (len(state), n)),
-            trajectory.names.get("reference", ()),
-        )
+        commanded = trajectory.names.get("reference", ())
         columns = [
-            trajectory.signal("reference", name) if name in commanded else goal[:, k]
-            for k, name in enumerate(signal_names("link_position", prepared.robot.joint_names))
+            trajectory.signal("reference", name) if name in commanded else np.full(len(state), goal)
+            for name, goal in zip(signal_names("link_position", robot.joint_names), prepared.goal)
         ]
         links, command = state[kept, :n], np.stack(columns, axis=1)[kept]
         motors = robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
         rows = np.linspace(0, kept.stop - 1, min(kept.stop, 40)).astype(int)
-        poses = [*links[rows], *command[rows[[0, -1]]]]
-        extent = np.concatenate([line for pose in poses for line in skeleton(robot, pose)])
+        extent = np.concatenate(
+            [line for pose in [*links[rows], *command[rows[[0, -1]]]] for line in skeleton(robot, pose)]
+        )
         size, slides = float(np.ptp(extent, axis=0).max()), np.array(robot.links.slides, dtype=bool)
         if size < 1e-9:
             raise InvalidInput(
@@ -339,7 +335,8 @@ class ArmFilm:
             pose = self.links[k].copy()
             pose[j] += turned
             motor = self.arm(pose)[j]
-            ends = [line[0] + HAND * (line[1] - line[0]) for line in (own[j], motor)]
+            # a motor's hand is a part of its link
+            ends = [line[0] + 0.62 * (line[1] - line[0]) for line in (own[j], motor)]
             hands.append(np.array([ends[0], motor[0], ends[1]]))
         return hands
 
@@ -347,9 +344,6 @@ class ArmFilm:
         """Convert positions (…, n) from rad and m to degrees and mm."""
         return values * np.where(self.slides, 1e3, np.degrees(1.0))
 
-
-#: Time that the path of the arm's end is shown, s.
-TRAIL = 1.0
 
 #: A film lasts so many seconds; a run that is shorter or longer is played more slowly or faster, and the title says so.
 SHORTEST, LONGEST = 3.0, 60.0
@@ -362,9 +356,6 @@ PLACE, PICTURE = (0.07, 0.085, 0.435, 0.76), (12.8, 7.2)
 
 #: Where the bar of an input is zero, and its length on either side, as parts of the table's width.
 ZERO, BAR = 0.75, 0.13
-
-#: Colour behind the arm.
-SKY = "#fbfcfd"
 
 #: What moves in a part of the picture, in the order of drawing, and the function that moves it to a sample.
 Moving = tuple[list[Any], Callable[[int], None]]
@@ -437,7 +428,7 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
     box = np.array(PLACE[2:]) * PICTURE
     half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
     (left, low), (right, high) = middle - half, middle + half
-    axes.set(facecolor=SKY, xlim=(left, right), ylim=(low, high))
+    axes.set(facecolor="#fbfcfd", xlim=(left, right), ylim=(low, high))
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0, labelsize=8)
     axes.set_xlabel(f"{film.names[0]} (m)", fontsize=9)
@@ -472,7 +463,9 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
             motor.set_data(*points[1:].T)
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
-        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - TRAIL)), k, 24).astype(int)
+        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(
+            int
+        )  # of a second
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move

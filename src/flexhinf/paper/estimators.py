@@ -68,9 +68,10 @@ def _is_bounded(setup: PaperSetup) -> Finding:
     largest = np.zeros(setup.model.n)
     for name, (command, disturbance) in COMMANDS.items():
         loop = setup.loop(setup.nonlinear, estimator=setup.estimator("ukf"))
-        ensemble = loop.ensemble(command, disturbance, setup.deviation(loop), LONG)
         errors = []  # largest of each state, in the middle and in the last third
-        for run in ensemble.trajectories([{}] * count, [setup.seed(k) for k in range(count)]):
+        for run in loop.ensemble(command, disturbance, setup.deviation(loop), LONG).trajectories(
+            [{}] * count, [setup.seed(k) for k in range(count)]
+        ):
             if run.diverged_at is None:
                 error, last = np.abs(run.signals["estimate"] - run.signals["state"]), run.time >= 2 * LONG / 3
                 errors.append((error[(run.time >= LONG / 3) & ~last].max(axis=0), error[last].max(axis=0)))
@@ -111,10 +112,13 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
-    errors = (Column(name, "rad or rad/s") for name in ("RMS error", "range in the run"))
     variance = number(setup.settings.measurement_noise)
     table = Table(
-        ("state", *errors, Column("error / range", "%", 3)), rows,
+        (
+            "state", *(Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")),
+            Column("error / range", "%", 3),
+        ),
+        rows,
         f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².", "table-reconstruction",
     )  # fmt: skip
     return Finding(
@@ -306,8 +310,9 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
         volts = np.interp(times, step.time, step.signals["input"][:, 0])
         volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
-        runs = affordable(RUNS, trial.period, DURATION)
-        return _outcome(*run_trial(trial, volts[:, None], runs, setup.settings.seed))
+        return _outcome(
+            *run_trial(trial, volts[:, None], affordable(RUNS, trial.period, DURATION), setup.settings.seed)
+        )
 
     own, others = ({trial: outcome(trial) for trial in trials} for trials in _trials(setup))
     verdicts = {result.verdict for result in own.values()}

@@ -133,8 +133,9 @@ class PaperSetup:
         if kind == "none":
             return None
         mean = np.zeros(self.model.n) if mean is None else mean
-        build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
-        return build(self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, **options)
+        return (UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter)(
+            self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, **options
+        )
 
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""
@@ -190,10 +191,9 @@ class PaperSetup:
         population, period, plants = self.population, self.settings.period, range(SAMPLED_PLANTS)
         kept = np.arange(0, round(LONG / period) + 1, max(1, round(LONG / period / KEPT)))
         names, loop = ("output.link_position", "estimate.link_position"), self.loop(self.nonlinear, True)
-        ensemble = loop.ensemble(
+        batch = loop.ensemble(
             Step(math.pi / 2), None, self.deviation(loop), LONG, kept=names, instants=kept
-        )
-        batch = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
+        ).run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
         runs = []
         for k in plants:
             whole = ~np.isnan(batch.kept[k]).any(axis=1)

@@ -121,8 +121,9 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
             for law, name in LAWS.items():
                 solution = setup.law(degree=2 if law == "linear" else setup.settings.degree, pose=pose)
                 loop, period = setup.loop(solution, inductance=True), setup.settings.period
-                controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
-                run = Loop(loop.true_plant, controller).run(
+                run = Loop(
+                    loop.true_plant, Controller(solution, loop.controller.estimator, period, start="bumpless")
+                ).run(
                     Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, volts
                 )
                 runs.append(run)

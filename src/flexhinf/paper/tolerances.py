@@ -153,8 +153,9 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
     for goal in GOALS:
         own = [(k, expected) for at, k, expected in jobs if at == goal]
         ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
-        velocities = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
-        for (_, expected), velocity in zip(own, velocities, strict=True):
+        for (_, expected), velocity in zip(
+            own, ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0], strict=True
+        ):
             measured = late = np.inf  # of a run that diverged
             if not np.isnan(velocity).any():
                 windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
@@ -172,21 +173,6 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 def _withstands_tolerances(setup: PaperSetup) -> Finding:
     study = ToleranceStudy.of(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
-    numbers: dict[str, Any] = {
-        "plants": len(setup.population),
-        "corners": study.count("corner"),
-        "unstable": {name_goal(g): chosen[g].unstable for g in GOALS},
-        "unstable_corners": {name_goal(g): unstable_of(chosen[g], "corner") for g in GOALS},
-        "fastest_growth_per_s": {name_goal(g): known(chosen[g].fastest) for g in GOALS},
-        "swept_unstable_corners": {
-            name_goal(g): [
-                [r.noise.form, r.noise.q, unstable_of(r, "corner")] for r in study.swept[g] if r.noise
-            ]
-            for g in GOALS
-        },
-        "runs": runs,
-        "runs_that_agree": agree,
-    }
     parts = []
     for goal, rates in chosen.items():
         pace = f"slowest mode {number(rates.fastest, decimals=3)}/s"
@@ -209,7 +195,23 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
         all(rates.unstable == 0 for rates in chosen.values()),
         f"Unstable with {which}: {'; '.join(parts)}.{grows} {agree} of {runs} runs of {LONG:g} s agree with the growth "
         f"rates of the linear loop (within {number(error, 2)}/s).",
-        _tolerance_table(study), numbers, study,
+        _tolerance_table(study),
+        {
+            "plants": len(setup.population),
+            "corners": study.count("corner"),
+            "unstable": {name_goal(g): chosen[g].unstable for g in GOALS},
+            "unstable_corners": {name_goal(g): unstable_of(chosen[g], "corner") for g in GOALS},
+            "fastest_growth_per_s": {name_goal(g): known(chosen[g].fastest) for g in GOALS},
+            "swept_unstable_corners": {
+                name_goal(g): [
+                    [r.noise.form, r.noise.q, unstable_of(r, "corner")] for r in study.swept[g] if r.noise
+                ]
+                for g in GOALS
+            },
+            "runs": runs,
+            "runs_that_agree": agree,
+        },
+        study,
     )  # fmt: skip
 
 
@@ -222,10 +224,10 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             groups |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in groups.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
-            single = "; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")
             rows.append((
                 name_goal(goal), which, min(corners), max(corners), max(unstable_of(rates, "draw") for rates in group),
-                known(max(rates.fastest for rates in group)), single or "none",
+                known(max(rates.fastest for rates in group)),
+                ("; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")) or "none",
             ))  # fmt: skip
     return Table(
         (
@@ -257,14 +259,13 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
                 values = [
                     run.metrics()[key] for key in ("overshoot_percent", "settling_time_s", "peak_input")
                 ]
-                parts = [
-                    f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "")
-                    for m in map(complex, slowest)
-                    if math.isfinite(m.real) and m.imag >= 0.0
-                ]
                 rows.append((
                     "true state" if kind == "none" else kind.upper(), name_goal(goal), "yes" if coil else "no",
-                    *values, ", ".join(parts) or "no equilibrium",
+                    *values, ", ".join([
+                        f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "")
+                        for m in map(complex, slowest)
+                        if math.isfinite(m.real) and m.imag >= 0.0
+                    ]) or "no equilibrium",
                 ))  # fmt: skip
                 metrics.append(np.array(values, dtype=float))
             growth = max(growth, float(slowest[0].real))  # with the coil

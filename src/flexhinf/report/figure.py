@@ -248,8 +248,9 @@ def figure_to_svg(figure: Figure) -> str:
     stream = io.StringIO()
     with warnings.catch_warnings():  # the browser has fonts for every script
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
-        metadata = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
-        FigureCanvasSVG(figure).print_svg(stream, metadata=metadata)
+        FigureCanvasSVG(figure).print_svg(
+            stream, metadata={"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
+        )
     hundredths = re.compile(r"(\d\.\d\d)\d+")  # of a point: finer than any screen
     rounded = re.sub(r'\bd="[^"]*"', lambda path: hundredths.sub(r"\1", path[0]), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
@@ -273,5 +274,6 @@ def _texts(artist: Artist) -> Iterator[Text]:
 def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:
     got, *shapes = (np.shape(each) for each in (time, *signals) if each is not None)
     if any(shape != got for shape in shapes):
-        found = f"time {got}, signals {shapes}"
-        raise InvalidInput("A signal and its times differ in length.", found, "one value per time")
+        raise InvalidInput(
+            "A signal and its times differ in length.", f"time {got}, signals {shapes}", "one value per time"
+        )

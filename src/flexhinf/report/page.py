@@ -80,9 +80,9 @@ class Claim(Block):
                 spoken = f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
                 links.append(f'<a href="#{name}">{escape(spoken)}</a>')
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
-        criterion = f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else ""
         return "\n".join(filter(None, (
-            f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>', criterion,
+            f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
+            f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else "",
             f"<p>{badge(self.verdict)} {prose(self.evidence)}{seen}</p>", *(block.html() for block in self.blocks),
             "</article>",
         )))  # fmt: skip

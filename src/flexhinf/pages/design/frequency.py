@@ -3,7 +3,7 @@ noise costs, and the corners of the tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -139,26 +139,25 @@ def margin_table(e: LawEvaluation) -> Table:
             return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
         return ", ".join(number(float(w), 3) for w in m.bandwidth)
 
-    values: dict[str, Callable[[Margins], str]] = {
-        "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
-        "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
-        "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
-        f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
-        "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
-        "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
-        "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
-        "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
-        "peak complementary": lambda m: number(m.peak_complementary, 3),
-        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
-        "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
-        f"bandwidth{of}, rad/s": bandwidths,
-    }
     return Table(
         (
             "linearised at the goal", Column("running loop", brief="true state" if alone else "", right=True),
             *([] if alone else [Column("true state fed back", brief="true state", right=True)]),
         ),
-        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in values.items()],
+        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in {
+            "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
+            "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
+            "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
+            f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
+            "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
+            "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
+            "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
+            "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
+            "peak complementary": lambda m: number(m.peak_complementary, 3),
+            "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
+            "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
+            f"bandwidth{of}, rad/s": bandwidths,
+        }.items()],
         "Margins, the loop broken at the inputs", "table-margins", title="Margins, linearised at the goal",
     )  # fmt: skip
 
@@ -251,9 +250,11 @@ def _sensitivity(loops: Sequence[Loop]) -> Figure:
         )
         for name, response, values, style in curves
     ]  # fmt: skip
-    what = f"largest singular value{'' if alone else ' of S'}"
     return draw_figure(
-        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY)],
+        "sensitivity",
+        [Panel(
+            f"largest singular value{'' if alone else ' of S'}", "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY
+        )],
         f"{LOOP_CAPTION} S: how much the loop amplifies a disturbance at the motors"
         f"{'; T: an error of the model' if alone else ''}. Dotted: 0 dB.",
         "Sensitivity", 3.6,
@@ -414,8 +415,8 @@ def corner_table(e: LawEvaluation) -> Table:
     def texts(row: dict[str, Any] | None) -> tuple[str, str]:
         if row is None:
             return "–", "–"
-        share = f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0"
-        return share, number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"
+        rate = number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"
+        return f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0", rate
 
     by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
     for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):

@@ -217,13 +217,6 @@ def law(design: Design) -> Blocks:
     )
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
-    values = (
-        design.robot.joint_names,
-        x[:n].tolist(),
-        motors.tolist(),
-        finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
-        problem.operating_input.tolist(),
-    )
     yield joint_table(
         (
             Column("link position", units.angle, 4, key="link", scale=units.scale),
@@ -231,16 +224,22 @@ def law(design: Design) -> Blocks:
             Column("spring torque", units.spring, 3, key="torque"),
             Column("input", units.effort, 3, key="input"),
         ),
-        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*values)],
+        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*(
+            design.robot.joint_names,
+            x[:n].tolist(),
+            motors.tolist(),
+            finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
+            problem.operating_input.tolist(),
+        ))],
         "Equilibrium at the goal", "table-rest",
     )  # fmt: skip
-    gains = np.where(np.abs(solution.gain) < 1e-13 * np.abs(solution.gain).max(), 0.0, solution.gain)
     yield from (
         Table(
             ("state", *(name.replace("_", " ") for name in problem.input_names)),
             [
                 (name.replace("_", " "), *(number(float(value)) for value in column))
-                for name, column in zip(problem.state_names, gains.T)
+                for name, column in zip(problem.state_names,
+                np.where(np.abs(solution.gain) < 1e-13 * np.abs(solution.gain).max(), 0.0, solution.gain).T)
             ],
             "Linear part K of u − u* = K (x − x*)", "table-gain",
         ),
@@ -261,15 +260,14 @@ def rigid(design: Design) -> Blocks:
     )
     ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
     fed = "estimator" if estimator else "true state"
-    laws: list[tuple[str, str, str, Sequence[Mode], Response]] = [
+    rows = []
+    for *texts, modes, response in [
         ("this law", fed, ours, design.law_modes, design.evaluation.step),
         *(
             ("rigid", f"{loop.side} side, true values", loop_text(loop), loop.modes, loop.response)
             for loop in loops
         ),
-    ]
-    rows = []
-    for *texts, modes, response in laws:
+    ]:
         metrics: list[float | None] = (
             [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
             if all(mode.stable for mode in modes)
@@ -313,8 +311,9 @@ def loop_text(loop: RigidLoop) -> str:
 def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Figure:
     units, goal = units_of(e), e.setup.goal
     halves = (response.positions[len(response.positions) // 2 :] for _, response in runs[1:])
-    late = sum(np.nan_to_num(np.abs(half - goal), nan=1e9, posinf=1e9).max(axis=0) for half in halves)
-    joint = int(np.argmax(late))
+    joint = int(
+        np.argmax(sum(np.nan_to_num(np.abs(half - goal), nan=1e9, posinf=1e9).max(axis=0) for half in halves))
+    )
     step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
     end, panels = float(e.step.run.time[-1]), list[Panel]()
     for quantity, unit, signal in (

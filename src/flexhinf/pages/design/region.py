@@ -340,13 +340,6 @@ def _budget(design: Design) -> Blocks:
         "sampling": "the input is held between samples", "delay": "the input is delayed",
         "estimator": "the state is estimated from noisy sensors", "saturation": "the input is limited",
     }  # fmt: skip
-    rows = [
-        (
-            what[term.name], term.added, b.total, finite(b.left),
-            ("yes" if b.kept else "NO") if np.isfinite(b.level) else None,
-        )
-        for term, b in ((term, term.budget) for term in terms)
-    ]  # fmt: skip
     lower_bound = ""
     if attained is not None:
         gains = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
@@ -357,7 +350,14 @@ def _budget(design: Design) -> Blocks:
             Column("with all above", digits=3), Column("remaining level", digits=4, brief="remaining"),
             "within the budget",
         ),
-        rows, "Parts are added one after the other", "table-budget", stacks=True,
+        [
+            (
+                what[term.name], term.added, b.total, finite(b.left),
+                ("yes" if b.kept else "NO") if np.isfinite(b.level) else None,
+            )
+            for term, b in ((term, term.budget) for term in terms)
+        ],
+        "Parts are added one after the other", "table-budget", stacks=True,
         title=f"{lower_bound}Dissipation budget of the step",
     )  # fmt: skip
     if budget.complete:
@@ -368,11 +368,14 @@ def _budget_figure(term: BudgetTerm) -> Figure:
     budget = term.budget
     few, bound = thin(budget.times), budget.start + budget.disturbance + budget.spent
     curves = ((bound, "V(x0) + ½∫vᵀR2v until then", SERIES[1]), (budget.value, "V", SERIES[0]))
-    lines = [Line(budget.times[few], values[few], name, {"color": color}) for values, name, color in curves]
     near = np.isfinite(budget.level) and 0.05 * budget.level < float(bound.max())  # the level is drawn then
-    dashed = [(budget.level, INK, "level of the region")] if near else []
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
-    panel = Panel("V", "", lines, dashed=dashed, y=(0.0, None))
     return draw_figure(
-        "budget", [panel], f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
+        "budget",
+        [Panel(
+            "V", "",
+            [Line(budget.times[few], values[few], name, {"color": color}) for values, name, color in curves],
+            dashed=[(budget.level, INK, "level of the region")] if near else [], y=(0.0, None),
+        )],
+        f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
     )  # fmt: skip

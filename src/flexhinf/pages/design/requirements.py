@@ -28,8 +28,9 @@ def requirements(design: Design) -> Blocks:
     for row in input_rows(design):
         limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
         known = np.isfinite(row["value"])
-        percent = 100.0 * row["value"] / limit if known and np.isfinite(limit) else None
-        more = ([row["joint"] or "–"] if several else []) + ([percent] if limited else [])
+        more = ([row["joint"] or "–"] if several else []) + (
+            [100.0 * row["value"] / limit if known and np.isfinite(limit) else None] if limited else []
+        )
         rows.append((row["what"], f"{number(row['value'], 3)} {row['unit']}" if known else "diverges", *more))
     bound = (
         f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}" if limited else ""

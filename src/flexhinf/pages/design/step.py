@@ -183,8 +183,9 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
         )
         name = f"{name} {limit_text(limits.effort)} {units.effort}"
     lines = {"limits": limits.effort, "limit_name": name} if name else {}
-    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **lines)
-    return panel, name
+    return joint_panel(
+        "input", units.effort, response.run.time, response.joints, response.inputs, **lines
+    ), name
 
 
 def _step_figure(e: LawEvaluation, units: Units) -> Figure:
@@ -230,9 +231,9 @@ def arm_of(e: LawEvaluation) -> Figure | None:
     response, n = e.step, len(e.setup.goal)
     if response.diverged_at is not None:
         return None
-    motors = e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
     return arm_figure(
-        e.setup.robot, response.run.time, response.positions, motors,
+        e.setup.robot, response.run.time, response.positions,
+        e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T,
         instants(response.positions, response.start, response.goal),
     )  # fmt: skip
 
@@ -243,8 +244,9 @@ def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list
     if not way.any():
         return [0]
     done = (positions - start) @ way / float(way @ way)
-    samples = (int(np.argmax(done >= part)) if np.any(done >= part) else last for part in PARTS[:-1])
-    return sorted({*samples, last})
+    return sorted(
+        {*(int(np.argmax(done >= part)) if np.any(done >= part) else last for part in PARTS[:-1]), last}
+    )
 
 
 @house_style()
@@ -263,8 +265,9 @@ def arm_figure(
     low, high = (points @ view).min(axis=0) - 0.08 * size, (points @ view).max(axis=0) + 0.08 * size
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
     # beside the arm, inches: legend, titles and names of the axes in height, numbers in width
-    height = 1.25 + min(max(tall, 0.3), 2.0) * (WIDTH - 0.8) / len(at)
-    figure, (axes,) = panels(1, len(at), height, sharex=True, sharey=True)
+    figure, (axes,) = panels(
+        1, len(at), 1.25 + min(max(tall, 0.3), 2.0) * (WIDTH - 0.8) / len(at), sharex=True, sharey=True
+    )
     dashed = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
     thick = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
     for k, (axis, (own, behind)) in enumerate(zip(axes, poses, strict=True)):
@@ -318,15 +321,14 @@ def samples(design: Design) -> Blocks:
             f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller. "
             "--preset robust includes the tolerances in the synthesis."
         )
-    worst = (
-        {"Largest overshoot and slowest settling": runs.worst}
-        if runs.worst == runs.slowest
-        else {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
-    )
     robot, extras = e.setup.robot, e.setup.specification.extras
     which = (
         f" {what}: robot {k + 1} ({changes_text(runs.values[k], robot, extras)})."
-        for what, k in worst.items()
+        for what, k in (
+            {"Largest overshoot and slowest settling": runs.worst}
+            if runs.worst == runs.slowest
+            else {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
+        ).items()
     )
     yield Paragraph(
         f"{len(robot.uncertain)} parameters are sampled uniformly within their tolerances, {len(runs)} times, each "

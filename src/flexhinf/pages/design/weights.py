@@ -187,16 +187,15 @@ def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, floa
 
 def robust_table(r: Robustness) -> Table:
     """Table of γ* and of the attained level, without and with the tolerance channels."""
-    levels = (
-        ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
-        ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
-    )
     return Table(
         (
             "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
             Column("cost", "%", 1),
         ),
-        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in levels],
+        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in (
+            ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
+            ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
+        )],
         "What covering the tolerances costs (linear part)", "table-robust",
         title=f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered",
     )  # fmt: skip
