@@ -362,7 +362,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
         draw_figure(
             "worst-disturbance",
             [Panel(gains.rows[0].names[0].replace("_", " "), "", [
-                Line(row.times, np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style)
+                Line(np.array(row.times), np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style)
                 for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2]))
             ], also=legend)],
             "The first component of d.", "The worst disturbances found",

@@ -52,6 +52,9 @@ from flexhinf.report import (
     number,
 )
 
+#: Names of a peak input, by its unit.
+PEAKS = {"V": "peak voltage"}
+
 #: Signs of a page instead of those of a terminal.
 SIGNS = (
     ("<=", "≤"), ("dV/dt", "V̇"), ("gamma^2", "γ²"), ("gamma_e^2", "γₑ²"), ("gamma_e", "γₑ"), ("gamma", "γ"),
@@ -103,19 +106,19 @@ def certificate_page(
                 "check",
             ),
         ]
-    who = "all robots of the stated box of parameters" if _is_box(claim) else "the nominal robot"
+    who = (
+        "all robots of the stated box of parameters"
+        if any(p.low < p.high for p in claim.parameters)
+        else "the nominal robot"
+    )
     channels = ", ".join(d.name.replace("_", " ") for d in claim.disturbances)
     fed = "the true state or the observer's estimates" if claim.observer else "the true state"
-    reach = (
-        f", and steps of up to {_steps_text(claim)} stay in the region."
-        if claim.starts
-        else " in the region."
-    )
+    reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
     beyond = ", beyond the budget" if claim.is_gradient_law else ""
     return Page(
         f"Certificate: {claim.about.split(',')[0]}",
         f"{claim.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
-        f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach}", sections,
+        f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach} in the region.", sections,
         Settings({"Certificate": [
             Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
             Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
@@ -134,10 +137,6 @@ def certificate_page(
 
 
 # Numbers --------------------------------------------------------------------------------------------------
-def _is_box(claim: Certificate) -> bool:
-    return any(p.low < p.high for p in claim.parameters)
-
-
 def _position(claim: Certificate) -> tuple[float, str]:
     unit = claim.states[0].unit  # of figures: degrees for a joint that turns
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
@@ -154,10 +153,6 @@ def _angle(claim: Certificate, value: float) -> str:
 
 def _steps_text(claim: Certificate) -> str:
     return " or ".join(f"{_angle(claim, s.amplitude)} ({RULES.get(s.rule, s.rule)})" for s in claim.starts)
-
-
-def _peak(unit: str) -> str:
-    return "peak voltage" if unit == "V" else "peak input"
 
 
 def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
@@ -177,7 +172,7 @@ def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
         ),
         *(
             KeyNumber(
-                f"{_peak(effort)}, simulated", number(float(step.peak_input.max()), 3), effort,
+                f"{PEAKS.get(effort, 'peak input')}, simulated", number(float(step.peak_input.max()), 3), effort,
                 f"nominal robot, {RULES.get(step.rule, step.rule)}; not proved",
             )
             for step in law.steps
@@ -340,7 +335,8 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
     claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim)
-    for runs in (law.steps, evidence.worst) if law.steps else ():
+    kinds: tuple[Any, ...] = (law.steps, evidence.worst)
+    for runs in kinds if law.steps else ():
         if not runs:
             continue
         name, title, second, caption = (
@@ -424,7 +420,7 @@ def _gain(evidence: Evidence) -> list[Any]:
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
     nominal, where = " on the nominal robot", ""
-    if not _is_box(claim):
+    if all(p.low == p.high for p in claim.parameters):
         share = number(100.0 * attained.largest_value / claim.level, 3)
         nominal, where = "", f" and V up to {share} % of the level"
     line, (axis,) = new_figure(1, height=1.5, across="√(∫|z|²/∫|d|²)")
@@ -495,7 +491,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
         (
             Column("start of the integrator", brief="integrators start"),
             Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
-            Column("first input", effort, right=True), Column(_peak(effort), effort, right=True),
+            Column("first input", effort, right=True), Column(PEAKS.get(effort, "peak input"), effort, right=True),
         ),
         [
             (

@@ -129,6 +129,8 @@ def draw_figure(
 ) -> Figure:
     """Draw panels as a figure of a page, with a legend of the first that has more than one name: stacked over one
     horizontal axis, or, with a number of `columns` for the legend above them, side by side."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     rows, side = (1, len(parts)) if columns else (len(parts), 1)
     figure, grid = panels(rows, side, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows), sharex=not columns)
     axes = [axis for row in grid for axis in row]
@@ -136,8 +138,13 @@ def draw_figure(
         panel.draw(axis)
         if columns or axis is axes[-1]:
             axis.set_xlabel(panel.across)
-            if panel.log:
-                _frequency_axis(axis)
+            if panel.log:  # powers of ten as plain numbers, marks at 2 and 5
+                # Matplotlib's own labels start its reader of formulas, a quarter of a second; a mark takes 1 ms
+                axis.set_xscale("log")
+                axis.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
+                axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
+                axis.xaxis.set_minor_formatter(NullFormatter())
     if not columns:
         figure.align_ylabels(axes)
     named = (
@@ -180,21 +187,6 @@ def joint_panel(
         y = middle - half, middle + half
     dashed = [(side, color, None if k else limit_name) for k, (side, color) in enumerate(sides.items())]
     return Panel(quantity, unit, lines, (0.0,) if zero else (), dashed, vertical, y=y)
-
-
-@house_style()
-def _frequency_axis(axes: Axes) -> None:
-    """A logarithmic horizontal axis: powers of ten as plain numbers, marks at 2 and 5.
-
-    Matplotlib's own labels start its reader of formulas, a quarter of a second; every mark takes a millisecond.
-    """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 @house_style()

@@ -104,18 +104,16 @@ def design_page(
                 blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
             if not all(isinstance(block, Note) for block in blocks):
                 sections.append(Section(title, tuple(blocks), anchor))
-    if files:
-        sections.append(files_section(files))
     return Page(
         title_of(design),
         f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
         f"{extras} Step from {start} to {goal}.",
         _headline(design),
-        tuple(sections),
+        (*sections, *([files_section(files)] if files else [])),
         Settings(design_settings(design.synthesis, design.evaluation)),
         Provenance(tuple(command), s.seed),
         _key_numbers(design),
-        status_lines(design.status, design.requirements),
+        _status_lines(design.status, design.requirements),
     )
 
 
@@ -136,8 +134,7 @@ def notes(design: Design) -> list[str]:
     return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
-def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
-    """Entries for what is not met, not proved and risky; one for what is met where nothing is missed."""
+def _status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
     ours = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
     met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
     if not any(line.what.startswith("damping") for line in lines):

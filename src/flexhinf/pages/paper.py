@@ -368,7 +368,9 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
                 *ours,
             ), "ours"),
             Section("What was taken instead", (
-                Table(("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True),
+                Table(
+                    ("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True,
+                ),
                 Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
             ), "instead"),
             Section("The law", (

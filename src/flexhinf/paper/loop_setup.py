@@ -198,8 +198,9 @@ class PaperSetup:
         for k in plants:
             whole = ~np.isnan(batch.kept[k]).any(axis=1)
             diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
-            signals = (period * kept[whole], *np.degrees(batch.kept[k, whole].T))
-            runs.append(ToleranceRun(batch.metrics_of(k), diverged_at, *signals, population.describe(k)))
+            time, (output, estimate) = period * kept[whole], np.degrees(batch.kept[k, whole].T)
+            metrics, changes = batch.metrics_of(k), population.describe(k)
+            runs.append(ToleranceRun(metrics, diverged_at, time, output, estimate, changes))
         return runs
 
     def load_response(

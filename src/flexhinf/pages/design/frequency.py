@@ -385,13 +385,13 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
         ("true state", None, None if alone else e.state_corners),
         *((form, ratio, rates) for form in corners.forms for ratio, rates in corners.of_form(form).items()),
     ]
-    corner = ((*loop, loop[2].rates[loop[2].kinds == "corner"]) for loop in loops if loop[2] is not None)
     return [
         {
-            "form": form, "ratio": ratio, "unstable": int((growth >= 0.0).sum()),
-            "percent": 100.0 * rates.share("corner"), "rate": float(growth.max()),
+            "form": form, "ratio": ratio, "unstable": int((rates.rates[rates.kinds == "corner"] >= 0.0).sum()),
+            "percent": 100.0 * rates.share("corner"), "rate": float(rates.rates[rates.kinds == "corner"].max()),
         }
-        for form, ratio, rates, growth in corner
+        for form, ratio, rates in loops
+        if rates is not None
     ]  # fmt: skip
 
 

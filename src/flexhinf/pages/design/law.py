@@ -122,38 +122,37 @@ def poles(design: Design) -> Blocks:
                 f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop "
                 "rings with it. Try a larger --torque-noise, or another sensor (--measured)."
             )
-    yield from (
-        lambda: poles_figure(_pole_groups(design)),
-        mode_table(design),
-    )
     sentences = []
     for name, modes in list(_modes(design).items())[:2]:
         times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
-        constants = f", time constant{'s' if len(times) > 1 else ''} {range_text(times)} s" if times else ""
-        decay = f"{count_text(len(times), 'mode')} decay{'s' if len(times) == 1 else ''}"
+        constants = (
+            f", {'time constants' if len(times) > 1 else 'time constant'} {range_text(times)} s"
+            if times
+            else ""
+        )
+        decay = f"{count_text(len(times), 'mode')} {'decays' if len(times) == 1 else 'decay'}"
         sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
-    yield Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error.")
+    yield from (
+        lambda: poles_figure(_pole_groups(design)), mode_table(design),
+        Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error."),
+    )  # fmt: skip
 
 
 def _pole_groups(design: Design) -> list[PoleGroup]:
     looks: tuple[dict[str, Any], ...] = (
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
-        {"marker": "^", "color": SERIES[2]},
+        {"marker": "^", "color": SERIES[2]}, {"marker": "x", "color": SERIES[1]},
     )  # fmt: skip
-
-    def poles(modes: Sequence[Mode]) -> np.ndarray:
-        return np.array([mode.eigenvalue for mode in modes], dtype=complex)
-
-    groups: list[PoleGroup] = [
-        (name, poles(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
-    ]
-    if design.specification.estimator != "none":
-        running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
-        groups.append(("running loop (sampled, estimator, delay)", running, look))
-    return groups + [
-        (f"rigid law, {loop.side} side", poles(loop.modes), {"marker": marker, "color": SERIES[3]})
-        for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2"))
-    ]
+    running = () if design.specification.estimator == "none" else design.evaluation.frequency_response.poles
+    groups = [
+        *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
+        *([("running loop (sampled, estimator, delay)", running, looks[-1])] if len(running) else []),
+        *(
+            (f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes], {"marker": mark, "color": SERIES[3]})
+            for loop, mark in zip(design.rigid.loops if design.rigid else (), "12")
+        ),
+    ]  # fmt: skip
+    return [(name, np.array(values, dtype=complex), look) for name, values, look in groups]
 
 
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:

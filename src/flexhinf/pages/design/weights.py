@@ -263,7 +263,7 @@ def _weight_table(design: Design) -> Blocks:
             else ""
         )
         signal = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
-        rows.setdefault(signal.replace("_", " "), {})[joint or joints[0]] = weight
+        rows.setdefault(signal.replace("_", " "), {})[joint or next(iter(joints))] = weight
     if rows:
         yield Table(
             ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"),
@@ -308,7 +308,8 @@ def noise_levels(design: Design) -> Blocks:
         lambda: _noise_figure(design, search),
         _noise_table(design, search),
     )
-    yield from _hardly_seen(design, search)
+    if "damping" in search.chosen.missed and all(n.startswith("motor") for n in design.setup.model.outputs):
+        yield _hardly_seen(design)
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
         yield Table(
@@ -344,18 +345,13 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
     return f"{beyond} No levels were found that keep {kept}: used are those that miss them least ({'; '.join(parts)})."
 
 
-def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
+def _hardly_seen(design: Design) -> Paragraph:
     setup = design.setup
-    if (
-        any(not name.startswith("motor") for name in setup.model.outputs)
-        or "damping" not in search.chosen.missed
-    ):
-        return
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
     worst = int(np.argmin(part))
     zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
-    yield Paragraph(
+    return Paragraph(
         "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
         f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings while the motor stands "
         f"still ({zero:.3g} Hz there): near that zero the error of any estimator stays undamped unless noise is "
@@ -386,7 +382,9 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
             groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
             for legend_name, candidates, style in groups:
                 points = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
-                lines.append(Line(*points, legend_name, {"color": color, "linestyle": "none", **style}))
+                lines.append(
+                    Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
+                )
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
