@@ -309,8 +309,10 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
     ]
 
     def panel(name: str, kind: str, read: Callable[[Trajectory], np.ndarray], **options: Any) -> Panel:
-        styles = zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0]))
-        lines = [Line(run.time, read(run), each, style) for (each, run), style in styles]
+        lines = [
+            Line(run.time, read(run), each, style)
+            for (each, run), style in zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0]))
+        ]
         unit = dict(zip(worst.names[kind], worst.units[kind])).get(name, "")
         return Panel(name.replace("_", " "), unit, lines, **options)
 
@@ -362,7 +364,9 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
         draw_figure(
             "worst-disturbance",
             [Panel(gains.rows[0].names[0].replace("_", " "), "", [
-                Line(np.array(row.times), np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style)
+                Line(
+                    np.array(row.times), np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style
+                )
                 for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2]))
             ], also=legend)],
             "The first component of d.", "The worst disturbances found",

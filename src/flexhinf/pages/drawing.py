@@ -202,8 +202,10 @@ def panels(
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
     """Add the legend of one panel above all of them."""
-    where = {"loc": "outside upper left", "ncols": columns, "frameon": False, **options}
-    figure.legend(*axes.get_legend_handles_labels(), **where)
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        **{"loc": "outside upper left", "ncols": columns, "frameon": False, **options},
+    )
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:

@@ -233,10 +233,6 @@ def _weights(design: Design) -> dict[str, Any]:
     search, target, r = problem.search, problem.target, problem.robustness
     tried = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
         nominal_damping=behaviour.nominal_damping gamma_star=design.gamma_star"""
-    gained = whole and {
-        **_picked(whole, "better count corner frequency damping links motors fraction"),
-        "figures": [{"what": w, "damped": d, "robust": r} for w, _, d, r in whole_loop_rows(whole)],
-    }
     return {
         **_picked(problem, "preset source"),
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
@@ -247,15 +243,23 @@ def _weights(design: Design) -> dict[str, Any]:
             for c in (search.candidates if search else ())
         ],
         "robust": r and {**vars(r), "share": r.fraction},
-        "whole_loop": gained,
+        "whole_loop": (
+            whole
+            and {
+                **_picked(whole, "better count corner frequency damping links motors fraction"),
+                "figures": [{"what": w, "damped": d, "robust": r} for w, _, d, r in whole_loop_rows(whole)],
+            }
+        ),
     }
 
 
 def _estimator_noise(design: Design) -> dict[str, Any]:
     search, tried = design.noise_search, []
     if search is not None:
-        others = (candidate for candidate in search.trade_off if not is_used(search, candidate))
-        tried = sorted([*others, search.chosen], key=lambda candidate: candidate.input_noise)
+        tried = sorted(
+            [*(candidate for candidate in search.trade_off if not is_used(search, candidate)), search.chosen],
+            key=lambda candidate: candidate.input_noise,
+        )
     return {
         **_picked(design.setup.process_noise, "all_states link_velocities motor_velocities source"),
         "count": 0 if search is None else search.count,

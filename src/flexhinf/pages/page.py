@@ -139,13 +139,15 @@ def _status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
     met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
     if not any(line.what.startswith("damping") for line in lines):
         met.append("neither bandwidth nor damping is required")
-    kinds = {
-        "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
-        "not met": status.not_met,
-        "risky": status.risky,
-        "not proved": status.not_proved,
-    }
-    texts = ((kind, "; ".join(part.rstrip(".") for part in parts)) for kind, parts in kinds.items())
+    texts = (
+        (kind, "; ".join(part.rstrip(".") for part in parts))
+        for kind, parts in {
+            "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
+            "not met": status.not_met,
+            "risky": status.risky,
+            "not proved": status.not_proved,
+        }.items()
+    )
     return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text]
 
 
@@ -304,19 +306,21 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Se
     """Settings of a design in groups, in the order in which the design uses them."""
     robot = e.setup.robot
     spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
-    groups: dict[str, Rows] = {
-        "Robot": [
-            ("joints", list(robot.joint_names), "", robot.name),
-            *(
-                (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
-                for p in robot.parameters
-            ),
-        ],
-        "Synthesis": _synthesis(synthesis, e),
-        "Estimator": _estimator(e),
-        "Simulation": _simulation(e),
+    return {
+        name: [Setting(*row) for row in rows]
+        for name, rows in {
+            "Robot": [
+                ("joints", list(robot.joint_names), "", robot.name),
+                *(
+                    (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
+                    for p in robot.parameters
+                ),
+            ],
+            "Synthesis": _synthesis(synthesis, e),
+            "Estimator": _estimator(e),
+            "Simulation": _simulation(e),
+        }.items()
     }
-    return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
 
 
 def _source(s: Specification, name: str, otherwise: str = "") -> str:

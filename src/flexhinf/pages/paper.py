@@ -288,9 +288,11 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     if not study.estimated:
         return None
     corners, q = study.count("corner"), setup.settings.process_noise
-    labels = [(f"unstable corners at {name_goal(goal)}", "") for goal in GOALS]
     figure, goals = new_figure(
-        len(GOALS), height=5.2, labels=labels, across="q, variance added at each sample (rad² or rad²/s²)"
+        len(GOALS),
+        height=5.2,
+        labels=[(f"unstable corners at {name_goal(goal)}", "") for goal in GOALS],
+        across="q, variance added at each sample (rad² or rad²/s²)",
     )
     for axes, goal in zip(goals, GOALS, strict=True):
         for form, colour, marker in zip(FORMS, SERIES, "os^D", strict=False):
@@ -335,8 +337,9 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
         numbered = []
         draw: Any = {"gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure}
         for claim in by_verdict(claims):
-            figure = draw[claim.id](setup, claim.data) if claim.id in draw else None
-            blocks: Any = filter(None, (*claim.blocks, figure))
+            blocks: Any = filter(
+                None, (*claim.blocks, draw[claim.id](setup, claim.data) if claim.id in draw else None)
+            )
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 

@@ -113,18 +113,19 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
     variance = number(setup.settings.measurement_noise)
-    table = Table(
-        (
-            "state", *(Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")),
-            Column("error / range", "%", 3),
-        ),
-        rows,
-        f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².", "table-reconstruction",
-    )  # fmt: skip
     return Finding(
         largest <= RECONSTRUCTED_FRACTION,
         f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
-        table,
+        Table(
+            (
+                "state",
+                *(Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")),
+                Column("error / range", "%", 3),
+            ),
+            rows,
+            f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².",
+            "table-reconstruction",
+        ),
     )
 
 
@@ -179,16 +180,18 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
         summaries = []
         for filter, kernel in zip(filters, kernels, strict=True):
             recorded = np.zeros((steps, n + 1))
-            arrays = {
-                **data,
-                "noises": np.concatenate(
-                    [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
-                ),
-                "x": initial * normal[0, :n],
-                "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
-                "recorded": recorded.ravel(),
-            }
-            kernel.run(arrays, {"steps": steps})
+            kernel.run(
+                {
+                    **data,
+                    "noises": np.concatenate(
+                        [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
+                    ),
+                    "x": initial * normal[0, :n],
+                    "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
+                    "recorded": recorded.ravel(),
+                },
+                {"steps": steps},
+            )
             errors = recorded[:, :n]
             summaries.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [recorded[:, n].mean()]]))
         return summaries

@@ -145,13 +145,15 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
 def _tracks_sine(setup: PaperSetup) -> Finding:
     errors = {name: tracking_numbers(run) for name, run in setup.runs("07").items()}
     degree, weights = setup.settings.degree, {"link_position": 60.0, "link_position_integral": 300.0}
-    others = {
-        "NL-H∞ (degree 6)": setup.law(weights, degree=6),
-        "nonlinear LQR (γ = ∞)": solve_hji(setup.problem, gamma=math.inf, degree=degree),
-        "LQR + gravity compensation": GravityCompensatedLQR.design(setup.problem),
-    }
     laws = {"L-H∞ (degree 2)": errors["linear"], f"NL-H∞ (degree {degree})": errors["nonlinear"]}
-    laws |= {name: tracking_numbers(setup.run(law, SINE, TRACKING_DURATION)) for name, law in others.items()}
+    laws |= {
+        name: tracking_numbers(setup.run(law, SINE, TRACKING_DURATION))
+        for name, law in {
+            "NL-H∞ (degree 6)": setup.law(weights, degree=6),
+            "nonlinear LQR (γ = ∞)": solve_hji(setup.problem, gamma=math.inf, degree=degree),
+            "LQR + gravity compensation": GravityCompensatedLQR.design(setup.problem),
+        }.items()
+    }
     keys = ("largest_error_rad", "tracking_rmse_rad")
     table = Table(
         ("law", Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
@@ -194,8 +196,10 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
         return all(b < a for column in values for a, b in pairwise(column))
 
     def ends(metric: str, digits: int) -> list[str]:  # with the smallest and with the largest weight
-        pairs = [[run[goal][metric] for run in (runs[0], runs[-1])] for goal in GOALS]
-        return [" to ".join("none" if x is None else f"{x:.{digits}f}" for x in pair) for pair in pairs]
+        return [
+            " to ".join("none" if x is None else f"{x:.{digits}f}" for x in pair)
+            for pair in [[run[goal][metric] for run in (runs[0], runs[-1])] for goal in GOALS]
+        ]
 
     columns = [Column("weight of x1", "", 0), Column("weight of x5", "", 0)]
     columns += [Column(f"{name_goal(g)} {c.name}", c.unit, c.decimals) for g in GOALS for _, c in read]
@@ -302,8 +306,10 @@ class GainRuns:
 
     def attained(self, disturbance: Signal) -> RunGain:
         """The gain under a disturbance, held between samples."""
-        d = np.asarray(disturbance(self.search.runs.times), dtype=float)
-        attained, reach = self.search.runs.attained(d[:, None]), math.inf
+        attained, reach = (
+            self.search.runs.attained(np.asarray(disturbance(self.search.runs.times), dtype=float)[:, None]),
+            math.inf,
+        )
         if not np.isinf(attained.gain):
             reach = float(np.abs(attained.trajectory.signals["state"][:, 0]).max())
         return RunGain(
@@ -399,9 +405,11 @@ def _step_disturbance(setup: PaperSetup) -> Finding:
     peaks = [peak for peak, _ in by_channel.values() if peak is not None]
     lost = [name for name, (_, recovery) in by_channel.items() if recovery is None]
     latest = max((recovery for _, recovery in by_channel.values() if recovery is not None), default=math.inf)
-    back = f"is back within ±2 % after {latest:.2f} s at the latest."
-    if lost:
-        back = f"is not back within ±2 % at the end with the torque at the {' and the '.join(lost)}."
+    back = (
+        f"is not back within ±2 % at the end with the torque at the {' and the '.join(lost)}."
+        if lost
+        else f"is back within ±2 % after {latest:.2f} s at the latest."
+    )
     moved = f"The link moves by at most {max(peaks, default=math.inf):.1f}° and {back}"
     return Finding(
         not lost, "The loop diverges." if len(peaks) < len(by_channel) else moved,

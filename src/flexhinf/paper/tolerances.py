@@ -126,8 +126,10 @@ class ToleranceStudy:
         """Single tolerances that make the loop unstable by one of these rates, by their changes."""
         singles = np.flatnonzero(self.setup.population.kinds == "single")
         worst = np.max([each.rates[singles] for each in rates], axis=0)
-        chosen = singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
-        return [self.setup.population.describe(int(k)) for k in chosen]
+        return [
+            self.setup.population.describe(int(k))
+            for k in singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
+        ]
 
 
 def unstable_of(rates: GrowthRates, kind: str) -> int:
@@ -145,8 +147,10 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
     for goal in GOALS:
         rates, sampled = study.chosen[goal].rates, np.flatnonzero(kinds == "draw")[::10]
         # the worst by growth rate, every tolerance alone, and every tenth of those sampled
-        plants = dict.fromkeys([*np.argsort(-rates)[:8], *np.flatnonzero(kinds == "single"), *sampled])
-        jobs += [(goal, int(k), float(rates[k])) for k in plants]
+        jobs += [
+            (goal, int(k), float(rates[k]))
+            for k in dict.fromkeys([*np.argsort(-rates)[:8], *np.flatnonzero(kinds == "single"), *sampled])
+        ]
     jobs = jobs[:: max(1, len(jobs) // affordable(len(jobs), setup.settings.period))]
     agree, error, times = 0, 0.0, np.arange(round(LONG / setup.settings.period) + 1)
     part, loop = times / times[-1], setup.loop(setup.nonlinear, inductance=True)

@@ -66,8 +66,10 @@ def proof_text(design: Design) -> str:
         f"Proved, for {whom} with the true state fed back: {reach} γ = {at_most(certificate.gamma)}."
     )
     if proof.inside and proof.budget:
-        parts = (proof.budget[-1].budget.total, certificate.level - proof.start)
-        spent, left = (f"{100.0 * value / certificate.level:.2g}" for value in parts)
+        spent, left = (
+            f"{100.0 * value / certificate.level:.2g}"
+            for value in (proof.budget[-1].budget.total, certificate.level - proof.start)
+        )
         texts.append(
             f"The step leaves {left} % of the level, which {'covers' if proof.lasts else 'does not cover'} the "
             f"{spent} % that {listed([term.name for term in proof.budget])} spend."
@@ -301,12 +303,14 @@ def level_table(design: Design) -> Table:
         rows = [star, *attained, ("γ that is proved", proved.gamma)]
         title = f"{textwrap.fill(_degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
     else:
-        checked = design.specification.checked_gamma_ratio * design.gamma_star
         rows = [
             ("γ* of the problem, linear part", design.gamma_star),
             *attained,
             ("γ of the law", design.gamma),
-            ("γ of the inequality checked in the region", checked),
+            (
+                "γ of the inequality checked in the region",
+                design.specification.checked_gamma_ratio * design.gamma_star,
+            ),
         ]
     return Table(
         ("√(∫|z|²/∫|d|²)", Column("value", digits=4)), rows, "Levels of attenuation", "table-attained", title=title,

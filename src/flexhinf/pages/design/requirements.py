@@ -95,12 +95,14 @@ def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title
 def input_rows(design: Design) -> list[dict[str, Any]]:
     """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
     e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
-    sampled = samples.inputs if samples is not None and len(samples) else None
     runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
         ("equilibrium at the start", setup.equilibrium(design.start)[1]),
         ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
         ("step, nominal robot", e.step),
-        (f"step, worst of {0 if samples is None else len(samples)} sampled robots", sampled),
+        (
+            f"step, worst of {0 if samples is None else len(samples)} sampled robots",
+            samples.inputs if samples is not None and len(samples) else None,
+        ),
         ("step on MuJoCo's plant", design.mujoco),
         ("planned move with feedforward", e.move.response),
         ("load response: torques on the links", e.load_response.response),

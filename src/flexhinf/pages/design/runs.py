@@ -135,8 +135,10 @@ def payload(design: Design) -> Blocks:
         )  # fmt: skip
     (unit, scale), limits = units_of(e).small, design.setup.limits
     rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
-    loaded = ((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads)
-    for name, step, m, case in ((modelled, e.step, e.margins, None), *loaded):
+    for name, step, m, case in (
+        (modelled, e.step, e.margins, None),
+        *((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads),
+    ):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
         load_step: list[float | None] = (
             [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
@@ -363,8 +365,10 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
         # begins at the peak: what decays slower is not the oscillation whose damping is given
         size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
         dashed = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
-        envelope = [Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]
-        panel = replace(panel, lines=[*panel.lines, *envelope])
+        panel = replace(
+            panel,
+            lines=[*panel.lines, *[Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]],
+        )
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
             f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
