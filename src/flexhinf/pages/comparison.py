@@ -19,7 +19,6 @@ from flexhinf.design.tuning import (
     unstable_corners,
 )
 from flexhinf.pages.design.frequency import Loop, frequency_figures
-from flexhinf.pages.design.requirements import limit_text, requirement_text
 from flexhinf.pages.drawing import (
     ESTIMATORS,
     Line,
@@ -31,9 +30,11 @@ from flexhinf.pages.drawing import (
     joint_count,
     law_name,
     legend_above,
+    limit_text,
     line_style,
     panels,
     pose_text,
+    requirement_text,
     thin,
     units_of,
 )

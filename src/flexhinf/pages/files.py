@@ -21,10 +21,12 @@ from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
-from flexhinf.pages.design.requirements import input_rows
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
-from flexhinf.pages.drawing import finite
+from flexhinf.pages.drawing import (
+    finite,
+    input_rows,
+)
 from flexhinf.pages.page import design_page, notes, verdict
 from flexhinf.report import to_json, write
 

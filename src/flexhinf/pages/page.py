@@ -19,17 +19,18 @@ from flexhinf.design.result import Comparison, Design, Status as Judged
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
-from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
+from flexhinf.pages.design import frequency, law, region, runs, step, weights
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
     Blocks,
+    effort_text,
     in_joint,
     joint_count,
     law_name,
-    limit_text,
     note,
     pose_text,
     range_text,
+    requirements,
     rounded,
     units_of,
     with_figures,
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
 #: Sections in the order of the page: anchor, title, and the function of their blocks, notes first; none where it does
 #: not apply.
 PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
-    ("specification", "Requirements", requirements.requirements),
+    ("specification", "Requirements", requirements),
     ("step", "Step response", step.step),
     ("draws", "Step response of robots within their tolerances", step.samples),
     ("load", "Load response", runs.load),
@@ -414,7 +415,7 @@ def _simulation(e: LawEvaluation) -> Rows:
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
     bounds, sources = (limits.saturation, limits.speed), (limits.saturation_source, limits.speed_source)
-    inputs, speeds = (limit_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"

@@ -26,9 +26,17 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
 from flexhinf.export.run_log import check_place
 from flexhinf.files import write_file
-from flexhinf.pages.design.requirements import requirement_table
 from flexhinf.pages.design.step import viewing_plane
-from flexhinf.pages.drawing import DOTTED, Units, count_text, framed, line_style, rounded, settling_text
+from flexhinf.pages.drawing import (
+    DOTTED,
+    Units,
+    count_text,
+    framed,
+    line_style,
+    requirement_table,
+    rounded,
+    settling_text,
+)
 from flexhinf.report import GRID, INK, MUTED, SERIES, Column, Table, house_style, number
 from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton

@@ -20,12 +20,12 @@ from flexhinf.pages.drawing import (
     Units,
     changes_text,
     draw_figure,
+    effort_text,
     figure_block,
     in_joint,
     joint_panel,
     joint_table,
     legend_above,
-    limit_text,
     listed,
     note,
     panels,
@@ -181,7 +181,7 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
         name = (
             "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
         )
-        name = f"{name} {limit_text(limits.effort)} {units.effort}"
+        name = f"{name} {effort_text(limits.effort)} {units.effort}"
     lines = {"limits": limits.effort, "limit_name": name} if name else {}
     return joint_panel(
         "input", units.effort, response.run.time, response.joints, response.inputs, **lines
