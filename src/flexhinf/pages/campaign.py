@@ -188,10 +188,10 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     ]  # fmt: skip
     interval = (
         "The interval of the rate is that of Clopper and Pearson, exact for independent samples."
-        if judged.success else
-        f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate is "
-        "known from this campaign alone (`--method random` has one)."
-    )  # fmt: skip
+        if judged.success
+        else f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate "
+        "is known from this campaign alone (`--method random` has one)."
+    )
     rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
     return [
         Paragraph(
@@ -260,8 +260,9 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
     every = f", the worst of all {1 << len(first.intervals)} corners" if first.all_corners else ""
     outside = (
         f" {first.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
-        if first.outside else ""
-    )  # fmt: skip
+        if first.outside
+        else ""
+    )
     varied = ((name, case.found.numbers[name], case.intervals[name]) for name in by_effect(case))
     metric, text = metric_text(case.metric), worst_text(case)
     return [
@@ -412,9 +413,10 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         f"All runs, 90 % of them, and their median, of {some}",
         f"{missing} that did not come to their end are left out." if missing else "",
         f"Dashed: the run with the worst {metric_text(judged.main)}, sample {worst}: {sample_changes(judged, worst)}."
-        if worst is not None and lines else "",
+        if worst is not None and lines
+        else "",
         f"Bottom: {labels[-1][0]} close to where it ends.",
-    ]  # fmt: skip
+    ]
     return [figure_block("signals", figure, caption, "Signals")]
 
 
@@ -485,10 +487,11 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     return [
         *([Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []),
         figure_block(
-            "sensitivity", figure,
+            "sensitivity",
+            figure,
             f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this "
             "surrogate, not of the loop itself. R² is the fraction of the variance that it explains in samples left "
             "out of the fit.",
             "Which number matters",
         ),
-    ]  # fmt: skip
+    ]

@@ -402,10 +402,10 @@ def _success(result: PairResult) -> list[Any]:
     ]
     test = (
         f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(tally.p_value)}."
-        if _independent(result) else
-        f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval holds "
-        "for them, and none is stated (`--method random` has them)."
-    )  # fmt: skip
+        if _independent(result)
+        else f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval "
+        "holds for them, and none is stated (`--method random` has them)."
+    )
     return [
         Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs") if differing else
         Note("The specifications do not differ: the controllers are two of the same design."),
@@ -469,8 +469,9 @@ def _differences(result: PairResult, metrics: Sequence[PairedMetric]) -> list[An
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
-        if _independent(result) else ""
-    )  # fmt: skip
+        if _independent(result)
+        else ""
+    )
     table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
     blocks = [
         Paragraph(

@@ -323,11 +323,12 @@ def _slice(
     cross = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
     unproved = "" if (cut.residual <= 0.0).all() else " Where r ≥ 0 nothing is proved."
     return figure_block(
-        place[0], figure,
+        place[0],
+        figure,
         f"{caption} Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for; "
         f"{cross if worst < 0.0 else 'see the cross.'}{unproved}",
         place[1],
-    )  # fmt: skip
+    )
 
 
 # Steps ----------------------------------------------------------------------------------------------------
@@ -396,10 +397,10 @@ def _budget(evidence: Evidence) -> list[Any]:
     energy = f"{at_least(2.0 * claim.level / claim.gamma**2, 3)} {square}".rstrip()
     last = (
         "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
-        if not claim.decay else
-        f"Disturbances that last: with the proved rate α = {number(claim.decay, 3)}/s the region is invariant for "
+        if not claim.decay
+        else f"Disturbances that last: with the proved rate α = {number(claim.decay, 3)}/s the region is invariant for "
         f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(claim), 3)} {common_unit(claim.disturbances)} at all times."
-    )  # fmt: skip
+    )
     return [
         Paragraph(
             "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is "

@@ -419,9 +419,10 @@ def note(text: str) -> Note:
 def requirements(design: Design) -> Blocks:
     """Table of the requirements, those that are not met first, and of the inputs."""
     yield requirement_table(
-        design.requirements, units_of(design.evaluation).degrees,
+        design.requirements,
+        units_of(design.evaluation).degrees,
         f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
-    )  # fmt: skip
+    )
     if design.design_problem.target is None:
         yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
     limits, rows = design.setup.limits, []

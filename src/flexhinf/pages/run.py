@@ -94,9 +94,10 @@ def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
     (small, factor), response = units.small, prepared.response(run)
     rows, title = response.metrics, "Joints"
     columns = (
-        Column("settled after", key="settled", right=True), Column("overshoot", "%", digits=3, key="overshoot_percent"),
+        Column("settled after", key="settled", right=True),
+        Column("overshoot", "%", digits=3, key="overshoot_percent"),
         Column("end error", small, digits=3, key="steady_state_error", scale=factor),
-    )  # fmt: skip
+    )
     if prepared.plan is not None:
         rows, title = Move.along(prepared.plan, response).metrics, f"Joints: distance from the move, {small}"
         errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}

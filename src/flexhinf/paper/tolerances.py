@@ -216,7 +216,7 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
             "runs_that_agree": agree,
         },
         study,
-    )  # fmt: skip
+    )
 
 
 def _tolerance_table(study: ToleranceStudy) -> Table:

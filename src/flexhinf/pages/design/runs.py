@@ -337,7 +337,7 @@ def ring_down(design: Design) -> Blocks:
         f"runs differ by {number(100.0 * runs.ring_down.error, 2)} % of the peak at most. Left: largest velocity of "
         "the link from then on, of its peak",
         "table-ring-down",
-    )  # fmt: skip
+    )
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
@@ -418,9 +418,9 @@ def long_run(design: Design) -> Blocks:
             f"`--extras {','.join(dict.fromkeys((*s.extras, *dry)))} --friction-model`": not s.friction_model,
             "another `--integral-dead-zone`": True,
             "sensors on both sides of the springs": not both,
-            "weights that damp the vibration (`--preset damped`)":
-                preset_of(design.evaluation.setup.robot, s) == "paper",
-        }  # fmt: skip
+            "weights that damp the vibration (`--preset damped`)": preset_of(design.evaluation.setup.robot, s)
+            == "paper",
+        }
         if run.tried is not None and run.tried.cycles:
             narrow = (
                 f" Errors up to {zone(run.tried)} left unintegrated do not end it: "
@@ -493,7 +493,7 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
         f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting.",
         "At rest with dry friction",
-    )  # fmt: skip
+    )
 
 
 def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
