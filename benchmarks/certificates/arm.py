@@ -32,8 +32,7 @@ from benchmarks.certificates.model import (
 from benchmarks.certificates.slopes import global_gain
 from benchmarks.certificates.sums import FreeStorage, proved_inside
 from flexhinf.certify import Certificate, prove
-from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.box_gain import common_value
+from flexhinf.certify.box import common_value, parameter_ranges, tolerance_statement
 from flexhinf.certify.problem_to_claim import statement_of, terms_of
 from flexhinf.certify.proof import certify_tolerances
 from flexhinf.design.problem.presets import choose

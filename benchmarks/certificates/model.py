@@ -18,8 +18,8 @@ import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify import Certificate, Function, Term
+from flexhinf.certify.certificate import quadratic_part
 from flexhinf.certify.claim import Polynomial
-from flexhinf.certify.evaluation import quadratic_part
 from flexhinf.certify.problem_to_claim import few_bits, nearest_double, rational, terms_of
 
 __all__ = ["Model", "evaluated", "even", "model_of", "quotient_bounds", "with_value"]

@@ -7,8 +7,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Parameter, Signal, Term
-from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.box_gain import common_value, sampled_gain
+from flexhinf.certify.box import common_value, parameter_ranges, sampled_gain, tolerance_statement
 from flexhinf.hinf import HJISolution
 
 ARM = fh.paper_arm()

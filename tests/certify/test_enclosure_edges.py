@@ -11,10 +11,10 @@ import pytest
 from flint import fmpq
 
 from flexhinf.certify.cells import _following, cells_of
+from flexhinf.certify.certificate import _down, _up
 from flexhinf.certify.checker import subdivision
 from flexhinf.certify.checker.bounds import UNIT, _interval, concave_bound
 from flexhinf.certify.inequality import MeanForms
-from flexhinf.certify.theorem import _down, _up
 
 pytestmark = pytest.mark.property
 

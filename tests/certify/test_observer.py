@@ -12,9 +12,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Term, Verification, load_certificate
-from flexhinf.certify.checker import observer as checked
+from flexhinf.certify.certificate import theorem_text
+from flexhinf.certify.checker import statements as checked
 from flexhinf.certify.claim import Observer
-from flexhinf.certify.theorem import theorem_text
 from flexhinf.errors import InvalidInput
 
 BANDWIDTH = 10.0

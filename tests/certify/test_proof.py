@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
+from flexhinf.certify.certificate import persistent_bound
 from flexhinf.certify.problem_to_claim import statement_of
 from flexhinf.certify.proof import NotProved
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT, proved_steps
-from flexhinf.certify.theorem import persistent_bound
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf.sampled import step_amplitude
 from flexhinf.polynomial import basis

@@ -16,8 +16,7 @@ from flint import arb, arb_series, ctx, fmpq
 
 from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import ORDER, Quotient
-from flexhinf.certify.checker.quadratic import quotient_range
-from flexhinf.certify.checker.residual import as_rational, series_of
+from flexhinf.certify.checker.residual import as_rational, quotient_range, series_of
 from flexhinf.certify.claim import Function
 from flexhinf.certify.inequality import QuotientTable, quotient_table
 

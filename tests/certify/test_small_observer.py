@@ -11,10 +11,10 @@ import pytest
 from flint import fmpq_mat
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Term
-from flexhinf.certify.checker import Verification, observer as checked
+from flexhinf.certify.certificate import theorem_text
+from flexhinf.certify.checker import Verification, statements as checked
 from flexhinf.certify.checker.residual import Refusal
 from flexhinf.certify.claim import Observer
-from flexhinf.certify.theorem import theorem_text
 from flexhinf.errors import InvalidInput
 
 pytestmark = pytest.mark.oracle

@@ -11,9 +11,9 @@ import pytest
 from flint import arb, ctx
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
-from flexhinf.certify.checker import starts
+from flexhinf.certify.checker import statements as starts
 from flexhinf.certify.checker.residual import Refusal, as_rational
-from flexhinf.certify.checker.starts import check_start, proved_peaks
+from flexhinf.certify.checker.statements import check_start, proved_peaks
 from flexhinf.certify.claim import Observer
 
 pytestmark = pytest.mark.oracle

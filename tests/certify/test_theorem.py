@@ -10,8 +10,8 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
+from flexhinf.certify.certificate import theorem_text
 from flexhinf.certify.checker import Verification
-from flexhinf.certify.theorem import theorem_text
 
 DECAYS = Term(-1.0, (1,))
 

@@ -11,8 +11,9 @@ import pytest
 from flint import arb
 
 import flexhinf as fh
-from flexhinf.certify.box import BoxExcess, parameter_groups, parameter_ranges, tolerance_statement
-from flexhinf.certify.evaluation import path_states
+from flexhinf.certify.box import parameter_groups, parameter_ranges, tolerance_statement
+from flexhinf.certify.certificate import path_states
+from flexhinf.certify.inequality import BoxExcess
 from flexhinf.certify.proof import NotProved, certify_tolerances, prove
 from flexhinf.certify.starts import UNCHANGED_INPUT
 from flexhinf.design.problem.presets import choose

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 
 import flexhinf.certify.checker as checker
 from flexhinf.certify import Certificate, Parameter, Signal, Start, Term, load_certificate
-from flexhinf.certify.theorem import AUTHOR, theorem_parts, theorem_text
+from flexhinf.certify.certificate import AUTHOR, theorem_parts, theorem_text
 from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable
 
 from .a_cubic import CUBIC
@@ -223,7 +223,7 @@ def test_the_quotient_of_a_sine_is_known_however_far_a_box_reaches(farthest: int
     from flint import fmpq
 
     from flexhinf.certify import Function
-    from flexhinf.certify.checker.quadratic import quotient_range
+    from flexhinf.certify.checker.residual import quotient_range
 
     sine = Function("sin", (1.0,))
     near, far = quotient_range(sine, fmpq(60) ** 2), quotient_range(sine, fmpq(farthest) ** 2)
@@ -268,7 +268,7 @@ def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) 
 
 def test_a_mode_decays_however_slowly_it_does() -> None:
     """Out of the input's and of the sensors' reach, it needs no law and no gain; at 0 it would."""
-    from flexhinf.estimation.constant_gain import check_detectable
+    from flexhinf.estimation.kalman import check_detectable
     from flexhinf.hinf.linear_part import LinearPart
 
     for rate in (-1e-6, -1e-9, -1e-12, 0.0, 1e-9):

@@ -10,7 +10,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.certify.box import tolerance_statement
-from flexhinf.certify.evaluation import path_start
+from flexhinf.certify.certificate import path_start
 from flexhinf.certify.starts import robot_start
 from flexhinf.design import proved_step
 from flexhinf.design.proved_step import search_proved_step

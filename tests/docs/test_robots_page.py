@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from flexhinf.robot.parameters import QUANTITIES
-from flexhinf.robot.schema import TABLES
+from flexhinf.robot.parts import TABLES
 
 
 @pytest.fixture

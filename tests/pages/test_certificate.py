@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.certify.evaluation import path_start
-from flexhinf.certify.pictures import limit_slice, start_surface, worst_step
-from flexhinf.certify.starts import proved_steps
+from flexhinf.certify.certificate import path_start
+from flexhinf.certify.starts import limit_slice, proved_steps, start_surface, worst_step
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.by_step import DegreeChoice

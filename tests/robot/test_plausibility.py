@@ -10,7 +10,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, load_robot
-from flexhinf.robot.plausibility import check_delay, check_fast
+from flexhinf.robot.kinematics import check_delay, check_fast
 
 ARM = """
 gravity = {gravity}

@@ -11,7 +11,7 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
 from flexhinf.robot import MuJoCoPlant, Robot, load_robot
-from flexhinf.robot.plausibility import check_delay, check_fast
+from flexhinf.robot.kinematics import check_delay, check_fast
 
 
 def mixed(name: str, *rigid: str) -> Robot:

@@ -6,31 +6,48 @@ the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law t
 the plant is linear in the states that move, its vector field is the same too. So for a linear law (V of degree two)
 nothing more is needed at any goal; for a nonlinear one the equilibrium must not depend on the parameters: upright.
 
-r is a sum of monomials of the parameters times functions of the state. In each parameter by itself (or in its inverse,
-whichever occurs) it is convex: f and g2 are affine in it, |g1ᵀV_xᵀ|² is a square. A function that is convex in each
-variable by itself is largest at a vertex of the box. So with p0 the middle, over the whole box
+Sampled estimate of the smallest gain of a law on a level set, over all vertices of a box of parameters.
 
-    r(p) − r(p0)  ≤  max over vertices v of  Σ_q C_vq Q_q(x),
+With s V as the storage function, s > 0, the dissipation inequality at x reads
 
-where the Q_q are products of two factors: an entry of V_x with a part of ẋ, or with another entry. On a cell every
-factor is enclosed as its value in the middle, slopes, and a rest of second order; so is every product, and the sum at
-every vertex by its own value and slopes: the middles are exact, so nothing is lost as cells shrink.
+    s A(x) + Z(x) + s² G(x)/γ² ≤ 0,    A = max over vertices of V_x (f + g2 k),  Z = ½ |z|²,  G = ½ |g1ᵀV_xᵀ|².
+
+A, Z and G do not depend on s and γ, so one sample of points gives the smallest γ for every s. Points are random, and
+the worst are followed by smaller and smaller random steps. It proves nothing: it tells which γ is worth a proof.
+
+A quadratic V for a given linear law and every robot of a box, by linear matrix inequalities.
+
+V = ½ xᵀPx need not be the V that the law was made from. With ẋ = A_v x + B_v d at a vertex v of the box and of the
+slopes of the elementary functions, the law inside A_v, V̇ ≤ ½γ²|d|² − ½|z|² is
+
+    [A_vᵀP + P A_v + Q   P B_v]
+    [B_vᵀP               −γ² I] ≤ 0,    Q = hᵀh + kᵀR2 k,                                                       (17)
+
+which is linear in P and γ². The smallest γ², and then the P in the middle of those with a larger γ², are found by
+Newton's method with logarithmic barriers [boyd1994]. It proves nothing: P and γ are proved by the search afterwards.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
-from math import comb, prod
+from math import prod
 from typing import Any
 
 import numpy as np
-from flint import fmpq, fmpq_mpoly
 
-from flexhinf.certify.certificate import Certificate
-from flexhinf.certify.claim import Term
-from flexhinf.certify.inequality import Algebra, MeanForms, Rational, quotient_table
+from flexhinf.certify.certificate import (
+    Certificate,
+    bracket,
+    linear_part,
+    linear_system,
+    polynomial_at,
+    quadratic_part,
+    term_weight,
+)
+from flexhinf.certify.claim import Function, Term
 from flexhinf.certify.problem_to_claim import (
     Ranges,
     claim_of,
@@ -38,10 +55,7 @@ from flexhinf.certify.problem_to_claim import (
     flat_names,
     law_polynomials,
     matrix_rows,
-    nearest_double,
     plant_fields,
-    rational,
-    terms_of,
     value_polynomial,
 )
 from flexhinf.errors import InvalidInput
@@ -50,11 +64,6 @@ from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.robot import Robot
 
 _MOVED = 1e-12  # rates at the nominal equilibrium above this, relative to the parameters: it moves
-#: Relative allowance for the rounding of the last sums: a few hundred operations in doubles.
-_ROUNDING = 1e-12
-
-_ORDER = 3  # of the polynomials that stand for quotients of elementary functions
-_MOST_VERTICES = 4096
 
 
 def parameter_ranges(robot: Robot, plant: Any, scale: float = 1.0) -> dict[str, tuple[float, float]]:
@@ -94,8 +103,8 @@ def tolerance_statement(
         for j in range(i, n)
         if weight[i, j]
     )
-    law = law_polynomials(solution, fields)
-    root, plant = np.linalg.inv(np.linalg.cholesky(weight)).T, problem.expand(1)
+    law, plant = law_polynomials(solution, fields), problem.expand(1)
+    root = np.linalg.inv(np.linalg.cholesky(weight)).T
     statement = claim_of(
         solution,
         problem,
@@ -119,15 +128,30 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
     That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
     and so must the plant in all states that move: those of functions and products are held by an integrator.
     """
-    if not _moves(statement, problem):
+    table = problem.plant.parameters
+    flat, nominal = flat_names(table), table.vector()
+    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
+    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
+    varying = [p for p in statement.parameters if p.low < p.high]
+    corners = [
+        *({p.name: end} for p in varying for end in (p.low, p.high)),
+        *({p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)),
+    ]
+    limit = _MOVED * max(1.0, float(np.abs(nominal).max()))
+    for corner in corners:
+        there = table.named(np.array([*(dict(zip(flat, nominal)) | corner).values()]))
+        if np.abs(np.asarray(problem.flow(point, u, d, there), dtype=float)).max() > limit:
+            break
+    else:  # ẋ = 0 at the nominal equilibrium
         return
     linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     bent = {i for f in statement.functions for i, slope in enumerate(f.slope) if slope}
     drift, penalty = itertools.chain(*statement.drift), itertools.chain(*statement.penalty)
-    nonlinear = [term.powers for term in drift if sum(term.powers) + (term.function is not None) > 1]
-    channels = itertools.chain(*statement.g1, *statement.g2)
-    nonlinear += [term.powers for terms in channels for term in terms]
-    nonlinear += [powers for powers, _ in penalty if sum(powers) > 1]
+    nonlinear = [
+        *(term.powers for term in drift if sum(term.powers) + (term.function is not None) > 1),
+        *(term.powers for terms in itertools.chain(*statement.g1, *statement.g2) for term in terms),
+        *(powers for powers, _ in penalty if sum(powers) > 1),
+    ]
     bent |= {i for powers in nonlinear for i, power in enumerate(powers) if power}
     held = {
         row[0].powers.index(1)
@@ -142,24 +166,6 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
             f"a law of degree {max(sum(powers) for law in statement.law for powers, _ in law)}",
             "degree=2, whose law is linear, or a goal at which no torque is held",
         )
-
-
-def _moves(statement: Certificate, problem: GeneralisedPlant) -> bool:
-    """Whether the equilibrium depends on the parameters: ẋ ≠ 0 at the nominal one somewhere in the box."""
-    table = problem.plant.parameters
-    flat, nominal = flat_names(table), table.vector()
-    point, u = np.asarray(problem.operating_point), np.asarray(problem.operating_input)
-    rng, d = np.random.default_rng(0), np.zeros(len(problem.disturbance_names))
-    varying = [p for p in statement.parameters if p.low < p.high]
-    corners = [{p.name: end} for p in varying for end in (p.low, p.high)]
-    corners += [{p.name: (p.low, p.high)[rng.integers(2)] for p in varying} for _ in range(16)]
-
-    def rates(corner: dict[str, float]) -> np.ndarray:
-        there = np.array([*(dict(zip(flat, nominal)) | corner).values()])
-        return np.abs(np.asarray(problem.flow(point, u, d, table.named(there)), dtype=float))
-
-    limit = _MOVED * max(1.0, float(np.abs(nominal).max()))
-    return any(rates(corner).max() > limit for corner in corners)
 
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
@@ -192,172 +198,253 @@ def group_ends(
     return ends
 
 
-class BoxExcess:
-    """An upper bound of [r(p) − r(p0)]/ρ² on cells in max|z_i| ≤ reach, over the box of parameters.
+_RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
+_ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
+_AGAIN = 3  # local searches: after each, s is chosen anew
+_SCALES = np.geomspace(
+    0.2, 8.0, 30
+)  # of s, about the one at which the inputs of law and penalty cost the same
 
-    The difference is a sum of (an entry of V_x) · (a form) · (a quotient S_j or 1), with weights at each vertex.
 
-    Raises
-    ------
-    InvalidInput
-        Too many parameters, or a parameter that enters otherwise than the search can take.
+def sampled_gain(statement: Certificate, level: float, about: float, seed: int = 0) -> tuple[float, float]:
+    """The smallest γ with which s V satisfies the inequality at sampled points of {V ≤ level}, inf for none, and s.
+
+    V is that of the statement, whose γ and level are ignored; the values of s that are tried lie around `about`.
     """
+    rng, vertices = np.random.default_rng(seed), box_vertices(statement)
+    root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
 
-    def __init__(self, certificate: Certificate, reach: float) -> None:
-        changes = _Changes(certificate)
-        self.n, products = changes.n, changes.products()
-        columns = [[nearest_double(c) for c in change] for change in products.values()]
-        self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
-        self._factors = np.array(list(products), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
-        self._mean = MeanForms(self.n, changes.enclosed)
-        self._lines = changes.forms(certificate.functions)
-        self._tables = [
-            quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _ROUNDING) + 0.25, _ORDER)
-            for f, line in zip(certificate.functions, self._lines)
-        ]
-
-    def __call__(
-        self, face: np.ndarray, t: np.ndarray, half: np.ndarray, low: np.ndarray, high: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The bound, (N,), and the contributions of the radius and of each t_j to it, (n, N).
-
-        `face` is 2 f for the face z_f = ρ of the cube and 2 f + 1 for z_f = −ρ, (N,); `t` and `half` are centre and
-        half width in the other z_i/ρ, (n − 1, N); `low` and `high` the interval of ρ, (N,).
-        """
-        middle = np.vstack([0.5 * (low + high), t])
-        halves = np.vstack([0.5 * (high - low), half])
-        value, slopes, rest = self._mean.enclose(face, middle, halves)
-        quotient, spread = self._quotients(face, middle, halves)
-        first, second, function = self._factors
-        a, a_slope, a_rest = value[first], slopes[first], rest[first]
-        c, c_spread = quotient[function], spread[function]
-        b, b_slope, b_rest = c * value[second], c[:, None] * slopes[second], np.abs(c) * rest[second]
-        b_rest += c_spread * (np.abs(value[second]) + np.abs(slopes[second]).sum(axis=1) + rest[second])
-        a_size, b_size = (np.abs(each).sum(axis=1) for each in (a_slope, b_slope))
-        centre, linear = a * b, a[:, None] * b_slope + b[:, None] * a_slope
-        left = np.abs(a) * b_rest + np.abs(b) * a_rest + (a_size + a_rest) * (b_size + b_rest)
-        left += _ROUNDING * (np.abs(centre) + np.abs(linear).sum(axis=1) + left)
-        at_vertices = np.abs(np.tensordot(self._changes, linear, axes=1)).sum(axis=1)
-        bound = self._changes @ centre + at_vertices * (1.0 + _ROUNDING) + np.abs(self._changes) @ left
-        largest = np.abs(self._changes).max(axis=0, initial=0.0)
-        return bound.max(axis=0), np.tensordot(largest, np.abs(linear), axes=1)
-
-    def _quotients(
-        self, face: np.ndarray, middle: np.ndarray, halves: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Middles and radii of the quotients S_j, and of 1 in the last row, (functions + 1, N)."""
-        values, radii = (make((len(self._tables) + 1, len(face))) for make in (np.ones, np.zeros))
-        others = np.array([[*range(f), *range(f + 1, self.n)] for f in range(self.n)], dtype=int)[face // 2].T
-        z, columns = np.empty((self.n, len(face))), np.arange(len(face))
-        z[face // 2, columns], z[others, columns] = 1.0 - 2.0 * (face % 2), middle[1:]
-        for j, (line, table) in enumerate(zip(self._lines, self._tables)):
-            along, width = line @ z, (np.abs(line)[others] * halves[1:]).sum(axis=0)
-            centre = along * middle[0]
-            wide = (np.abs(along) * halves[0] + width * (middle[0] + halves[0])) * (1.0 + _ROUNDING) + 1e-13
-            rows, error = table.enclose(centre - wide, centre + wide)
-            values[j], *parts = (  # the polynomial about the cell's centre
-                sum(comb(i, k) * rows[:, i] * centre ** (i - k) for i in range(k, _ORDER + 1))
-                for k in range(_ORDER + 1)
-            )
-            spread = sum(np.abs(part) * wide**k for k, part in enumerate(parts, 1))
-            radii[j] = (spread + error) * (1.0 + _ROUNDING) + 1e-13 * (1.0 + np.abs(values[j]))
-        return values, radii
+    value = partial(polynomial_at, statement.value)
+    points = _points(value, root, level, rng)
+    parts = _parts(statement, vertices, points)
+    for _ in range(_AGAIN):
+        gammas = [_gamma(parts, s) for s in about * _SCALES]
+        best = int(np.argmin([values.max() for values in gammas]))
+        scale, worst = float(about * _SCALES[best]), gammas[best]
+        if not np.isfinite(worst.max()):
+            break
+        step, near = 0.3, points
+        for _ in range(_ROUNDS):
+            starts = near[np.argsort(worst)[-_KEPT:]]
+            size = np.sqrt(np.sum(np.linalg.solve(root, starts.T) ** 2, axis=0))
+            moves = rng.standard_normal((_TRIES, *starts.shape)) @ root.T
+            moved = np.vstack(starts + step * size[:, None] * moves / np.sqrt(starts.shape[1]))
+            near = np.vstack([starts, moved[value(moved) <= level]])
+            near_parts = _parts(statement, vertices, near)
+            worst, step = _gamma(near_parts, scale), step / 2
+            points = np.vstack([points, near])
+            parts = np.hstack([parts, near_parts])
+    return float(_gamma(parts, scale).max()), scale
 
 
-class _Changes(Algebra):
-    """How the monomials of the parameters change from the middle of the box to its vertices (`corners`).
-
-    `enclosed` are the polynomials in z without constants that are to be enclosed, each once.
-    """
-
-    def __init__(self, certificate: Certificate) -> None:
-        super().__init__(certificate)
-        self.enclosed: list[Rational] = []
-        self._known: dict[object, int] = {}
-        self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
-        groups = parameter_groups(certificate)
-        if 2 ** len(groups) > _MOST_VERTICES:
-            raise InvalidInput(
-                "The box of parameters has too many vertices.",
-                f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
-                "fewer parameters with tolerances",
-            )
-        #: Of each parameter that varies: its product counts once, by the first.
-        self._group = {
-            name: number if name == next(iter(group)) else None
-            for number, group in enumerate(groups)
-            for name in group
-        }
-        self._ends = [  # and in the middle
-            [power_product(group, at, fmpq(1)) for at in (*ends, self.parameters)]
-            for group, ends in zip(groups, group_ends(certificate, rational))
-        ]
-        self.corners = list(itertools.product((0, 1), repeat=len(groups)))
-
-    def _at_ends(self, term: Term) -> list[fmpq]:
-        """Values of coefficient · Π p^e of a term at all vertices, and at last in the middle."""
-        known = {name: power for name, power in term.parameters if name not in self._group}
-        constant = power_product(known, self.parameters, rational(term.coefficient))
-        used = [k for name, _ in term.parameters if (k := self._group.get(name)) is not None]
-        places = [*self.corners, (2,) * len(self._ends)]
-        return [constant * prod((self._ends[k][at[k]] for k in used), start=fmpq(1)) for at in places]
-
-    def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
-        if key not in self._known:
-            self._known[key] = len(self.enclosed)
-            self.enclosed.append(terms_of(self.moved(polynomial)))
-        return self._known[key]
-
-    def _slope(self, i: int) -> int:
-        return self._number(("slope", i), self._value.derivative(i))
-
-    def products(self) -> dict[tuple[int, int, int], list[fmpq]]:
-        """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices, by two forms and a function or −1."""
-        products, claim = dict[tuple[int, int, int], list[fmpq]](), self.certificate
-
-        def add(key: tuple[int, int, int], changes: list[fmpq]) -> None:
-            products[key] = [a + b for a, b in zip(products[key], changes)] if key in products else changes
-
-        rows = [(i, term, None) for i, row in enumerate(claim.drift) for term in row]
-        rows += [(i, t, j) for i, row in enumerate(claim.g2) for j, entry in enumerate(row) for t in entry]
-        for i, term, driven in rows:
-            *ends, middle = self._at_ends(term)
-            if all(end == middle for end in ends):
-                continue
-            slope, number = self._slope(i), -1 if term.function is None else term.function
-            if driven is not None:
-                _refuse_powers(term)
-                form = self._number(("law", driven), self._laws[driven])
-            else:
-                part = self.x.from_dict({term.powers: fmpq(1)})
-                if term.function is not None:  # x^a ℓ, which S(ℓ) multiplies
-                    part *= self.line(claim.functions[term.function].slope)
-                form = self._number((term.powers, term.function), part)
-            add((slope, form, number), [end - middle for end in ends])
-        for column in zip(*claim.g1):
-            entries = [[self._at_ends(term) for term in entry] for entry in column]
-            if all(end == ends[-1] for entry in entries for ends in entry for end in ends):
-                continue
-            for term in itertools.chain(*column):
-                _refuse_powers(term)
-            sums = [
-                [sum((ends[v] for ends in entry), fmpq(0)) for v in range(len(self.corners) + 1)]
-                for entry in entries
-            ]
-            for i, j in itertools.combinations_with_replacement(range(len(column)), 2):
-                *squares, middle = (a * b for a, b in zip(sums[i], sums[j]))
-                weight = (1 if i == j else 2) / (2 * rational(claim.gamma) ** 2)
-                changes = [weight * (square - middle) for square in squares]
-                if any(changes):
-                    add((self._slope(i), self._slope(j), -1), changes)
-        return products
+def _gamma(parts: np.ndarray, scale: float) -> np.ndarray:
+    a, z, g = parts
+    room = -scale * a - z
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(room > 0, np.sqrt(scale**2 * g / np.where(room > 0, room, 1.0)), np.inf)
 
 
-def _refuse_powers(term: Term) -> None:
-    """Raise where an entry of g1 or g2 depends both on the state and on an uncertain parameter."""
-    if any(term.powers):
-        raise InvalidInput(
-            "The box of parameters cannot be searched for this plant.",
-            f"expected channels that do not depend on the state, got the term {term}",
-            "nominal parameters, or sampled_region",
+def _points(
+    value: Callable[[np.ndarray], np.ndarray], root: np.ndarray, level: float, rng: np.random.Generator
+) -> np.ndarray:
+    """Points on random rays, each ray up to where V passes the level, at most to four times where ½ xᵀPx does."""
+    rays = rng.standard_normal((_RAYS, len(root)))
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
+    grid = np.linspace(0.0, 4.0, 161)[1:]
+    reach = grid[
+        np.maximum(np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0).sum(axis=0) - 1, 0)
+    ]
+    return np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
+
+
+def box_vertices(statement: Certificate) -> list[dict[str, float]]:
+    """Values of all parameters at the vertices of the box; parameters that occur as one product only are one axis."""
+    return [
+        statement.middle | {name: value for part in corner for name, value in part.items()}
+        for corner in itertools.product(*group_ends(statement))
+    ]
+
+
+def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarray) -> np.ndarray:
+    """A, Z and G at points (N, n), (3, N)."""
+
+    def weights_of(term: Term) -> np.ndarray:
+        return np.array([term_weight(term, vertex) for vertex in vertices])
+
+    slope = [
+        polynomial_at(
+            [(tuple(e - (j == i) for j, e in enumerate(k)), c * k[i]) for k, c in statement.value if k[i]], x
         )
+        for i in range(len(statement.states))
+    ]
+    law = [polynomial_at(row, x) for row in statement.law]
+    columns, weights = [], []
+    for i, along in enumerate(slope):
+        rows = [
+            *((term, np.ones(len(x))) for term in statement.drift[i]),
+            *((term, u) for u, entry in zip(law, statement.g2[i]) for term in entry),
+        ]
+        for term, factor in rows:
+            monomial = np.prod(x ** np.array(term.powers), axis=1)
+            if term.function is not None:
+                function = statement.functions[term.function]
+                monomial = monomial * bracket(function, x @ np.array(function.slope))
+            columns.append(along * factor * monomial)
+            weights.append(weights_of(term))
+    z = sum((0.5 * polynomial_at(row, x) ** 2 for row in statement.penalty), np.zeros(len(x)))
+    prices = zip(itertools.product(law, law), itertools.chain(*statement.r2))
+    z = sum((0.5 * price * a * b for (a, b), price in prices), z)
+    g = np.zeros((len(vertices), len(x)))
+    for column in zip(*statement.g1):
+        parts = [
+            weights_of(term)[:, None] * (along * np.prod(x ** np.array(term.powers), axis=1))
+            for along, entry in zip(slope, column)
+            for term in entry
+        ]
+        g += 0.5 * sum(parts, np.zeros_like(g)) ** 2
+    return np.stack([(np.array(weights).T @ np.array(columns)).max(axis=0), z, g.max(axis=0)])
+
+
+_FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at
+_NEWTON, _DECREMENT = 60, 1e-2  # steps for one barrier, and the squared decrement at which they end
+_GROWTH, _ACCURACY = 30.0, 0.01  # of the weight of the cost, and to what share γ² is found
+
+
+@dataclass(frozen=True, eq=False)
+class CommonValue:
+    """Quadratic storage functions V of a linear law, common to all robots of a box."""
+
+    smallest: float  # γ that any has
+    optimum: np.ndarray  # upper triangle of its P in the coordinates of the search, then γ²
+    base: np.ndarray  # (17), see `_centred`
+    parts: np.ndarray
+    inverse: np.ndarray  # of the search's coordinates, (n, n)
+
+    def p(self, larger: float) -> np.ndarray:
+        """P (n, n) of V = ½xᵀPx at the analytic centre of (17) for `larger` times the smallest γ, above 1: the larger,
+        the fewer cells a proof takes."""
+        base = self.base + larger**2 * self.optimum[-1] * self.parts[-1]
+        y = _centred(base, self.parts[:-1], self.optimum[:-1], np.zeros(len(self.optimum) - 1))
+        p = self.inverse.T @ _matrix(y, len(self.inverse)) @ self.inverse
+        return (p + p.T) / 2
+
+
+def common_value(statement: Certificate) -> CommonValue | None:
+    """Quadratic V with the smallest γ, and with larger ones; None where (17) has no solution.
+
+    The statement has a linear law; its V scales the search, its γ and level are ignored. Terms of the plant of a
+    higher degree are left out.
+    """
+    n, r2 = len(statement.states), np.array(statement.r2)
+    t = np.linalg.inv(
+        np.linalg.cholesky(quadratic_part(statement.value, n))
+    ).T  # in these coordinates V is ½|z|²
+    gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
+    ends = itertools.product(*map(_slopes, statement.functions))
+    systems = [linear_system(statement, *at) for at in itertools.product(box_vertices(statement), ends)]
+    a, b = (
+        np.array(m) for m in zip(*((a + b2 @ gain, b) for a, b, b2 in systems))
+    )  # A_v with the law, and B_v
+    q = t.T @ (h.T @ h + gain.T @ r2 @ gain) @ t
+    a, b = np.linalg.inv(t) @ a @ t, np.linalg.inv(t) @ b
+    if (y := _feasible(a, b, q)) is None:
+        return None
+    count, _, w = b.shape  # minus (17) at every vertex; P > 0 follows from stable A_v
+    base = np.zeros((count, n + w, n + w))
+    base[:, :n, :n] = -q
+    parts = np.zeros((len(y), *base.shape))
+    for part, p in zip(parts, _matrix(np.eye(n * (n + 1) // 2), n)):
+        part[:, :n, :n] = -(np.swapaxes(a, 1, 2) @ p + p @ a)
+        part[:, :n, n:] = -p @ b
+        part[:, n:, :n] = np.swapaxes(part[:, :n, n:], 1, 2)
+    parts[-1, :, n:, n:] = np.eye(w)
+    y = _lowest(base, parts, y, lambda y, gap: _GROWTH * gap < _ACCURACY * y[-1])
+    return CommonValue(float(np.sqrt(y[-1])), y, base, parts, np.linalg.inv(t))
+
+
+def _slopes(function: Function) -> tuple[float, float]:
+    """The least and largest [φ(o + s) − φ(o)]/s."""
+    s = np.linspace(-_FAR, _FAR, _SLOPES)
+    s = s[s != 0.0]
+    with np.errstate(all="ignore"):
+        values = bracket(function, s) / s
+    values = values[np.isfinite(values)]
+    return float(values.min()), float(values.max())
+
+
+def _matrix(y: np.ndarray, n: int) -> np.ndarray:
+    """The symmetric matrices (…, n, n) with the upper triangles y (…, n (n + 1)/2)."""
+    p, (i, j) = np.zeros((*y.shape[:-1], n, n)), np.triu_indices(n)
+    p[..., i, j] = p[..., j, i] = y
+    return p
+
+
+def _feasible(a: np.ndarray, b: np.ndarray, q: np.ndarray) -> np.ndarray | None:
+    """Upper triangle of a P, and γ², that satisfy (17) at all vertices; None without a common Lyapunov function.
+
+    A_vᵀP + P A_v < λ, 0 < P < 1; y is the upper triangle of P, then λ.
+    """
+    count, n, _ = a.shape
+    base = np.zeros((count + 2, n, n))
+    base[-1] = np.eye(n)
+    parts = np.zeros((n * (n + 1) // 2 + 1, *base.shape))
+    for part, p in zip(parts, _matrix(np.eye(n * (n + 1) // 2), n)):
+        part[:-2] = -(np.swapaxes(a, 1, 2) @ p + p @ a)
+        part[-2], part[-1] = p, -p
+    parts[-1, :-2] = np.eye(n)
+    half = 0.5 * np.eye(n)
+    slack = 1.0 + float(np.linalg.eigvalsh(np.swapaxes(a, 1, 2) @ half + half @ a).max())
+    y = np.append(half[np.triu_indices(n)], slack)
+    y = _lowest(base, parts, y, lambda y, gap: y[-1] < 0.0 or gap <= _ACCURACY * slack)
+    if y[-1] >= 0.0:
+        return None
+    p = _matrix(y[:-1], n) * (2.0 * np.linalg.eigvalsh(q).max() / -y[-1])
+    through = p @ b
+    square = np.linalg.eigvalsh(
+        np.swapaxes(through, 1, 2) @ np.linalg.solve(-(np.swapaxes(a, 1, 2) @ p + p @ a + q), through)
+    ).max()
+    return np.append(p[np.triu_indices(n)], 2.0 * square)
+
+
+def _lowest(
+    base: np.ndarray, parts: np.ndarray, y: np.ndarray, done: Callable[[np.ndarray, float], bool]
+) -> np.ndarray:
+    """Minimise the last entry of y by a path-following barrier method, from a feasible y whose last entry is positive,
+    until `done(y, gap)` is true; the gap bounds what is missing after the next step."""
+    weight, most = 1.0 / y[-1], base.shape[0] * base.shape[1]
+    while not done(y, most / weight):
+        y = _centred(base, parts, y, weight * np.eye(len(y))[-1])
+        weight *= _GROWTH
+    return y
+
+
+def _centred(base: np.ndarray, parts: np.ndarray, y: np.ndarray, cost: np.ndarray) -> np.ndarray:
+    """The minimum of costᵀy − Σ log det F_v from a feasible y on, by Newton's method with a line search.
+
+    F_v(y) = base_v + Σ y_k parts_kv > 0 for every v; `base` is (V, m, m), `parts` (K, V, m, m).
+    """
+
+    def objective(y: np.ndarray) -> float:
+        try:
+            roots = np.linalg.cholesky(base + np.tensordot(y, parts, 1))
+        except np.linalg.LinAlgError:
+            return float("inf")
+        return -2.0 * float(np.log(np.diagonal(roots, axis1=1, axis2=2)).sum()) + float(cost @ y)
+
+    now = objective(y)
+    for _ in range(_NEWTON):
+        moved = np.linalg.inv(base + np.tensordot(y, parts, 1)) @ parts  # (K, V, m, m)
+        gradient = cost - np.trace(moved, axis1=2, axis2=3).sum(axis=1)
+        hessian = moved.reshape(len(y), -1) @ np.swapaxes(moved, 2, 3).reshape(len(y), -1).T
+        scale = 1.0 / np.sqrt(np.diag(hessian))
+        step = -scale * np.linalg.lstsq(hessian * np.outer(scale, scale), scale * gradient, rcond=None)[0]
+        slope = float(gradient @ step)
+        if -slope < _DECREMENT:
+            break
+        size = 1.0
+        while (new := objective(y + size * step)) > now + 0.1 * size * slope:
+            size /= 2.0
+            if size < 1e-9:
+                return y
+        y, now = y + size * step, new
+    return y

@@ -35,15 +35,16 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, product
 from math import prod
+from operator import mul
 from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.box import BoxExcess
-from flexhinf.certify.evaluation import polynomial_at
+from flexhinf.certify.certificate import polynomial_at
 from flexhinf.certify.inequality import (
+    BoxExcess,
     Inequality,
     QuotientTable,
     Rational,
@@ -61,8 +62,6 @@ from flexhinf.errors import NumericalFailure
 Records = Any
 
 _PARTS = 16  # a batch is cut into so many tasks for threads
-_UNIT = 2.0**-53
-_SMALLEST = 1e-300
 _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
@@ -74,8 +73,10 @@ def cells_of(face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, 
     """N cells as records; t and h are middle and half widths (N, n − 1) of the box of directions, radii in units of the
     reach. All but the faces are dyadic."""
     d = t.shape[1:]
-    kind = [("face", int), ("t", float, d), ("h", float, d), ("inner", float), ("outer", float)]
-    return np.rec.fromarrays([face, t, h, inner, outer], kind)
+    return np.rec.fromarrays(
+        [face, t, h, inner, outer],
+        [("face", int), ("t", float, d), ("h", float, d), ("inner", float), ("outer", float)],
+    )
 
 
 class CellBounds:
@@ -88,47 +89,45 @@ class CellBounds:
         self.n, self.reach, claim = inequality.n, reach, inequality.certificate
         self.box = BoxExcess(claim, reach) if any(p.low < p.high for p in claim.parameters) else None
         self.lines = inequality.forms(inequality.functions)
-        signs = [parity(function) for function in inequality.functions]
-        pairs = [(inequality.value, True), (inequality.polynomial, True)]
-        pairs += [(factor, sign == -1) for factor, sign in zip(inequality.factors, signs)]  # Φ odd: S even
+        signs = [*map(parity, inequality.functions)]
+        pairs = [  # of each its terms, and whether the even ones are kept; Φ odd: S even
+            (inequality.value, True),
+            (inequality.polynomial, True),
+            *((factor, sign == -1) for factor, sign in zip(inequality.factors, signs)),
+        ]
         split = [by_parity(terms, even) for terms, even in pairs]
         sizes = [[sum(abs(nearest_double(v)) for v in part.values()) for part in pair] for pair in split]
         # V(−z) = V(z) and r(−z) = r(z) but for rounding, which then is added to the allowance
         self.symmetric = 0 not in signs and all(odd <= _ASYMMETRY * (even + odd) for even, odd in sizes)
         if not self.symmetric:
             split = [(terms, {}) for terms, _ in pairs]
-        self.faces = [
-            (face, sign) for face in range(self.n) for sign in ((1,) if self.symmetric else (1, -1))
-        ]
+        self.faces = [*product(range(self.n), (1,) if self.symmetric else (1, -1))]
         (value, whole, *factors), odd = zip(*split)
         highest = max(map(sum, whole))
-        self.tables: list[QuotientTable] = []
-        powers: list[Rational] = []
+        self.tables, powers = list[QuotientTable](), list[Rational]()
         for factor, function, most in zip(factors, inequality.functions, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
             self.tables.append(quotient_table(function, most, order))
-            product, line = inequality.z.from_dict(factor), inequality.moved(inequality.line(function.slope))
-            for _ in range(order + 1):
-                powers.append(terms_of(product))
-                product = product * line
+            line = inequality.moved(inequality.line(function.slope))
+            powers += map(terms_of, accumulate([line] * order, mul, initial=inequality.z.from_dict(factor)))
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
-        terms = [_degrees(part) for part in powers]
-        self.shape = shape = Shape(
-            self.n, _degrees(value), [_degrees(factor) or (2,) for factor in factors], every, terms
-        )
+        degrees = [_degrees(factor) or (2,) for factor in factors]
+        self.shape = shape = Shape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
         self.value_table = self._table(value, shape.value)
         quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
-        self.quotient_table = np.hstack(quotients) if quotients else np.zeros((len(self.faces), 1))
-        parts = [self._table(part, shape.whole) for part in (whole, *powers)]
+        self.quotient_table = np.hstack(quotients or [np.zeros((len(self.faces), 1))])
         which, place = np.array(shape.columns).T
-        self.table = np.ascontiguousarray(np.stack(parts)[which, :, place].T)
+        self.table = np.ascontiguousarray(
+            np.stack([self._table(part, shape.whole) for part in (whole, *powers)])[which, :, place].T
+        )
         self._highest = max(every[-1], max(map(sum, inequality.value)), max(map(sum, inequality.polynomial)))
 
         def sums(terms: Rational) -> np.ndarray:
-            """Sums of absolute coefficients by degree: on each face the same."""
-            degrees = np.array([sum(key) for key in terms], dtype=int)
-            sizes = [abs(nearest_double(value)) for value in terms.values()]
-            return np.bincount(degrees, sizes, self._highest + 1) * (1 + 1e-12)
+            return np.bincount(  # by degree, on each face the same
+                np.array([sum(key) for key in terms], dtype=int),
+                [abs(nearest_double(value)) for value in terms.values()],
+                self._highest + 1,
+            ) * (1 + 1e-12)
 
         self._value_sizes, self._odd_value, self._odd_whole, *self._odd_factors = map(sums, (value, *odd))
         self._whole_sizes, self._factor_sizes = [*map(sums, (whole, *powers))], [*map(sums, factors)]
@@ -136,9 +135,11 @@ class CellBounds:
         scale = max(self.reach, 1.0) ** shape.longest.degrees[-1] * max(
             (np.nanmax(np.abs(table.rows), initial=1.0) for table in self.tables), default=1.0
         )
-        tables = self.value_table, self.quotient_table, self.table
-        largest = max(float(np.abs(table).sum()) for table in tables) * scale
-        self._underflow = _SMALLEST * scale
+        largest = (
+            max(float(np.abs(table).sum()) for table in (self.value_table, self.quotient_table, self.table))
+            * scale
+        )
+        self._underflow = 1e-300 * scale
         if not (largest < _LARGEST and scale < _LARGEST and 1 / self.reach < _LARGEST):
             raise NumericalFailure(
                 "The numbers of the inequality are too large for a proof in double precision.",
@@ -149,13 +150,12 @@ class CellBounds:
 
     # Tables -------------------------------------------------------------------------------------
     def _table(self, terms: Rational, layout: Layout) -> np.ndarray:
-        """Coefficients (faces, count) of a polynomial on the faces, rounded to doubles."""
         table = np.zeros((len(self.faces), layout.count))
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
             for key, value in values.items():
-                beta = key[:variable] + key[variable + 1 :]
-                row[layout.place[sum(key), beta]] = value if sign > 0 or key[variable] % 2 == 0 else -value
+                place = layout.place[sum(key), key[:variable] + key[variable + 1 :]]
+                row[place] = value * sign ** key[variable]
         return table
 
     @property
@@ -172,9 +172,10 @@ class CellBounds:
     def _compile(self) -> None:
         shape = self.shape
         text, host = kernel_text(shape, _ENTRY), machine.host()
-        parts = ("certify", text, host.triple, host.cpu, host.features, host.version)
         self._code = cached(
-            parts, lambda: machine.assemble(text, 3), lambda image: machine.Code(image, _ENTRY, {})
+            ("certify", text, host.triple, host.cpu, host.features, host.version),
+            lambda: machine.assemble(text, 3),
+            lambda image: machine.Code(image, _ENTRY, {}),
         )
         self._entry = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(self._code.address)
         lines = [layout.shift_lines() for layout in (shape.value, *shape.quotients, shape.whole)]
@@ -221,24 +222,24 @@ class CellBounds:
         def run(first: int, last: int) -> None:
             whole = arrays | {"work": _aligned(self.shape.work["count"], LANES)}
             addresses = (whole[name].ctypes.data for name in POINTERS[2:])
-            context = np.array([first, last, *addresses], dtype=np.int64)
+            context = np.array([first, last, *addresses], dtype=np.int64)  # lives until the call ends
             self._entry(context.ctypes.data)
 
         if pool is None:
             run(0, len(faces))
         else:
             edges = np.linspace(0, len(faces), _PARTS + 1).astype(np.int64).tolist()
-            for future in [pool.submit(run, a, b) for a, b in pairwise(edges) if b > a]:
-                future.result()
+            list(pool.map(run, edges[:-1], edges[1:]))
         results = outputs.transpose(0, 2, 1).reshape(len(filled), -1)[slot]
         results[:, names["score"] :] += score.T
-        kind = [*((name, float) for name in OUTPUTS), ("score", float, (self.n,))]
-        return results.view(kind)[:, 0].view(np.recarray)
+        return results.view([*((name, float) for name in OUTPUTS), ("score", float, (self.n,))])[:, 0].view(
+            np.recarray
+        )
 
     def rows(self, cells: Records) -> np.ndarray:
         """The kernel's inputs (N, rows) for each cell. Radii are exact: fractions and the reach have few bits."""
         inner, outer = cells.inner * self.reach, cells.outer * self.reach
-        middle, unit, face = (inner + outer) / 2, 2 * self.roundings * _UNIT, cells.face
+        middle, unit, face = (inner + outer) / 2, 2 * self.roundings * 2.0**-53, cells.face
         half, degrees = np.maximum(outer - middle, middle - inner), np.arange(self._highest + 1)
         powers = outer[:, None] ** degrees * (1 + 1e-12)
         lowered = np.hstack([np.zeros((len(face), 2)), powers[:, :-2]])
@@ -276,7 +277,6 @@ def _degrees(terms: Rational) -> tuple[int, ...]:
 
 
 def _aligned(*shape: int) -> np.ndarray:
-    """Zeros that start at a multiple of 64 bytes."""
     count = prod(shape)
     raw = np.zeros(count + 8)
     return raw[(-raw.ctypes.data % 64) // 8 :][:count].reshape(shape)
@@ -339,7 +339,13 @@ def search(
     done, share, whole = 0, 0.0, count * 2.0**d
     with ThreadPoolExecutor(threads) if threads > 1 else nullcontext() as pool:
         while stack:
-            cells = _next_batch(stack)
+            parts, room = list[Records](), _TOGETHER
+            while stack and room:
+                part = stack.pop()
+                stack += [part[:-room]] * (len(part) > room)
+                parts.append(part[-room:])
+                room -= len(parts[-1])
+            cells = np.concatenate(parts).view(np.recarray)
             if done + len(cells) > most_cells:
                 return Outcome(False, "too many cells", None, float("nan"), float("nan"), done)
             results = bounds.bound(cells, level, pool)
@@ -363,20 +369,7 @@ def search(
     return Outcome(True, "proved", None, level, float("nan"), done)
 
 
-def _next_batch(stack: list[Records]) -> Records:
-    parts, room = [], _TOGETHER
-    while stack and room:
-        part = stack.pop()
-        if len(part) > room:
-            stack.append(part[:-room])
-            part = part[-room:]
-        parts.append(part)
-        room -= len(part)
-    return np.concatenate(parts).view(np.recarray)
-
-
 def _following(cells: Records) -> Records:
-    """The intervals of ρ that follow accepted cells outwards."""
     length = cells.outer - cells.inner
     return cells_of(
         cells.face, cells.t, cells.h, cells.outer, np.minimum(cells.outer + _GROWTH * length, 1.0)
@@ -386,7 +379,6 @@ def _following(cells: Records) -> Records:
 def _outcome(
     bounds: CellBounds, cells: Records, results: Records, place: int, reason: str
 ) -> tuple[Outcome, np.ndarray]:
-    """The outcome of a search that fails at the middle of a cell, and that point z (n,)."""
     variable, sign = bounds.faces[int(cells.face[place])]
     radius = bounds.reach * (cells.inner[place] + cells.outer[place]) / 2
     point = np.insert(cells.t[place] * radius, variable, sign * radius)
@@ -397,10 +389,10 @@ def _disproved(bounds: CellBounds, cells: Records, results: Records, level: floa
     """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
     broken = (results.centre > results.allowance) & np.isfinite(results.allowance)
     stops = results.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
-    inside = results.value < level * (1 - 1e-9)
-    for place in np.flatnonzero((broken | stops) & inside).tolist():
-        reason = "r > 0" if broken[place] else "V stops increasing"
-        outcome, point = _outcome(bounds, cells, results, place, reason)
+    for place in np.flatnonzero((broken | stops) & (results.value < level * (1 - 1e-9))).tolist():
+        outcome, point = _outcome(
+            bounds, cells, results, place, "r > 0" if broken[place] else "V stops increasing"
+        )
         ray = point[None] * np.linspace(0.0, 1.0, _ALONG + 1)[1:, None]
         if (polynomial_at(bounds.value_terms, ray) < level).all():
             return outcome
@@ -416,19 +408,22 @@ def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | R
     if d:
         widest, weighted = 1 + np.argmax(cells.h, axis=1), cells.h * np.where(score[:, 1:] > 0, 1.0, 0.5)
         chosen = np.where(vague, np.where(length < 0.5 * cells.h.max(axis=1), widest, 0), chosen)
-        thin = (chosen == 0) & (length < _NARROW * weighted.max(axis=1))
-        chosen = np.where(thin, 1 + np.argmax(weighted, axis=1), chosen)
+        chosen = np.where(
+            (chosen == 0) & (length < _NARROW * weighted.max(axis=1)), 1 + np.argmax(weighted, axis=1), chosen
+        )
         chosen = np.where(length == 0, widest, chosen)
-    size = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen]
-    small = size < np.where(chosen > 0, _THINNEST, _SHORTEST)
+    small = np.column_stack([length, cells.h])[np.arange(len(cells)), chosen] < np.where(
+        chosen > 0, _THINNEST, _SHORTEST
+    )
     if small.any():
         place = int(np.flatnonzero(small)[0])
-        reason = "not closed" if cells.inner[place] >= 1 else "undecided"
-        return _outcome(bounds, cells, results, place, reason)[0]
+        return _outcome(
+            bounds, cells, results, place, "not closed" if cells.inner[place] >= 1 else "undecided"
+        )[0]
     along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
-    row, column = np.arange(len(sides[0])), chosen[chosen > 0] - 1
     for part, sign in zip(sides, (1, -1)):
-        part.h[row, column] /= 2
-        part.t[row, column] += sign * part.h[row, column]
+        place = np.arange(len(part)), chosen[chosen > 0] - 1
+        part.h[place] /= 2
+        part.t[place] += sign * part.h[place]
     return np.concatenate([along, *sides]).view(np.recarray)

@@ -121,8 +121,9 @@ class Function(Part):
     pi_halves: Annotated[int, Strict(), Field(ge=-64, le=64)] = 0
 
     def __post_init__(self) -> None:
-        known = self.name in FUNCTIONS
-        require((known, f"a function among {', '.join(FUNCTIONS)}", value_text(self.name, 60)))
+        require(
+            (self.name in FUNCTIONS, f"a function among {', '.join(FUNCTIONS)}", value_text(self.name, 60))
+        )
 
 
 @dataclass(frozen=True)
@@ -168,8 +169,6 @@ class Start(Part):
     def __post_init__(self) -> None:
         check_line("the start rule of the certificate", self.rule)
         grid, lengths = self.amplitudes, [len(row) for row in self.table]
-        spans = not grid or (len(grid) > 1 and grid[0] == 0 and grid[-1] == self.amplitude)
-        fits = not grid or len(lengths) == len(self.path)
         moved = any(row[0] for row in self.table if row) or any(
             term.coefficient and not any(term.powers) and term.function is None
             for row in self.path
@@ -178,12 +177,14 @@ class Start(Part):
         require(
             (self.amplitude > 0, "a positive amplitude of the starts", repr(self.amplitude)),
             (
-                spans and all(a < b for a, b in pairwise(grid)),
+                (not grid or (len(grid) > 1 and grid[0] == 0 and grid[-1] == self.amplitude))
+                and all(a < b for a, b in pairwise(grid)),
                 f"amplitudes that grow from 0 to {self.amplitude!r}",
                 value_text(grid, 100),
             ),
             (
-                fits and all(length in (0, len(grid)) for length in lengths),
+                (not grid or len(lengths) == len(self.path))
+                and all(length in (0, len(grid)) for length in lengths),
                 f"a table of {len(self.path)} rows with {len(grid)} or no values",
                 f"rows of {lengths}",
             ),
@@ -223,8 +224,9 @@ def check_named(what: str, name: str, unit: str) -> None:
 def check_line(what: str, text: str) -> None:
     """Raise unless a text is one short line. The theorem is printed line by line; none may imitate another part."""
     checked_text(what, text)
-    short = "\n" not in text and len(text) <= _LONGEST_LINE
-    require((short, f"one short line as {what}", value_text(text, 60)))
+    require(
+        ("\n" not in text and len(text) <= _LONGEST_LINE, f"one short line as {what}", value_text(text, 60))
+    )
 
 
 def require(*checks: Check) -> None:
@@ -256,15 +258,17 @@ def check_terms(
     for term in (term for row in rows for term in row):
         names = [parameter for parameter, _ in term.parameters]
         unknown = [parameter for parameter in names if parameter not in known]
-        there = term.function is None or term.function < len(functions)
         require(
             powers_fit(name, term.powers, n, lowest if term.function is None else 0),
             (not unknown, "parameters that are stated", value_text(unknown, 80)),
-            (there, f"functions below {len(functions)}", f"{term.function}"),
+            (
+                term.function is None or term.function < len(functions),
+                f"functions below {len(functions)}",
+                f"{term.function}",
+            ),
         )
         distinct("A term's parameter", names)
-    lengths = [len(function.slope) for function in functions]
-    require(*((length == n, f"slopes of length {n}", f"{length}") for length in lengths))
+    require(*((len(f.slope) == n, f"slopes of length {n}", f"{len(f.slope)}") for f in functions))
 
 
 @dataclass(frozen=True, repr=False)
@@ -335,51 +339,59 @@ class Claim(Part):
     provenance: Annotated[dict[Name, Name], Field(max_length=100)] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        n, m, w = len(self.states), len(self.inputs), len(self.disturbances)
-        lengths = ("drift", n), ("law", m), ("shift", n if self.shift else 0)
-        shapes = ("g1", n, w), ("g2", n, m), ("coordinates", n, n), ("r2", m, m)
-        positive = {name: getattr(self, name) for name in ("gamma", "level", "reach")}
-        sizes = {name: len(getattr(self, name)) for name, _ in lengths}
+        n, m, w = map(len, (self.states, self.inputs, self.disturbances))
         check_line("what the certificate is about", self.about)
         for text in (*self.provenance, *self.provenance.values()):
             check_line("the certificate's provenance", text)
         require(
             (n > 0 and m > 0 and w > 0, "states, inputs and disturbances", f"{n}, {m}, {w} of them"),
             (len(self.value) > 0, "a V that is not zero", "no monomial"),
-            *((value > 0, f"a positive {name}", repr(value)) for name, value in positive.items()),
+            (self.gamma > 0, "a positive gamma", repr(self.gamma)),
+            (self.level > 0, "a positive level", repr(self.level)),
+            (self.reach > 0, "a positive reach", repr(self.reach)),
             (self.decay >= 0, "a decay that is not negative", repr(self.decay)),
             *((low <= high, "shifts with low ≤ high", f"{low!r}, {high!r}") for low, high in self.shift),
-            *((sizes[name] == k, f"{k} rows of {name}", f"{sizes[name]}") for name, k in lengths),
-            *(rows_fit(name, getattr(self, name), rows, columns) for name, rows, columns in shapes),
+            (len(self.drift) == n, f"{n} rows of drift", f"{len(self.drift)}"),
+            (len(self.law) == m, f"{m} rows of law", f"{len(self.law)}"),
+            (len(self.shift) in (0, n), f"{n} rows of shift", f"{len(self.shift)}"),
+            rows_fit("g1", self.g1, n, w),
+            rows_fit("g2", self.g2, n, m),
+            rows_fit("coordinates", self.coordinates, n, n),
+            rows_fit("r2", self.r2, m, m),
         )
-        signals = *self.states, *self.inputs, *self.disturbances
-        distinct("The certificate's signal", [signal.name for signal in signals])
+        distinct(
+            "The certificate's signal",
+            [signal.name for signal in (*self.states, *self.inputs, *self.disturbances)],
+        )
         distinct("The certificate's parameter", [p.name for p in self.parameters])
         self._check_feedback()
         self._check_terms(n)
 
     def _check_feedback(self) -> None:
-        observer = self.observer
-        expected = "state" if observer is None else "output injection observer"
+        expected = "state" if self.observer is None else "output injection observer"
         require((self.feedback == expected, f"feedback {expected!r}", value_text(self.feedback, 60)))
-        if observer is None:
+        if (observer := self.observer) is None:
             return
         names = [s.name for s in self.states]
         unknown = [name for name in observer.known if name not in names]
         e, p = len(names) - len(observer.known), len(observer.measured)
-        shapes = ("measured", p, len(names)), ("gain", e, p), ("weight", e, e), ("storage", e, e)
-        below = observer.energy < self.level
         require(
             (not unknown, "known states among the states", value_text(unknown, 80)),
             (e > 0 and p > 0, "an observer that measures and estimates something", f"{p} and {e}"),
-            *(rows_fit(f"the observer's {name}", getattr(observer, name), *shape) for name, *shape in shapes),
-            (below, f"errors of an energy below the level {self.level!r}", repr(observer.energy)),
+            rows_fit("the observer's measured", observer.measured, p, len(names)),
+            rows_fit("the observer's gain", observer.gain, e, p),
+            rows_fit("the observer's weight", observer.weight, e, e),
+            rows_fit("the observer's storage", observer.storage, e, e),
+            (
+                observer.energy < self.level,
+                f"errors of an energy below the level {self.level!r}",
+                repr(observer.energy),
+            ),
         )
 
     def _check_terms(self, n: int) -> None:
-        polynomials = [("value", 2, self.value)]
-        polynomials += [(name, 1, row) for name in ("law", "penalty") for row in getattr(self, name)]
-        for name, lowest, polynomial in polynomials:
+        slopes = ((name, 1, row) for name in ("law", "penalty") for row in getattr(self, name))
+        for name, lowest, polynomial in (("value", 2, self.value), *slopes):
             require(*(powers_fit(name, powers, n, lowest) for powers, _ in polynomial))
             distinct(f"A monomial of {name}", [str(powers) for powers, _ in polynomial])
         known, channels = {p.name for p in self.parameters}, [*self.g1, *self.g2]

@@ -43,8 +43,7 @@ OUTPUTS = (
     "growth_at_centre",  # ∂V/∂ρ /ρ in the middle
 )
 
-_VECTOR = f"<{LANES} x double>"
-_TRUTHS = f"<{LANES} x i1>"
+_VECTOR, _TRUTHS = f"<{LANES} x double>", f"<{LANES} x i1>"
 _ATTRIBUTES = 'nounwind "min-legal-vector-width"="512" "prefer-vector-width"="512"'
 
 
@@ -77,8 +76,7 @@ class Layout:
     def __init__(self, directions: int, degrees: Sequence[int]) -> None:
         self.directions, self.degrees = directions, tuple(degrees)
         self.monomials, first = monomials_of(directions, max(self.degrees)), 0
-        self.groups: list[Group] = []
-        self.place: dict[tuple[int, tuple[int, ...]], int] = {}
+        self.groups, self.place = list[Group](), dict[tuple[int, tuple[int, ...]], int]()
         for size, betas in groupby(self.monomials, sum):
             group, degrees = list(betas), tuple(k for k in self.degrees if k >= size)
             even = sum(not any(e % 2 for e in beta) for beta in group)
@@ -127,8 +125,9 @@ class Shape:
             for part in (0, *(1 + q for q, degrees in enumerate(terms) if k in degrees))
         ]
         self.longest = max((self.whole, self.value), key=lambda layout: layout.degrees[-1])
-        scalars = dict.fromkeys(("inner", "outer", "middle", "half"), 1)
-        scalars |= dict.fromkeys(("value_rounding", "growth_rounding", "rounding"), 1)
+        scalars = dict.fromkeys(
+            ("inner", "outer", "middle", "half", "value_rounding", "growth_rounding", "rounding"), 1
+        )
         self.inputs = _places({"t": d, "h": d} | scalars | {"error": len(quotients), "s": len(terms)})
         self.outputs = _places(dict.fromkeys(OUTPUTS, 1) | {"score": states})
         highest, monomials = self.longest.degrees[-1], len(self.longest.monomials)
@@ -147,15 +146,14 @@ def _places(sizes: dict[str, int]) -> dict[str, int]:
 def kernel_text(shape: Shape, entry: str) -> str:
     """LLVM text of the entry and of the shift it calls."""
     module = ModuleText(Lanes(LANES))
-    longest = max(1, *(layout.degrees[-1] for layout in (shape.whole, shape.value, *shape.quotients)))
-    _write_shift(module, longest)
+    _write_shift(
+        module, max(1, *(layout.degrees[-1] for layout in (shape.whole, shape.value, *shape.quotients)))
+    )
     _Kernel(module, shape).write(entry)
     return str(module)
 
 
 class _Code(Writer):
-    """Writing helpers: vectors in memory, loops, running sums."""
-
     zero = "zeroinitializer"
     plus = partialmethod(Writer.real, "fadd")
     minus = partialmethod(Writer.real, "fsub")
@@ -193,7 +191,6 @@ class _Code(Writer):
         return self.let(f"{operation} i64 {a}, {b}")
 
     def affine(self, index: str, stride: int, offset: str | int) -> str:
-        """index · stride + offset."""
         return self.integer("add", self.integer("mul", index, str(stride)), str(offset))
 
     def logical(self, operation: str, a: str, b: str) -> str:
@@ -218,9 +215,7 @@ class _Code(Writer):
         self.store(self.real(operation, self.load(place), value), place)
 
     def finish(self, head: str, name: str) -> None:
-        """Close the function, and add it to the module."""
-        text = [f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"]
-        self.module.definitions[name] = "\n".join(text)
+        self.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"])
 
 
 def _write_shift(module: ModuleText, longest: int) -> None:
@@ -245,8 +240,9 @@ def _write_shift(module: ModuleText, longest: int) -> None:
                     pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
                     narrow = code.let(f"load i32, ptr {pointer}, align 4")
                     places.append(code.at("%coefficients", code.let(f"zext i32 {narrow} to i64")))
-                moved = code.moved_by(a, [code.load(place) for place in places], L)
-                for value, place in zip(moved[:L], places):
+                for value, place in zip(
+                    code.moved_by(a, [code.load(place) for place in places], L)[:L], places
+                ):
                     code.store(value, place)
             code.do(f"br label %{done}")
         code.place(done)
@@ -257,10 +253,6 @@ def _write_shift(module: ModuleText, longest: int) -> None:
 
 class _Kernel(_Code):
     """The entry's text: rows, tables and buffers of a group of cells, and what is done to polynomials in them."""
-
-    pointers: dict[str, str]
-    rows: str
-    out: str
 
     def __init__(self, module: ModuleText, shape: Shape) -> None:
         super().__init__(module)
@@ -274,7 +266,6 @@ class _Kernel(_Code):
         self.store(value, self.at(self.out, str(self.shape.outputs[name] + index)))
 
     def result(self, name: str) -> str:
-        """An output that is already known."""
         return self.load(self.at(self.out, str(self.shape.outputs[name])))
 
     def work(self, name: str, index: str = "0") -> str:
@@ -305,7 +296,6 @@ class _Kernel(_Code):
                         yield group, b, even
 
     def coefficients(self, group: Group, b: str, place: str) -> list[str]:
-        """The coefficients of one monomial, by degree, in the cell's own variables."""
         scale = self.load(self.work("scale", self.integer("add", b, str(group.first))))
         start = self.affine(b, len(group.degrees), group.offset)
         return [
@@ -314,9 +304,7 @@ class _Kernel(_Code):
         ]
 
     def low_place(self, place: str, group: Group, b: str, power: int) -> str:
-        """Where the coefficient of a power of ρ stands for one of the low monomials."""
-        monomial = self.integer("add", b, str(group.first))
-        return self.work(place, self.affine(monomial, self.top + 1, power))
+        return self.work(place, self.affine(self.integer("add", b, str(group.first)), self.top + 1, power))
 
     def kept(self, place: str, group: Group, b: str) -> list[str]:
         return [self.load(self.low_place(place, group, b, p)) for p in range(self.top + 1)]
@@ -348,8 +336,9 @@ class _Kernel(_Code):
                 if centre := group.size == 0 and p == 0:
                     self.output(output, scaled)
                 if p <= highest and (lift or not centre):
-                    one_sided = even and p % 2 == 0 and lift > 0
-                    self.add(total, scaled if centre else self.largest(scaled, one_sided))
+                    self.add(
+                        total, scaled if centre else self.largest(scaled, even and p % 2 == 0 and lift > 0)
+                    )
         return tail, total
 
     # The entry -----------------------------------------------------------------------------------
@@ -381,8 +370,10 @@ class _Kernel(_Code):
                 self.store(value, self.work("powers", str(which * size + exponent)))
                 value = self.times(value, base)
         for exponent in range(size):
-            difference = self.minus(self.power(1, exponent), self.power(2, exponent))
-            self.store(difference, self.work("powers", str(4 * size + exponent)))
+            self.store(
+                self.minus(self.power(1, exponent), self.power(2, exponent)),
+                self.work("powers", str(4 * size + exponent)),
+            )
         self.store(self.lanes.constant(1.0), self.work("scale"))
         with self.loop(str(len(self.shape.longest.monomials)), "1") as b:
             parent, variable = (self.word(self.pointers["signs"], self.affine(b, 2, i)) for i in (0, 1))
@@ -432,7 +423,19 @@ class _Kernel(_Code):
             error = self.times(self.input("error", j), self.lanes.constant(1.000001))
             self.add(allowance, self.times(self.load(bound), error))
         self.output("allowance", self.load(allowance))
-        self._load_whole()
+        table, value, before = self.pointers["table"], self.zero, 0  # of A + Σ s_jm Q_j ℓᵐ on the face
+        factors = [self.input("s", q) for q in range(len(shape.terms))]
+        base = self.integer("mul", self.face, str(len(shape.columns)))
+        for group in shape.whole.groups:
+            size, places = len(group.degrees), [(part, place - group.offset) for part, place in shape.columns]
+            columns = [(part, i) for part, i in places if 0 <= i < size]  # of one monomial
+            with self.loop(str(group.count)) as b:
+                start, target = self.affine(b, len(columns), base), self.affine(b, size, group.offset)
+                for entry, (part, i) in enumerate(columns, before):
+                    number = self.number(table, self.integer("add", start, str(entry)))
+                    value = self.fused(factors[part - 1], number, value) if part else number
+                    self.store(value, self.work("whole", self.integer("add", target, str(i))))
+            before += len(columns) * group.count
         self.shift("whole", 1 + len(shape.quotients))
         self.tail, total = self.about_middle(shape.whole, "whole", 2)
         upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
@@ -441,28 +444,10 @@ class _Kernel(_Code):
         reaches = self.compare("ogt", self.plus(centre, spread), self.level)
         undecided = self.logical("xor", self.compare("olt", upper, self.zero), "splat (i1 true)")
         crossing = self.logical("and", undecided, reaches)
-        begun = self.compare("ole", least, self.level)
-        with self.where(self.any(self.logical("and", crossing, begun))):
+        with self.where(self.any(self.logical("and", crossing, self.compare("ole", least, self.level)))):
             self._multipliers(allowance)
         with self.where(self.any(undecided)):
             self._scores()
-
-    def _load_whole(self) -> None:
-        """A + Σ s_jm Q_j ℓᵐ on the face."""
-        shape, table, value, before = self.shape, self.pointers["table"], self.zero, 0
-        factors = [self.input("s", q) for q in range(len(shape.terms))]
-        base = self.integer("mul", self.face, str(len(shape.columns)))
-        for group in shape.whole.groups:
-            size = len(group.degrees)
-            columns = [(part, place - group.offset) for part, place in shape.columns]
-            columns = [(part, i) for part, i in columns if 0 <= i < size]  # of one monomial
-            with self.loop(str(group.count)) as b:
-                start, target = self.affine(b, len(columns), base), self.affine(b, size, group.offset)
-                for entry, (part, i) in enumerate(columns, before):
-                    number = self.number(table, self.integer("add", start, str(entry)))
-                    value = self.fused(factors[part - 1], number, value) if part else number
-                    self.store(value, self.work("whole", self.integer("add", target, str(i))))
-            before += len(columns) * group.count
 
     def _multipliers(self, allowance: str) -> None:
         """The least bound of F + λ(c − V) with λ a ratio of linear coefficients, one for each variable."""
@@ -470,25 +455,24 @@ class _Kernel(_Code):
         best = self.sum(self.lanes.constant(float("inf")))
         with self.loop(str(shape.states)) as candidate:
             place = self.integer("mul", candidate, str(self.top + 1))
-            first = self.let(f"icmp eq i64 {candidate}, 0")
-            place = self.let(f"select i1 {first}, i64 1, i64 {place}")
+            place = self.let(f"select i1 {self.let(f'icmp eq i64 {candidate}, 0')}, i64 1, i64 {place}")
             slope, growth = (self.load(self.work(name, place)) for name in ("low", "low_value"))
             ratio = self.real("fdiv", slope, growth)
             positive = self.compare("ogt", ratio, self.zero)
-            good = self.logical("and", positive, self.compare("olt", ratio, self.lanes.constant(1e200)))
-            factor = self.select(good, ratio, self.zero)
+            small = self.compare("olt", ratio, self.lanes.constant(1e200))
+            factor = self.select(self.logical("and", positive, small), ratio, self.zero)
             total = self.sum()
             for group, b, even in self.each(shape.whole.groups[: min(LOW, shape.value.degrees[-1]) + 1]):
-                pairs = zip(self.kept("low", group, b), self.kept("low_value", group, b))
-                for p, (f, v) in enumerate(pairs):
+                for p, (f, v) in enumerate(zip(self.kept("low", group, b), self.kept("low_value", group, b))):
                     value = self.minus(f, self.times(factor, v))
                     if group.size == 0 and p == 0:
                         self.add(total, self.fused(factor, self.level, value))
                     else:
                         self.add(total, self.largest(value, even and p % 2 == 0))
             self.add(total, self.plus(self.load(self.tail), self.load(allowance)))
-            rounding = self.plus(self.load(self.value_tail), self.input("value_rounding"))
-            self.add(total, self.times(factor, rounding))
+            self.add(
+                total, self.times(factor, self.plus(self.load(self.value_tail), self.input("value_rounding")))
+            )
             bound, before = self.load(total), self.load(best)
             self.store(self.select(self.compare("olt", bound, before), bound, before), best)
         self.output("upper_inside", self.load(best))

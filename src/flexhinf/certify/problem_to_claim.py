@@ -19,11 +19,10 @@ import casadi as ca
 import numpy as np
 from flint import fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
-from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.certificate import Certificate, linear_part
 from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term, Terms
-from flexhinf.certify.evaluation import linear_part
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf.margin import CheckedPenalty, checked_pair
+from flexhinf.hinf.sampled import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant
@@ -96,39 +95,45 @@ def plant_fields(
         )
     problem.check_unchanged()
     table = problem.plant.parameters
-    n, m, k = len(problem.state_names), len(problem.input_names), len(problem.disturbance_names)
+    n, m, k = map(len, (problem.state_names, problem.input_names, problem.disturbance_names))
     flow = trace(lambda x, u, d, p: problem.flow(x, u, d, table.named(p)), n, m, k, table.size)
     output = trace(
         lambda x, p: _checked(penalty, x, problem.penalty_output(x, table.named(p))), n, table.size
     )
-    most = flow.n_instructions() + output.n_instructions()
-    reader = _Reader(n, m + k, flat_names(table), table.vector(), most)
+    reader = _Reader(
+        n, m + k, flat_names(table), table.vector(), flow.n_instructions() + output.n_instructions()
+    )
     moved = [a + rational(b) for a, b in zip(reader.states, problem.operating_point)]
     driven = [a + rational(b) for a, b in zip(reader.inputs, problem.operating_input)]
     rates = reader.run(flow, [moved, driven, reader.inputs[m:], reader.parameters])
-    h = reader.run(output, [reader.states, [reader.constant(value) for value in table.vector()]])
+    h = reader.run(
+        output, [reader.states, [reader.context.constant(rational(value)) for value in table.vector()]]
+    )
     split = [(row[0], tuple(row[1 : 1 + m]), tuple(row[1 + m :])) for row in map(reader.rows, rates)]
-    fields = dict(zip(("drift", "g2", "g1"), zip(*split), strict=True))
-    box = {name: (value, value) for name, value in zip(reader.names, reader.values.tolist())}
-    box |= ranges or {}
+    box = {name: (a, a) for name, a in zip(reader.names, reader.values.tolist())} | dict(ranges or {})
     if fixed := sorted(name for name in reader.inside if box[name][0] < box[name][1]):
         raise InvalidInput(
             "A parameter stands inside a function of the state.",
             f"expected parameters that multiply terms, got {', '.join(fixed)}",
             "its nominal value, or sampled_region",
         )
-    used = [reader.names[i] for i in sorted(reader.seen)]
-    return fields | {
+    return dict(zip(("drift", "g2", "g1"), zip(*split), strict=True)) | {
         "penalty": tuple(map(reader.polynomial, h)),
         "functions": tuple(reader.functions),
-        "parameters": tuple(Parameter(name, *box[name], _unit(problem, name)) for name in used),
+        "parameters": tuple(
+            Parameter(name, *box[name], _unit(problem, name))
+            for name in (reader.names[i] for i in sorted(reader.seen))
+        ),
     }
 
 
 def flat_names(table: ParameterTable) -> list[str]:
     """A name for every entry of the parameter vector."""
-    rows = table.values.items()
-    return [f"{name}_{i + 1}" if value.ndim else name for name, value in rows for i in range(value.size)]
+    return [
+        f"{name}_{i + 1}" if value.ndim else name
+        for name, value in table.values.items()
+        for i in range(value.size)
+    ]
 
 
 def _checked(penalty: Any, x: Any, h: Any) -> Any:
@@ -148,12 +153,9 @@ def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> dict[str, Any]:
 
     output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
     reader = _Reader(n, 0, (), np.zeros(0), output.n_instructions())
-    rest = (0,) * (len(reader.context.names()) - n)
+    rest, h = (0,) * (len(reader.context.names()) - n), [row(plant.h_parts, i) for i in range(outputs)]
     designed = [
-        reader.context.from_dict(
-            {(*term.powers, *rest): rational(term.coefficient) for term in row(plant.h_parts, i)}
-        )
-        for i in range(outputs)
+        reader.context.from_dict({(*t.powers, *rest): rational(t.coefficient) for t in terms}) for terms in h
     ]
     return {
         "drift": tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
@@ -175,25 +177,20 @@ class _Reader:
         sizes = states, inputs, len(parameters), len(parameters), most
         names = [f"{letter}{i}" for letter, size in zip("xupqs", sizes) for i in range(size)]
         self.context, self.edges = fmpq_mpoly_ctx.get(names), np.cumsum([0, *sizes]).tolist()
-        parts = [list(self.context.gens()[a:b]) for a, b in pairwise(self.edges)]
-        self.states, self.inputs, self.parameters, _, self._room = parts
+        self.states, self.inputs, self.parameters, _, self._room = [
+            list(self.context.gens()[a:b]) for a, b in pairwise(self.edges)
+        ]
         self.names, self.values = tuple(parameters), values
-        self.functions: list[Function] = []
-        self.seen: set[int] = set()
-        self.inside: set[str] = set()  # functions of the state
-
-    def constant(self, value: float) -> fmpq_mpoly:
-        """A number as a polynomial."""
-        return self.context.constant(rational(value))
+        self.functions, self.seen = list[Function](), set[int]()
+        self.inside = set[str]()  # functions of the state
 
     # Running code ------------------------------------------------------------------------------
     def run(self, function: Any, arguments: Sequence[Sequence[fmpq_mpoly]]) -> list[fmpq_mpoly]:
-        """The single result of a traced function."""
         work: dict[int, fmpq_mpoly] = {}
         result = [self.context.constant(0)] * function.size1_out(0)
         for code, read, written, constant in instructions(function):
             if code == ca.OP_CONST:
-                work[written[0]] = self.constant(constant)
+                work[written[0]] = self.context.constant(rational(constant))
             elif code == ca.OP_INPUT:
                 work[written[0]] = arguments[read[0]][read[1]]
             elif code == ca.OP_OUTPUT:
@@ -210,15 +207,20 @@ class _Reader:
             return self._applied(ELEMENTARY[code], first)
         if code in (ca.OP_INV, ca.OP_DIV):
             terms, (start, middle, end) = list(terms_of(second).items()), self.edges[2:5]
-            product_only = len(terms) == 1 and not any(terms[0][0][:start] + terms[0][0][end:])
-            require(product_only, "a quotient by something else than a product of parameters")
+            require(
+                len(terms) == 1 and not any(terms[0][0][:start] + terms[0][0][end:]),
+                "a quotient by something else than a product of parameters",
+            )
             ((e, value),) = terms
-            inverse = {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
-            return (first if code == ca.OP_DIV else 1) * self.context.from_dict(inverse)
+            return (first if code == ca.OP_DIV else 1) * self.context.from_dict(
+                {(*e[:start], *e[middle:end], *e[start:middle], *e[end:]): 1 / value}
+            )
         power = code in (ca.OP_POW, ca.OP_CONSTPOW) and second.is_constant()
         value = second.leading_coefficient() if power and second else fmpq(0)
-        known = power and value.q == 1 and 0 <= value <= _HIGHEST_POWER
-        require(known, f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}")
+        require(
+            power and value.q == 1 and 0 <= value <= _HIGHEST_POWER,
+            f"the operation {NAMES.get(code, '?').removeprefix('OP_').lower()}",
+        )
         return first ** int(value.p)
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
@@ -226,8 +228,10 @@ class _Reader:
         slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
             states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
-            linear = sum(states) <= 1 and not any(others + exponents[self.edges[4] :])
-            require(linear, f"{name} of something else than a linear form of the state")
+            require(
+                sum(states) <= 1 and not any(others + exponents[self.edges[4] :]),
+                f"{name} of something else than a linear form of the state",
+            )
             for i, power in self._powers(exponents):
                 self.inside.add(self.names[i])
                 value *= rational(self.values[i]) ** power
@@ -235,8 +239,8 @@ class _Reader:
             sums[place] = sums.get(place, fmpq(0)) + value
         offset = sums.pop(None, fmpq(0))
         require(bool(sums), f"{name} of a constant: make that a parameter of the plant")
-        for place, value in sums.items():
-            slope[place or 0] = _exact_double(value, name)
+        for place, part in sums.items():
+            slope[place or 0] = _exact_double(part, name)
         value = _exact_double(offset, name)
         halves = round(value / (pi / 2))
         quarter = name in ("sin", "cos") and 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2
@@ -253,9 +257,11 @@ class _Reader:
         factors: list[dict[Any, fmpq]] = [{} for _ in range(end - n + 1)]
         for exponents, value in terms_of(rate).items():
             states, inputs, functions = exponents[:n], exponents[n:end], exponents[self.edges[4] :]
-            single = sum(functions) <= 1 and not (any(functions) and any(inputs))
             require(sum(inputs) <= 1, "an input or a disturbance that does not enter affinely")
-            require(single, "a product of functions, or a function in g1 or g2")
+            require(
+                sum(functions) <= 1 and not (any(functions) and any(inputs)),
+                "a product of functions, or a function in g1 or g2",
+            )
             row = factors[1 + inputs.index(1) if any(inputs) else 0]
             powers = self._powers(exponents)
             self.seen |= {i for i, _ in powers}
@@ -263,11 +269,14 @@ class _Reader:
             index = functions.index(1) if any(functions) else None
             if index is not None and any(states):
                 function = self.functions[index]
-                known = function.offset == 0.0 and function.name in _AT_ZERO
-                require(known, f"a state times {function.name} of a state, away from where that is rational")
+                require(
+                    function.offset == 0.0 and function.name in _AT_ZERO,
+                    f"a state times {function.name} of a state, away from where that is rational",
+                )
                 quarters = _AT_ZERO[function.name]
-                at_zero = fmpq(quarters[function.pi_halves % len(quarters)])
-                row[states, pairs, None] = row.get((states, pairs, None), fmpq(0)) + value * at_zero
+                row[states, pairs, None] = row.get((states, pairs, None), fmpq(0)) + value * fmpq(
+                    quarters[function.pi_halves % len(quarters)]
+                )
             if index is not None or any(states) or any(inputs):
                 row[states, pairs, index] = row.get((states, pairs, index), fmpq(0)) + value
         return [
@@ -276,24 +285,24 @@ class _Reader:
         ]
 
     def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
-        """The parameters of a term, by number, and their powers."""
         start, middle, end = self.edges[2:5]
-        powers = [a - b for a, b in zip(exponents[start:middle], exponents[middle:end])]
-        return [(i, power) for i, power in enumerate(powers) if power]
+        pairs = zip(exponents[start:middle], exponents[middle:end])
+        return [(i, a - b) for i, (a, b) in enumerate(pairs) if a != b]
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output, with coefficients rounded to doubles: these are claimed and checked."""
         terms, n = terms_of(part), self.edges[1]
-        plain = not any(any(exponents[n:]) for exponents in terms)
-        require(plain, "a penalty that is no polynomial of the state")
+        require(
+            not any(any(exponents[n:]) for exponents in terms), "a penalty that is no polynomial of the state"
+        )
         return tuple((key[:n], nearest_double(value)) for key, value in terms.items() if any(key))
 
 
 def _exact_double(value: fmpq, where: str) -> float:
-    """A rational number as a double; refused where it is none."""
     number = nearest_double(value)
-    exact = rational(number) == value
-    require(exact, f"a number of {where} that is no double: make it a parameter of the plant")
+    require(
+        rational(number) == value, f"a number of {where} that is no double: make it a parameter of the plant"
+    )
     return number
 
 
@@ -346,13 +355,12 @@ def claim_of(
     solution: ValueFunction, problem: Problem | None, fields: dict[str, Any], **others: Any
 ) -> Certificate:
     """The certificate of a solution, with `plant_fields` and the `others`."""
-    disturbances: Iterable[str] = [f"d{j + 1}" for j in range(solution.expansion.size[1])]
-    if isinstance(problem, GeneralisedPlant):
-        disturbances = problem.disturbance_names
+    known = isinstance(problem, GeneralisedPlant)
+    disturbances = (f"d{j + 1}" for j in range(solution.expansion.size[1]))
     return Certificate(
         states=_signals(problem, solution.state_names),
         inputs=_signals(problem, solution.input_names),
-        disturbances=_signals(problem, disturbances),
+        disturbances=_signals(problem, problem.disturbance_names if known else disturbances),
         **fields | {"penalty": tuple(row for row in fields["penalty"] if row)},
         **others,
     )
@@ -402,17 +410,17 @@ def law_polynomials(solution: ValueFunction, fields: Mapping[str, Any]) -> tuple
                 powers = map(tuple, basis.exponents(n, i - 1).tolist())
                 row |= {key: value for key, value in zip(powers, part.tolist()) if value}
         return tuple(tuple(row.items()) for row in rows)
-    numbers = {
-        parameter.name: (parameter.low + parameter.high) / 2 for parameter in fields.get("parameters", ())
-    }
+    numbers = {p.name: (p.low + p.high) / 2 for p in fields.get("parameters", ())}
     price = solution.input_price
     for k, slope in solution.slope_parts.items():
         for powers, along in zip(basis.exponents(n, k - 1).tolist(), slope.tolist()):
             for value, entries in zip(along, fields["g2"]):
                 for weights, term in ((price[:, j], term) for j, row in enumerate(entries) for term in row):
                     key = tuple(a + b for a, b in zip(powers, term.powers))
-                    factors = [numbers[name] ** power for name, power in term.parameters]
-                    factor = prod(factors, start=value * term.coefficient)
+                    factor = prod(
+                        [numbers[name] ** power for name, power in term.parameters],
+                        start=value * term.coefficient,
+                    )
                     for target, weight in zip(rows, weights.tolist() if value else ()):
                         target[key] = target.get(key, 0.0) - weight * factor
     return tuple(tuple((key, value) for key, value in row.items() if value) for row in rows)

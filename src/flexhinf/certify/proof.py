@@ -18,34 +18,36 @@ from flint import fmpq
 
 from flexhinf.certify.box import Ranges, tolerance_statement
 from flexhinf.certify.cells import CellBounds, Outcome, Progress, search
-from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.certificate import Certificate, linear_system, polynomial_at, quadratic_part
 from flexhinf.certify.claim import MOST_STATES, Observer
-from flexhinf.certify.evaluation import linear_system, polynomial_at, quadratic_part
 from flexhinf.certify.inequality import Algebra, Inequality, Rational
 from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, statement_of, terms_of
-from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
+from flexhinf.certify.starts import (
+    PATH_POINTS,
+    PATH_SHARE,
+    largest_values,
+    robot_start,
+    start_inside,
+    starts_of,
+    tabled_start,
+)
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.linear_part import solve_riccati
-from flexhinf.hinf.margin import CheckedPenalty
-from flexhinf.hinf.sampled import sample_region
+from flexhinf.hinf.sampled import CheckedPenalty, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.validation import HUGE
 
 _DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
-_ROOM = 1.1  # reach over the largest radius that was seen
-_LARGER = 1.6  # reach over the one that was too small
-_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
+_ROOM, _LARGER = 1.1, 1.6  # reach over the largest radius that was seen, and over the one that was too small
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
-_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
-_FINE = 1.05  # ratio of levels at which the search for the largest one ends
-_MOST_LEVELS = 1e6  # the largest level over the one that a step needs
+#: Of the largest level over the one that a step needs: how large it may be, and the ratio at which its search ends.
+_MOST_LEVELS, _FINE = 1e6, 1.05
+
 _FARTHEST = 63.0  # |ℓᵀx| of a function: the checker looks as far as 64
 _MARGIN = 1e-2  # of M over the slopes of the law, and of the Lyapunov inequality
-_OVER = 1.5  # γ_e over the smallest one
 _PASSES = 20  # of hull, M and X, which follow from each other
-_HALVINGS = 60
 
 
 class NotProved(NumericalFailure):
@@ -147,9 +149,9 @@ def prove(
         return statement, Outcome(False, "no definite quadratic form", None, np.nan, np.nan, 0)
     inequality = Inequality(statement)
     farthest, forms = _extent(inequality, statement.level)
-    reach = _rounded_up(_ROOM * farthest)
+    reach, extent = _rounded_up(_ROOM * farthest), (1.3 * forms + 0.1).tolist()
     for _ in range(4):
-        bounds = CellBounds(inequality, reach, (1.3 * forms + 0.1).tolist())
+        bounds = CellBounds(inequality, reach, extent)
         outcome = search(bounds, statement.level, threads=threads, progress=progress, most_cells=most_cells)
         if outcome.reason != "not closed":
             break
@@ -168,8 +170,10 @@ def wide_statement(statement: Certificate) -> Certificate | None:
 
 
 def _provenance(outcome: Outcome, more: str = "") -> dict[str, str]:
-    method = "branch and bound along rays" if outcome.cells else "a definite quadratic form"
-    return {"cells": str(outcome.cells), "method": method + more}
+    return {
+        "cells": str(outcome.cells),
+        "method": ("branch and bound along rays" if outcome.cells else "a definite quadratic form") + more,
+    }
 
 
 def _rounded_up(value: float) -> float:
@@ -186,8 +190,10 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
     directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
     directions /= np.abs(directions).max(axis=1, keepdims=True)
     terms = [(key, nearest_double(value)) for key, value in inequality.value.items()]
-    degrees = range(max(map(sum, inequality.value)) + 1)
-    parts = [polynomial_at([term for term in terms if sum(term[0]) == k], directions) for k in degrees]
+    parts = [
+        polynomial_at([term for term in terms if sum(term[0]) == k], directions)
+        for k in range(max(map(sum, inequality.value)) + 1)
+    ]
     radius, value, alive = *np.zeros((2, len(directions))), np.ones(len(directions), dtype=bool)
     step = 0.02 * np.sqrt(level / parts[2])
     for _ in range(2000):
@@ -197,9 +203,9 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
         if not alive.any():
             break
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
-    forms = inequality.forms(inequality.functions)
     reached = radius + step
-    return float(reached.max()), np.abs(directions @ forms.T * reached[:, None]).max(axis=0)
+    along = directions @ inequality.forms(inequality.functions).T
+    return float(reached.max()), np.abs(along * reached[:, None]).max(axis=0)
 
 
 def certify_tolerances(
@@ -252,10 +258,11 @@ def certify_tolerances(
                 f"expected a level, or a step of a plant with an integrator, got level={level!r}, step={step!r}",
                 "level=…, in the units of scale · V",
             )
-        values = largest_values(statement, start, np.linspace(0.0, step, _POINTS))
-        level = _BOX_ROOM * float(values.max()) / _INSIDE
-    statement = replace(statement, level=float(level))
-    claim, outcome = prove(statement, threads=threads, progress=progress, most_cells=most_cells)
+        values = largest_values(statement, start, np.linspace(0.0, step, PATH_POINTS))
+        level = _BOX_ROOM * float(values.max()) / PATH_SHARE
+    claim, outcome = prove(
+        replace(statement, level=float(level)), threads=threads, progress=progress, most_cells=most_cells
+    )
     if not outcome.proved:
         raise NotProved(claim, outcome)
     if step is not None and not outcome.cells:
@@ -307,11 +314,10 @@ def with_observer(
 
     problem = check_bandwidth(solution, bandwidth)
     size = problem.plant.n
-    sensors = np.zeros((len(problem.plant.outputs), len(solution.P)))
-    sensors[:, :size] = problem.plant.linearise(problem.operating_point[:size])[3]
+    seen = problem.plant.linearise(problem.operating_point[:size])[3]
+    sensors = np.hstack([seen, np.zeros((len(seen), len(solution.P) - size))])
     a, b1, _ = linear_system(certificate, certificate.middle, np.zeros(len(certificate.functions)))
-    linear, noise, seen = a[:size, :size], b1[:size], sensors[:, :size]
-    transform = np.array(certificate.coordinates)
+    linear, transform = a[:size, :size], np.array(certificate.coordinates)
     spread = (transform @ transform.T)[:size, :size]
     price = np.diag(np.diag(seen @ spread @ seen.T)) / bandwidth
     covariance = solve_continuous_are(
@@ -319,10 +325,11 @@ def with_observer(
     )
     gain = covariance @ seen.T @ np.linalg.inv(price)
     energy = share * certificate.level
-    weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, noise, energy)
-    measured, gains, weights, storages = map(matrix_rows, (sensors, gain, weight, storage))
-    known = solution.state_names[size:]
-    observer = Observer(measured, known, gains, weights, storages, gain_error, energy)
+    weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, b1[:size], energy)
+    measured, *matrices = map(matrix_rows, (sensors, gain, weight, storage))
+    observer = Observer(
+        measured, solution.state_names[size:], *matrices, gain_error=gain_error, energy=energy
+    )
     claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _no_error_energy(reason)
@@ -348,16 +355,17 @@ def _error_energy(
     """M, X and γ_e of the observer's inequalities. The hull depends on X and M on the hull, so they are iterated."""
     size = len(closed)
     algebra = Algebra(certificate)
-    laws = map(algebra.in_x, certificate.law)
-    slopes = [[terms_of(algebra.moved(law.derivative(j))) for j in range(size)] for law in laws]
+    slopes = [
+        [terms_of(algebra.moved(law.derivative(j))) for j in range(size)]
+        for law in map(algebra.in_x, certificate.law)
+    ]
     backwards = np.linalg.inv(np.array(certificate.coordinates))[:, :size]
     widths, scale = np.zeros(len(backwards)), 1 / np.linalg.norm(backwards, axis=0)
     squares = np.outer(scale, scale)
     for _ in range(_PASSES):
         weight = _weight(certificate, slopes, certificate.reach + 1.05 * widths)
-        scaled = closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
-        solution = _storage(*scaled)
-        if solution is None:
+        lyapunov = closed * scale / scale[:, None], noise / scale[:, None], weight * squares * (1 + _MARGIN)
+        if (solution := _storage(*lyapunov)) is None:
             break
         storage, gain_error = solution[0] / squares, solution[1]
         within = np.einsum("ij,ji->i", backwards, np.linalg.solve(storage, backwards.T))
@@ -408,12 +416,12 @@ def _storage(closed: np.ndarray, noise: np.ndarray, weight: np.ndarray) -> tuple
         low, high = high, 2 * high
         if high > 1e12:
             return None
-    for _ in range(_HALVINGS):
+    for _ in range(60):
         middle = (low + high) / 2
         solution = solve_riccati(closed, pushed / middle**2, weight)
         low, high = (middle, high) if solution is None else (low, middle)
         if high < low * 1.01:
             break
-    gain_error = _OVER * high
+    gain_error = 1.5 * high  # over the smallest one
     solution = solve_riccati(closed, pushed / gain_error**2, weight)
     return None if solution is None else (solution.p, float(gain_error))

@@ -8,13 +8,16 @@ a begins at 0, and V ≤ level along it, so its starts lie in the proved compone
 In a box of robots, a robot's step by a starts at its own equilibrium at −a, and with the integrator at which its input
 is the one that held it. For a linear law both are terms in a and in the robot's parameters. For another law the
 integrator is tabled over a, where the input of the nominal robot does not jump.
+
+Data of a certificate's figures: slices of the region with r on them, and a step with the worst disturbance.
+
+None of this is part of the theorem; it shows what is in it.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,24 +25,24 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.certify.certificate import Certificate
+from flexhinf.certify.certificate import Certificate, path_start, path_states
 from flexhinf.certify.claim import Claim, Function, Start, Term, Terms
-from flexhinf.certify.evaluation import path_start, path_states
 from flexhinf.errors import FlexhinfError, NumericalFailure
-from flexhinf.hinf.sampled import settled, step_roles
+from flexhinf.hinf.rays import Inequality
+from flexhinf.hinf.sampled import CheckedPenalty, checked_pair, sample_region, settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
 
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
 NOMINAL_INPUT = "the integrator starts where the input of the nominal robot does not jump, whatever the robot"
 
-_STEPS = 30  # of the amplitude that the quadratic part of V predicts
-_LONGEST = 20  # give up at this many times that amplitude
+_STEPS, _LONGEST = 30, 20  # of the amplitude that the quadratic part of V predicts; over it, where to give up
 _BELOW = 1 - 1e-4  # V stays below this share of the level, so that the check of a path is quick
 
-_POINTS = 400  # of a path at which V is looked at, to see how far it stays inside
+#: Points of a path at which V is looked at, and the share of the level that it stays below, so that the check is quick.
+PATH_POINTS, PATH_SHARE = 400, 1 - 1e-3
+
 _KNOTS = 200  # of a table
-_INSIDE = 1 - 1e-3  # V on a path stays below this share of the level, so that the check is quick
 _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
 _ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
 
@@ -108,25 +111,18 @@ def _solved(
     statement: Certificate, rate: int, path: dict[int, Terms], functions: list[Function]
 ) -> dict[int, Terms]:
     """The one unknown state of a rate, where the others are known; {} where none is unknown."""
-    known: list[Term] = []
-    unknown: list[tuple[int, Term]] = []
+    known, unknown = list[Term](), list[Term]()
     for term in statement.drift[rate]:
         slope = () if term.function is None else statement.functions[term.function].slope
-        states = [i for i, power in enumerate(term.powers) if power] + [i for i, s in enumerate(slope) if s]
-        missing = [i for i in states if i not in path]
-        if not missing:
-            known.append(term)
-        elif term.function is None and len(states) == 1 and sum(term.powers) == 1:
-            unknown.append((missing[0], term))
-        else:
-            raise _NoForm
-    if len(unknown) > 1:
+        states = [i for factors in (term.powers, slope) for i, factor in enumerate(factors) if factor]
+        (known if all(i in path for i in states) else unknown).append(term)
+    if len(unknown) > 1 or any(t.function is not None or sum(t.powers) != 1 for t in unknown):
         raise _NoForm
     return {
-        state: tuple(
+        divisor.powers.index(1): tuple(
             divided(part, divisor) for term in known for part in term_along(term, path, statement, functions)
         )
-        for state, divisor in unknown
+        for divisor in unknown
     }
 
 
@@ -143,8 +139,9 @@ def term_along(
         return []
     if term.function is not None:
         function = statement.functions[term.function]
-        slope = sum((s * _multiple(path[i]) for i, s in enumerate(function.slope) if s), 0.0)
-        along = replace(function, slope=(slope,))
+        along = replace(
+            function, slope=(sum((s * _multiple(path[i]) for i, s in enumerate(function.slope) if s), 0.0),)
+        )
         if along not in functions:
             functions.append(along)
         index = functions.index(along)
@@ -152,7 +149,6 @@ def term_along(
 
 
 def _multiple(terms: Terms) -> float:
-    """The factor m of a state m a, proportional to the amplitude."""
     for term in terms:
         if len(terms) > 1 or (term.powers, term.parameters, term.function) != ((1,), (), None):
             raise _NoForm
@@ -161,8 +157,8 @@ def _multiple(terms: Terms) -> float:
 
 def multiplied(term: Term, coefficient: float, parameters: Iterable[tuple[str, int]]) -> Term:
     """A term times a number and powers of parameters."""
-    powers = Counter(dict(term.parameters))
-    powers.update(dict(parameters))
+    mine, others = dict(term.parameters), dict(parameters)
+    powers = {name: mine.get(name, 0) + others.get(name, 0) for name in mine | others}
     pairs = tuple(sorted((name, power) for name, power in powers.items() if power))
     return Term(term.coefficient * coefficient, term.powers, pairs, term.function)
 
@@ -177,22 +173,18 @@ def divided(term: Term, divisor: Term) -> Term:
 # The integrators ----------------------------------------------------------------------------------
 def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
     """States of the integrators with which the law's input keeps the start in equilibrium, by Newton's method."""
-    index = np.flatnonzero(free)
+    index, count = np.flatnonzero(free), int(free.sum())
     f, _, g2, _ = solution.exact_fields(x[None])
     held = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]
-    if len(held) != len(index):
+    if len(held) != count:
         return None
-    x = x.copy()
-    scale = 1 / np.sqrt(np.diag(solution.P)[index])
+    x, scale = x.copy(), 1 / np.sqrt(np.diag(solution.P)[index])
     for _ in range(30):
-        around = np.repeat(x[None], 1 + 2 * len(index), axis=0)
         difference = 1e-5 * np.maximum(np.abs(x[index]), 1e-3 * scale)
-        rows = np.arange(len(index))
-        around[1 + rows, index] += difference
-        around[1 + len(index) + rows, index] -= difference
-        inputs = solution.inputs(around)
-        slope = (inputs[1 : 1 + len(index)] - inputs[1 + len(index) :]).T / (2 * difference)
-        if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < len(index):
+        moves = np.diag(difference) @ np.eye(len(x))[index]
+        inputs = solution.inputs(x + np.vstack([np.zeros_like(x), moves, -moves]))
+        slope = (inputs[1 : 1 + count] - inputs[1 + count :]).T / (2 * difference)
+        if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < count:
             return None
         step = -np.linalg.solve(slope, inputs[0] - held)
         x[index] += step
@@ -207,11 +199,12 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
 
     Steps of an amplitude a start at −a, seen from the goal, or with `side` 1 at +a.
     """
-    linear = all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     driven = [(i, row[0]) for i, row in enumerate(statement.g2) if row[0]]
     rest = rest_path(statement, side)
-    single = rest is not None and rest[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
-    if rest is None or not (single and linear):
+    if rest is None or not (
+        rest[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
+        and all(sum(powers) == 1 for law in statement.law for powers, _ in law)
+    ):
         return None
     path, functions, place = rest[0].path, list(rest[0].functions), int(np.flatnonzero(rest[1])[0])
     ((rate, (divisor,)),), known = driven, dict(enumerate(path))
@@ -220,16 +213,21 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     except _NoForm:
         return None
     gains = {powers.index(1): value for powers, value in statement.law[0]}
-    held = _gathered(divided(part, divisor) for part in parts)
-    terms = [replace(term, coefficient=term.coefficient / gains[place]) for term in held]
-    terms += [
-        replace(term, coefficient=-gain / gains[place] * term.coefficient)
-        for i, gain in gains.items()
-        if i != place
-        for term in path[i]
+    terms = [
+        *(
+            replace(term, coefficient=term.coefficient / gains[place])
+            for term in _gathered(divided(part, divisor) for part in parts)
+        ),
+        *(
+            replace(term, coefficient=-gain / gains[place] * term.coefficient)
+            for i, gain in gains.items()
+            if i != place
+            for term in path[i]
+        ),
     ]
-    whole = tuple(_gathered(terms) if i == place else row for i, row in enumerate(path))
-    return Start(UNCHANGED_INPUT, 1.0, whole, tuple(functions))
+    return Start(
+        UNCHANGED_INPUT, 1.0, (*path[:place], _gathered(terms), *path[place + 1 :]), tuple(functions)
+    )
 
 
 def tabled_start(
@@ -248,8 +246,9 @@ def tabled_start(
             return None
         states[k] = start
     table = tuple(tuple(column.tolist()) if moves else () for column, moves in zip(states.T, free))
-    grid = tuple(amplitudes.tolist())
-    return replace(path, rule=NOMINAL_INPUT, amplitude=float(step), amplitudes=grid, table=table)
+    return replace(
+        path, rule=NOMINAL_INPUT, amplitude=float(step), amplitudes=tuple(amplitudes.tolist()), table=table
+    )
 
 
 def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
@@ -281,20 +280,19 @@ def largest_values(statement: Certificate, start: Start, amplitudes: np.ndarray)
 def start_inside(statement: Certificate, start: Start, step: float | None) -> tuple[Start, ...]:
     """The path up to `step`, or as far as V stays below the level at all corners; empty if `step` is not inside."""
     if step is not None:
-        inside = largest_values(statement, start, np.linspace(0.0, step, _POINTS)).max() < statement.level
+        inside = largest_values(statement, start, np.linspace(0.0, step, PATH_POINTS)).max() < statement.level
         if inside or start.table:
             return (replace(start, amplitude=float(step)),) if inside else ()
     amplitude = 1e-3
     amplitude *= float(np.sqrt(statement.level / largest_values(statement, start, np.array([amplitude]))[0]))
-    grid = np.linspace(0.0, _FURTHEST * amplitude, _FURTHEST * _POINTS + 1)
-    beyond = np.flatnonzero(largest_values(statement, start, grid) >= _INSIDE * statement.level)
+    grid = np.linspace(0.0, _FURTHEST * amplitude, _FURTHEST * PATH_POINTS + 1)
+    beyond = np.flatnonzero(largest_values(statement, start, grid) >= PATH_SHARE * statement.level)
     last = float(grid[max(beyond[0] - 1, 0) if len(beyond) else -1])
     return (replace(start, amplitude=last),) if last > 0.0 else ()
 
 
 # Runs from the largest starts --------------------------------------------------------------------------
-_SETTLED = 1e-6  # the run ends where V is below this share of its first value
-_RUN_STEPS = 20_000  # of a run at least, if it took all that time
+_SETTLED, _RUN_STEPS = 1e-6, 20_000  # share of the first V at which a run ends, and its steps at least
 _TIME_CONSTANTS = 100.0  # time constants of the slowest mode of the linear loop
 
 
@@ -315,8 +313,9 @@ def longest_run(solution: ValueFunction) -> float:
     """Duration in s after which a run has settled: `_TIME_CONSTANTS` of the slowest mode of the linear loop."""
     plant = solution.expansion
     b = plant.g2_parts[0][:, :, 0]
-    closed = plant.f_parts[1] - b @ np.linalg.solve(plant.r2, b.T @ solution.P)
-    return _TIME_CONSTANTS / float(-np.linalg.eigvals(closed).real.max())
+    return _TIME_CONSTANTS / float(
+        -np.linalg.eigvals(plant.f_parts[1] - b @ np.linalg.solve(plant.r2, b.T @ solution.P)).real.max()
+    )
 
 
 def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedStep, ...]:
@@ -342,8 +341,16 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
             return float(solution.value(x)) - end
 
         below.terminal = True  # type: ignore[attr-defined]
-        fine: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-10, "max_step": longest / _RUN_STEPS}
-        run = solve_ivp(rates, (0.0, longest), first, "LSODA", events=below, **fine)
+        run = solve_ivp(
+            rates,
+            (0.0, longest),
+            first,
+            "LSODA",
+            events=below,
+            rtol=1e-8,
+            atol=1e-10,
+            max_step=longest / _RUN_STEPS,
+        )
         if run.status != 1:
             raise NumericalFailure(
                 "The run from the largest proved start does not settle.",
@@ -357,3 +364,169 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
         peak = np.abs(inputs).max(axis=0)
         steps.append(ProvedStep(start.rule, start.amplitude, beyond, inputs[0], peak, run.t, state))
     return tuple(steps)
+
+
+#: Points of a surface along each side, and its sides over where the proved region is expected to end.
+POINTS, WIDTH_FACTOR = 121, 1.25
+
+#: A plane's second direction keeps this from the first (1 − cosine, V_2 as the metric); how far the plane is looked at.
+APART, FURTHEST = 0.1, 4.0
+
+#: A step with a disturbance has this share of the largest proved amplitude: the rest is for d. And so many samples.
+SHARE, SAMPLES = 0.8, 1000
+
+
+@dataclass(frozen=True, eq=False)
+class Slice:
+    """V and r + αV (B, A) on a surface through the goal with the coordinates `across` (A,) and `up` (B,)."""
+
+    across: np.ndarray
+    up: np.ndarray
+    value: np.ndarray
+    residual: np.ndarray
+
+    @property
+    def rate(self) -> np.ndarray:
+        """r/V, 1/s, shape (B, A): how fast V falls beyond what the gain needs, negative; nan where V ≤ 0."""
+        positive = self.value > 0.0
+        return np.where(positive, self.residual / np.where(positive, self.value, 1.0), np.nan)
+
+    def worst(self, level: float) -> tuple[float, float, float]:
+        """Where r/V is largest among the points with V ≤ level: across, up, and r/V."""
+        inside = np.where(self.value <= level, self.rate, np.nan)
+        place = np.unravel_index(int(np.nanargmax(inside)), inside.shape)
+        return float(self.across[place[1]]), float(self.up[place[0]]), float(inside[place])
+
+
+@dataclass(frozen=True, eq=False)
+class StartSurface(Slice):
+    """Equilibria at −a with an integrator at e, where steps from rest to rest start: `across` is a, `up` is e.
+
+    `paths` are a and e (N, 2) of the proved starts, in the order of the certificate's.
+    """
+
+    paths: tuple[np.ndarray, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LimitSlice(Slice):
+    """The plane through the goal, the point that limits the sampled level (`up` = 1) and another one (`across` = 1).
+
+    The other one is the largest proved start, or where that lies near the first, a unit of one state with the others
+    where V_2 is smallest.
+    """
+
+    limit: str  # what fails there, as `SampledCheck.limit`
+    point: np.ndarray  # (n,): deviation at which the level ends
+    moved: int | None  # place of the state that is moved, None for the largest start
+
+
+@dataclass(frozen=True, eq=False)
+class WorstStep:
+    """A step from rest with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², for as long as the budget lasts."""
+
+    rule: str
+    amplitude: float
+    time: np.ndarray  # (N,), s
+    state: np.ndarray  # (N, n), deviations from the goal
+    disturbance: np.ndarray  # (N, w)
+    value: np.ndarray  # V
+    spent: np.ndarray  # ½γ²∫|d|² until then
+
+
+def start_surface(
+    solution: ValueFunction, certificate: Claim, penalty: CheckedPenalty | None = None
+) -> StartSurface | None:
+    """V and r where steps start; None without starts, or with other than one integrator."""
+    chosen = [(start, [i for i, row in enumerate(start.table) if row]) for start in certificate.starts]
+    if not chosen or any(len(free) != 1 for _, free in chosen):
+        return None
+    start, (integral,) = max(chosen, key=lambda pair: pair[0].amplitude)
+    paths = tuple(np.column_stack([s.amplitudes, s.table[free[0]]]) for s, free in chosen)
+    width = WIDTH_FACTOR * max(start.amplitude, float(max(path[:, 0].max() for path in paths)))
+    height = WIDTH_FACTOR * max(
+        np.sqrt(2.0 * certificate.level * float(np.linalg.inv(solution.P)[integral, integral])),
+        max(float(np.abs(p[:, 1]).max()) for p in paths),
+    )
+    a, e = np.linspace(-width, width, POINTS), np.linspace(-height, height, POINTS)
+    points = np.repeat(path_states(start, certificate.middle, a)[None], POINTS, axis=0)
+    points[:, :, integral] = e[:, None]
+    return StartSurface(a, e, *_on(solution, certificate, penalty, points), paths)
+
+
+def limit_slice(
+    solution: ValueFunction, certificate: Claim, penalty: CheckedPenalty | None = None
+) -> LimitSlice | None:
+    """The plane in which the sampled level ends; None where sampling finds no end."""
+    check = sample_region(solution, certificate.gamma, penalty)
+    if check is None or not 0.0 < check.level < np.inf:
+        return None
+    point, least = check.worst_point, np.linalg.inv(solution.P)
+
+    def apart(choice: tuple[np.ndarray, int | None]) -> float:
+        x = choice[0]
+        return 1.0 - float(
+            abs(x @ solution.P @ point) / np.sqrt((x @ solution.P @ x) * (point @ solution.P @ point))
+        )
+
+    starts = [path_start(certificate, start, start.amplitude) for start in certificate.starts]
+    choices: list[tuple[np.ndarray, int | None]] = [
+        *((x, None) for x in sorted(starts, key=lambda x: -float(solution.value(x)))[:1]),
+        *((least[:, i] / least[i, i], i) for i in range(len(least))),
+    ]
+    other, moved = next((choice for choice in choices if apart(choice) > APART), max(choices, key=apart))
+
+    angle = np.linspace(0.0, np.pi, 91)  # how far {V ≤ level} goes in this plane, along rays from the goal
+    unit = np.column_stack([np.cos(angle), np.sin(angle)])
+    ends = np.array([np.sqrt(2.0 * certificate.level / (x @ solution.P @ x)) for x in (other, point)])
+    plane = np.linspace(0.0, FURTHEST, 200)[1:, None, None] * unit * ends
+    value = np.asarray(solution.value((plane @ np.array([other, point])).reshape(-1, len(point))))
+    inside = np.logical_and.accumulate(value.reshape(plane.shape[:2]) <= certificate.level, axis=0)
+    across, up = (
+        np.linspace(-WIDTH_FACTOR * length, WIDTH_FACTOR * length, POINTS)
+        for length in (float(np.abs(plane[..., k][inside]).max(initial=0.1)) for k in (0, 1))
+    )
+    value, residual = _on(solution, certificate, penalty, across[:, None] * other + up[:, None, None] * point)
+    return LimitSlice(across, up, value, residual, check.limit, point, moved)
+
+
+def _on(
+    solution: ValueFunction, certificate: Claim, penalty: CheckedPenalty | None, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """V and r + αV at deviations (B, A, n), each (B, A)."""
+    flat, pair = points.reshape(-1, points.shape[-1]), checked_pair(solution, certificate.gamma, penalty)
+    value, slope = solution.value_and_gradient(flat)
+    residual = Inequality(solution, pair.gamma, pair.output).terms(flat, slope).sum(axis=0)
+    residual += certificate.decay * value
+    return value.reshape(points.shape[:-1]), residual.reshape(points.shape[:-1])
+
+
+def worst_step(solution: ValueFunction, certificate: Claim, start: Start) -> WorstStep:
+    """The step of `SHARE` times the largest proved amplitude of a path, with the worst disturbance.
+
+    Where the dissipation inequality is an equality, d = g1ᵀV_xᵀ/γ² maximises V̇ − ½γ²|d|². It acts from the
+    beginning and ends where V(x0) + ½γ²∫|d|² reaches the proved level.
+    """
+    amplitude = SHARE * start.amplitude
+    x = path_start(certificate, start, amplitude)
+    h, gamma, level = longest_run(solution) / 8.0 / SAMPLES, certificate.gamma, certificate.level
+    first = float(solution.value(x))
+
+    def rates(x: np.ndarray, on: bool) -> tuple[np.ndarray, np.ndarray]:
+        f, g1, g2, _ = solution.exact_fields(x[None])
+        d = g1[0].T @ solution.gradient(x) / gamma**2 if on else np.zeros(g1.shape[2])
+        return f[0] + g1[0] @ d + g2[0] @ solution.inputs(x[None])[0], d
+
+    rows, spent, on = [], 0.0, True
+    for k in range(SAMPLES + 1):
+        rate, d = rates(x, on)
+        on = on and first + spent + 0.5 * gamma**2 * h * float(d @ d) < level
+        if not on and d.any():
+            rate, d = rates(x, on)
+        rows.append((k * h, x, d, float(solution.value(x)), spent))
+        a, da = rates(x + 0.5 * h * rate, on)
+        b, db = rates(x + 0.5 * h * a, on)
+        c, dc = rates(x + h * b, on)
+        x = x + h / 6.0 * (rate + 2.0 * a + 2.0 * b + c)
+        spent += 0.5 * gamma**2 * h / 6.0 * float(d @ d + 2.0 * da @ da + 2.0 * db @ db + dc @ dc)
+    return WorstStep(start.rule, amplitude, *(np.array(column) for column in zip(*rows)))

@@ -64,7 +64,7 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     from rich.console import Console
 
     from flexhinf import pages
-    from flexhinf.certify.theorem import theorem_text
+    from flexhinf.certify.certificate import theorem_text
     from flexhinf.design.certification import (
         SeveralJoints,
         certify_design,
@@ -120,8 +120,7 @@ def _sampled_instead(context: typer.Context) -> str:
 
 def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
-    from flexhinf.certify import load_certificate
-    from flexhinf.certify.theorem import theorem_text, verification_text
+    from flexhinf.certify.certificate import load_certificate, theorem_text, verification_text
 
     for name in stated_options(context):
         if name not in ("check", "every_cell", "threads", "robot"):

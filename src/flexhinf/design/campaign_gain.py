@@ -22,7 +22,7 @@ from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
 from flexhinf.campaign import Journal
 from flexhinf.campaign.journal import UNREADABLE
-from flexhinf.certify.evaluation import linear_part
+from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification
 from flexhinf.design.campaign_folder import DesignCampaign
 from flexhinf.design.synthesis.steps import synthesise

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturbance
-from flexhinf.certify import pictures
+from flexhinf.certify import starts
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.cells import OutOfTime, time_limit
 from flexhinf.certify.certificate import Certificate
@@ -277,10 +277,10 @@ class Evidence:
 
     certificate: Certificate  # With the attained gain, where a disturbance was found
     # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
-    surface: pictures.StartSurface | None
-    limit: pictures.LimitSlice | None
+    surface: starts.StartSurface | None
+    limit: starts.LimitSlice | None
     # A smaller step with the worst disturbance, for each rule of the integrators' start
-    worst: tuple[pictures.WorstStep, ...]
+    worst: tuple[starts.WorstStep, ...]
     # The worst disturbance found by search, from rest at the goal, with which V stays below the proved level
     attained: Attained | None
 
@@ -299,11 +299,9 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
         return Evidence(certificate, None, None, (), attained)
     if s.checked_penalty is not None and not callable(s.checked_penalty):
         weights = Penalty.of(s.checked_penalty).expanded(robot.plant().groups).states
-    worst = tuple(pictures.worst_step(solution, certificate, start) for start in certificate.starts)
-    surface = pictures.start_surface(solution, certificate, weights)
-    return Evidence(
-        certificate, surface, pictures.limit_slice(solution, certificate, weights), worst, attained
-    )
+    worst = tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts)
+    surface = starts.start_surface(solution, certificate, weights)
+    return Evidence(certificate, surface, starts.limit_slice(solution, certificate, weights), worst, attained)
 
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the

@@ -34,7 +34,7 @@ from flexhinf.estimation import (
     UnscentedKalmanFilter,
     stationary_covariance,
 )
-from flexhinf.estimation.constant_gain import check_detectable
+from flexhinf.estimation.kalman import check_detectable
 from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot

@@ -7,7 +7,7 @@ candidates. They are proved in order, the best first, until one is.
 
 `prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances to the z of
 `measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common quadratic V
-(`flexhinf.certify.box_gain`), of others a multiple of the law's own; its level holds the step of every robot.
+(`flexhinf.certify.box`), of others a multiple of the law's own; its level holds the step of every robot.
 """
 
 from __future__ import annotations
@@ -22,11 +22,16 @@ from typing import Any, TypeVar
 import numpy as np
 
 from flexhinf.certify import Certificate
-from flexhinf.certify.box import parameter_ranges, tolerance_statement
-from flexhinf.certify.box_gain import CommonValue, common_value, sampled_gain
+from flexhinf.certify.box import (
+    CommonValue,
+    common_value,
+    parameter_ranges,
+    sampled_gain,
+    tolerance_statement,
+)
 from flexhinf.certify.cells import OutOfTime, Progress, time_limit
+from flexhinf.certify.certificate import path_start
 from flexhinf.certify.claim import Start
-from flexhinf.certify.evaluation import path_start
 from flexhinf.certify.proof import NotProved, certify_tolerances
 from flexhinf.certify.starts import largest_values, robot_start, tabled_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify import Certificate
-from flexhinf.certify.pictures import Slice
-from flexhinf.certify.theorem import AUTHOR, common_unit, persistent_bound, theorem_parts
+from flexhinf.certify.certificate import AUTHOR, common_unit, persistent_bound, theorem_parts
+from flexhinf.certify.starts import Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.pages.design.region import RULES

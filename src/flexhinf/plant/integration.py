@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import real_array
 
 #: Largest step times fastest mode for simulation: RK4 then errs by (hλ)⁴/120 < 1e-10 per radian of a mode's phase,
@@ -61,8 +61,9 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
     stages = [first, run.call(flow, run.call(_Ahead((step * NODES[1],)), x, first), *held)]
     for before, node in pairwise(NODES[1:]):
         part = node**2 / (2.0 * before)
-        between = _Ahead((step * (node - part), step * part))
-        stages.append(run.call(flow, run.call(between, x, first, stages[-1]), *held))
+        stages.append(
+            run.call(flow, run.call(_Ahead((step * (node - part), step * part)), x, first, stages[-1]), *held)
+        )
     return run.call(_Ahead(tuple(step * weight for weight in WEIGHTS)), x, first, stages[5], stages[7])
 
 
@@ -87,13 +88,13 @@ class _Whole:
 def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_STEP) -> int:
     """How many steps of at most `largest` / |λ| make one period, s; |λ| is the fastest mode, rad/s."""
     wanted = period * fastest_mode / largest - 1e-9
-    if not wanted <= MOST_SUB_STEPS:
-        raise InvalidInput(
-            "The plant is too fast for this period and an explicit method.",
-            f"expected at most {MOST_SUB_STEPS} sub-steps per period of {period:g} s, got a fastest mode of "
-            f"{fastest_mode:.4g} rad/s, which needs {wanted:.4g}",
-            "check the units of the parameters; leave out a mode that is far faster than the control",
-        )
+    refuse_if(
+        not wanted <= MOST_SUB_STEPS,
+        "The plant is too fast for this period and an explicit method.",
+        f"expected at most {MOST_SUB_STEPS} sub-steps per period of {period:g} s, got a fastest mode of "
+        f"{fastest_mode:.4g} rad/s, which needs {wanted:.4g}",
+        "check the units of the parameters; leave out a mode that is far faster than the control",
+    )
     return max(1, math.ceil(wanted))
 
 

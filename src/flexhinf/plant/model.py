@@ -16,7 +16,7 @@ from typing import Any, Self, cast
 
 import numpy as np
 
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.integration import fastest_modes
 from flexhinf.scalars import (
@@ -38,6 +38,7 @@ from flexhinf.validation import (
     checked_text,
     distinct,
     extra_package,
+    one_of,
     read_only,
     real_array,
     unknown_name,
@@ -73,12 +74,12 @@ class ParameterTable:
             )
         checked = {}
         for name, value in self.values.items():
-            if not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"):
-                raise InvalidInput(
-                    f"The parameter name {name!r} cannot be an attribute.",
-                    "expected a Python identifier without a leading underscore that is no keyword",
-                    "letters, digits and underscores, for example lambda_ for lambda",
-                )
+            refuse_if(
+                not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"),
+                f"The parameter name {name!r} cannot be an attribute.",
+                "expected a Python identifier without a leading underscore that is no keyword",
+                "letters, digits and underscores, for example lambda_ for lambda",
+            )
             array = real_array(value)
             if not np.all(np.isfinite(array)):
                 raise InvalidInput(
@@ -103,6 +104,11 @@ class ParameterTable:
         """Length of the vector."""
         return sum(value.size for value in self.values.values())
 
+    @cached_property
+    def _places(self) -> dict[str, slice]:
+        ends = np.cumsum([value.size for value in self.values.values()], dtype=int).tolist()
+        return {name: slice(end - value.size, end) for end, (name, value) in zip(ends, self.values.items())}
+
     def vector(self) -> np.ndarray:
         """Nominal values, flat (size,)."""
         return np.concatenate([np.zeros(0), *(value.ravel() for value in self.values.values())])
@@ -116,17 +122,12 @@ class ParameterTable:
                 f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
                 "vector(), changed",
             )
-        named, start = {}, 0
-        for name, value in self.values.items():
-            part = vector[start : start + value.size]
-            named[name] = part.reshape(value.shape) if value.ndim else part[0]
-            start += value.size
-        return Parameters(named)
+        parts = {name: vector[place].reshape(self.values[name].shape) for name, place in self._places.items()}
+        return Parameters({name: part if part.ndim else part[()] for name, part in parts.items()})
 
     def flat(self, parameters: Parameters) -> np.ndarray:
         """Named parameters back as a vector (size,): the inverse of `named`."""
-        parts = [np.ravel(np.asarray(getattr(parameters, name))) for name in self.values]
-        return np.concatenate(parts) if parts else np.zeros(0)
+        return np.concatenate([np.zeros(0), *(np.ravel(getattr(parameters, name)) for name in self.values)])
 
     def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The values whose names are in this table: a robot states more than each of its plants has."""
@@ -135,19 +136,18 @@ class ParameterTable:
     def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
         """A copy with some values changed: known names, the same shapes, finite numbers."""
         for name, value in changes.items():
-            if name not in self.values:
-                raise unknown_name(f"There is no parameter {name!r}.", name, self.names, AS_STATED)
-            if np.shape(value) != self.values[name].shape:
-                raise InvalidInput(
-                    f"The parameter {name!r} has the wrong shape.",
-                    f"expected {self.values[name].shape}, got {np.shape(value)}",
-                    "one number for each nominal number",
-                )
+            one_of(f"There is no parameter {name!r}.", name, self.values, AS_STATED)
+            refuse_if(
+                np.shape(value) != self.values[name].shape,
+                f"The parameter {name!r} has the wrong shape.",
+                f"expected {self.values[name].shape}, got {np.shape(value)}",
+                "one number for each nominal number",
+            )
         return ParameterTable({**self.values, **changes})
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
         """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
-        table, start = np.tile(self.vector(), (len(rows), 1)), 0
+        table = np.tile(self.vector(), (len(rows), 1))
         fits = all(name in self.values for row in rows for name in row)
         try:
             for name, value in self.values.items():
@@ -155,8 +155,7 @@ class ParameterTable:
                 if changed:
                     columns = real_array([rows[k][name] for k in changed])
                     fits &= columns.shape == (len(changed), *value.shape)
-                    table[changed, start : start + value.size] = columns.reshape(len(changed), -1)
-                start += value.size
+                    table[changed, self._places[name]] = columns.reshape(len(changed), -1)
         except (TypeError, ValueError, OverflowError):  # another size, or no number
             fits = False
         if not (fits and np.all(np.isfinite(table))):  # `replaced` raises, and says which value it is
@@ -250,12 +249,12 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
             f"expected NumPy code for vectors of the named sizes, got {type(error).__name__}: {error}",
             "the names in states, inputs and disturbances, and NumPy functions on the elements",
         ) from error
-    if signals.ndim != 1:
-        raise InvalidInput(
-            f"{what} does not return a vector.",
-            f"expected one axis, got shape {signals.shape}",
-            "np.array([...]) of the elements",
-        )
+    refuse_if(
+        signals.ndim != 1,
+        f"{what} does not return a vector.",
+        f"expected one axis, got shape {signals.shape}",
+        "np.array([...]) of the elements",
+    )
     return signals
 
 
@@ -296,11 +295,8 @@ class Model(Summarised):
         can express, has acted on the state x that the flow reaches. Only `flexhinf.Loop` has it; linearisations and
         estimators do not.
 
-    Raises
-    ------
-    InvalidInput
-        If names repeat, if a parameter is not finite, or if `flow` or `output` does not run on symbols of
-        these shapes.
+    Raises InvalidInput: if names repeat, if a parameter is not finite, or if `flow` or `output` does not run on
+    symbols of these shapes.
     """
 
     flow: Callable[..., Any]
@@ -327,28 +323,28 @@ class Model(Summarised):
             object.__setattr__(self, kind, names)
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
-        if not self.states or not self.inputs:
-            raise InvalidInput(
-                "A plant needs at least one state and one input.",
-                f"got {len(self.states)} states and {len(self.inputs)} inputs",
-                "states=(...), inputs=(...)",
-            )
+        refuse_if(
+            not self.states or not self.inputs,
+            "A plant needs at least one state and one input.",
+            f"got {len(self.states)} states and {len(self.inputs)} inputs",
+            "states=(...), inputs=(...)",
+        )
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
-        if self.traced_flow.size1_out(0) != len(self.states):
-            raise InvalidInput(
-                "flow(x, u, d, p) returns the wrong number of derivatives.",
-                f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
-                "one derivative per state, in the order of states",
-            )
+        refuse_if(
+            self.traced_flow.size1_out(0) != len(self.states),
+            "flow(x, u, d, p) returns the wrong number of derivatives.",
+            f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
+            "one derivative per state, in the order of states",
+        )
         measured = self.traced_output.size1_out(0)
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
-        if len(self.outputs) != measured:
-            raise InvalidInput(
-                "output(x, u, p) and the names of the outputs disagree.",
-                f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
-                "one name per signal",
-            )
+        refuse_if(
+            len(self.outputs) != measured,
+            "output(x, u, p) and the names of the outputs disagree.",
+            f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
+            "one name per signal",
+        )
 
     @property
     def n(self) -> int:
@@ -361,14 +357,16 @@ class Model(Summarised):
 
     def index(self, name: str) -> int:
         """Place of a state in x, by name."""
-        if name not in self.states:
-            raise unknown_name(f"There is no state {name!r}.", name, self.states)
+        one_of(f"There is no state {name!r}.", name, self.states)
         return tuple(self.states).index(name)
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
-        groups = (self.groups.get(name, (name,)) for name in checked_names("The signals", names))
-        return tuple(single for group in groups for single in group)
+        return tuple(
+            single
+            for name in checked_names("The signals", names)
+            for single in self.groups.get(name, (name,))
+        )
 
     @property
     def code_key(self) -> tuple[object, ...]:
@@ -378,9 +376,8 @@ class Model(Summarised):
         one function that reads a changed constant has another key when its plant is built anew.
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
-        names = (self.states, self.inputs, self.disturbances, self.outputs)
         arrest = () if self.arrest is None else (digest(self.traced_arrest),)
-        return (*self._content, *arrest, *names, shapes)
+        return (*self._content, *arrest, self.states, self.inputs, self.disturbances, self.outputs, shapes)
 
     @cached_property
     def _content(self) -> tuple[str, str]:
@@ -398,12 +395,12 @@ class Model(Summarised):
         text = serial([pack(array) for array in arguments], self._flow_text(*arguments))
         if text == vars(self).get("_checked"):  # as it was when it was traced: half the work of a trace
             return
-        if digest(self._trace_flow()) != self._content[0]:
-            raise InvalidInput(
-                "flow(x, u, d, p) computes something else than when its plant was built.",
-                "expected the same operations and constants: a global or an attribute that it reads has changed",
-                "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
-            )
+        refuse_if(
+            digest(self._trace_flow()) != self._content[0],
+            "flow(x, u, d, p) computes something else than when its plant was built.",
+            "expected the same operations and constants: a global or an attribute that it reads has changed",
+            "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
+        )
         vars(self)["_checked"] = text
 
     def with_parameters(self, **changes: Any) -> Self:
@@ -445,8 +442,8 @@ class Model(Summarised):
         """
         names = {
             "inputs": [*self.inputs, *self.disturbances],
-            "outputs": list(self.outputs),
-            "states": list(self.states),
+            "outputs": [*self.outputs],
+            "states": [*self.states],
         }
         p, m = self.parameters.vector(), len(self.inputs)
 
@@ -474,18 +471,21 @@ class Model(Summarised):
         """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
         rate = self.derivative(x, u)
         worst = int(np.argmax(np.abs(rate)))
-        finite = np.isfinite(rate).all()
-        largest = EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if finite else -1.0
-        if not abs(rate[worst]) <= largest:
-            raise InvalidInput(
-                what, f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}", advice
-            )
+        largest = (
+            EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if np.isfinite(rate).all() else -1.0
+        )
+        refuse_if(
+            not abs(rate[worst]) <= largest,
+            what,
+            f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}",
+            advice,
+        )
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
-        facts = {kind: names_text(getattr(self, kind)) for kind in ("states", "inputs", "disturbances")}
-        named = {"measured": self.outputs, "parameters": tuple(self.parameters.values)}
-        return facts | {name: names_text(names) for name, names in named.items()}
+        named = {kind: getattr(self, kind) for kind in ("states", "inputs", "disturbances")}
+        named |= {"measured": self.outputs, "parameters": self.parameters.names}
+        return {name: names_text(names) for name, names in named.items()}
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
@@ -555,16 +555,16 @@ class Model(Summarised):
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
         points = self._points(x, u, d)
         count = max(map(len, points)) if all(map(len, points)) else 0
-        if any(len(rows) not in (1, count) for rows in points):
-            raise InvalidInput(
-                "The numbers of points differ.",
-                f"got {[len(rows) for rows in points]} rows of x, u and d",
-                "a row for each point, or one for all",
-            )
+        refuse_if(
+            any(len(rows) not in (1, count) for rows in points),
+            "The numbers of points differ.",
+            f"got {[len(rows) for rows in points]} rows of x, u and d",
+            "a row for each point, or one for all",
+        )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
-        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
         columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
+        vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
         result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
@@ -573,8 +573,10 @@ class Model(Summarised):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default."""
         points = [rows[0] for rows in self._points(x, u, d, single=True)]
-        jacobians = self.traced_jacobians(*points, self.parameters.vector())
-        a, b, g, c = (np.asarray(matrix, dtype=float) for matrix in jacobians)
+        a, b, g, c = (
+            np.asarray(matrix, dtype=float)
+            for matrix in self.traced_jacobians(*points, self.parameters.vector())
+        )
         return a, b, g, c
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import copy
-import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import has_a_name
 from flexhinf.plant.polynomial_plant import checked_r2
-from flexhinf.validation import checked_array, checked_names, real_array, value_text
+from flexhinf.validation import checked_array, checked_names, one_of, real_array, value_text
 
 
 @dataclass(frozen=True)
@@ -30,10 +29,7 @@ class Penalty:
     effort : float or (m,) or (m, m) array
         R2 of Eq. (4): the penalty on the input is uᵀ R2 u. The paper has R2 = 10.
 
-    Raises
-    ------
-    InvalidInput
-        If R2 is not symmetric positive definite, or a weight is negative or not finite.
+    Raises InvalidInput: if R2 is not symmetric positive definite, or a weight is negative or not finite.
     """
 
     states: Mapping[str, float] | Sequence[float] | Callable[..., Any] | np.ndarray
@@ -47,30 +43,30 @@ class Penalty:
             checked_names("The weighted states", named)
         elif not callable(self.states):
             rows = real_array(self.states)
-            if rows.ndim not in (1, 2):
-                raise InvalidInput(
-                    "The penalty is not made of weights.",
-                    f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
-                    "{'link_position': 60.0}",
-                )
+            refuse_if(
+                rows.ndim not in (1, 2),
+                "The penalty is not made of weights.",
+                f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
+                "{'link_position': 60.0}",
+            )
             named = {k + 1: weight for k, weight in enumerate(self.states)} if rows.ndim == 1 else {}
             if not isinstance(self.states, (list, tuple, np.ndarray)):
                 object.__setattr__(self, "states", rows)
         for name, weight in named.items():
             values = np.atleast_1d(real_array(weight))
-            if np.any(values < 0.0):  # what is no number is refused where the names are known
-                raise InvalidInput(
-                    f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
-                    f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
-                    f"{np.abs(values).max():g}, or leave the weight out",
-                )
-        effort = real_array(self.effort)
-        if not np.all(np.isfinite(effort)) or effort.ndim > 2:
-            raise InvalidInput(
-                "The effort penalty R2 is not made of finite numbers.",
-                f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
-                "a positive number, for example effort=10",
+            refuse_if(
+                np.any(values < 0.0),  # what is no number is refused where the names are known
+                f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
+                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
+                f"{np.abs(values).max(initial=0.0):g}, or leave the weight out",
             )
+        effort = real_array(self.effort)
+        refuse_if(
+            not np.all(np.isfinite(effort)) or effort.ndim > 2,
+            "The effort penalty R2 is not made of finite numbers.",
+            f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
+            "a positive number, for example effort=10",
+        )
 
     def __copy__(self) -> Penalty:
         return Penalty(self.states, self.effort)
@@ -79,13 +75,12 @@ class Penalty:
         return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
 
     def __getstate__(self) -> dict[str, Any]:
-        """For a pickle: code is found again by its name."""
-        if callable(self.states) and not has_a_name(self.states):
-            raise InvalidInput(
-                "A penalty of code without a name cannot be pickled.",
-                f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
-                "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
-            )
+        refuse_if(
+            callable(self.states) and not has_a_name(self.states),
+            "A penalty of code without a name cannot be pickled.",
+            f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
+            "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
+        )
         return {"states": self.states, "effort": self.effort}
 
     @staticmethod
@@ -106,12 +101,12 @@ class Penalty:
         for name, weight in self.states.items():
             stem = name.removesuffix("_integral")
             members = groups.get(name) or [f"{m}_integral" for m in groups.get(stem, ())]
-            if members and np.ndim(weight) and np.shape(weight) != (len(members),):
-                raise InvalidInput(
-                    f"The weights of {name!r} do not fit its signals.",
-                    f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
-                    "a number for all of them",
-                )
+            refuse_if(
+                members and np.ndim(weight) and np.shape(weight) != (len(members),),
+                f"The weights of {name!r} do not fit its signals.",
+                f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
+                "a number for all of them",
+            )
             weights.update(zip(members, weight if np.ndim(weight) else [weight] * len(members)))
             if not members and stem not in groups:
                 singles[name] = weight
@@ -123,12 +118,12 @@ class Penalty:
         matrix = (
             np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort) if effort.ndim < 2 else effort
         )
-        if matrix.shape != (inputs, inputs):
-            raise InvalidInput(
-                "The effort penalty R2 has the wrong shape.",
-                f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
-                "a number, one number per input, or a matrix",
-            )
+        refuse_if(
+            matrix.shape != (inputs, inputs),
+            "The effort penalty R2 has the wrong shape.",
+            f"expected ({inputs}, {inputs}) for {inputs} inputs, got {matrix.shape}",
+            "a number, one number per input, or a matrix",
+        )
         return checked_r2(matrix, 1e-9, 1e-12)
 
     def evaluate(self, x: Any, names: Sequence[str], p: Any) -> Any:
@@ -150,16 +145,14 @@ class Penalty:
     @property
     def matrix(self) -> np.ndarray | None:
         """C (s, n) for a penalty that is a matrix, else None."""
-        if callable(self.states) or isinstance(self.states, Mapping) or np.ndim(self.states) != 2:
-            return None
-        return real_array(self.states)
+        other = callable(self.states) or isinstance(self.states, Mapping) or np.ndim(self.states) != 2
+        return None if other else real_array(self.states)
 
     def weights(self, names: Sequence[str]) -> np.ndarray:
         """One weight per state, (n,); for a penalty given by one number for each."""
         listed: Any = self.states
         if isinstance(self.states, Mapping):
-            for name in [name for name in self.states if name not in names]:
-                raise unknown_weight(name, names)
+            check_weighted(self.states, names)
             listed = [self.states.get(name, 0.0) for name in names]
         return checked_array(
             "The penalty does not fit the states.",
@@ -170,11 +163,8 @@ class Penalty:
         )
 
 
-def unknown_weight(name: str, known: Sequence[str]) -> InvalidInput:
-    """The error for a weight of something that is not known, with the known name that is most like it."""
-    close = max(known, key=lambda other: difflib.SequenceMatcher(None, name, other).ratio())
-    return InvalidInput(
-        f"The penalty names a state that the problem does not have: {name!r}.",
-        f"expected names out of {list(known)}",
-        f"{close!r}; integrals of a tracking error are called NAME_integral",
-    )
+def check_weighted(weighted: Iterable[str], known: Sequence[str]) -> None:
+    """Refuse a weight of something that is not known."""
+    what = "The penalty names a state that the problem does not have (integrals of errors are called NAME_integral): "
+    for name in weighted:
+        one_of(f"{what}{name!r}.", name, known)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
 from flexhinf.plant.penalty import Penalty
@@ -39,8 +39,8 @@ class Plant(Model):
         See `GeneralisedPlant` for the arguments. The name of a group stands for all
         its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
-        weights = Penalty.of(penalty).expanded(self.groups)
         channels = None if disturbances is None else self.expanded(disturbances)
+        weights = Penalty.of(penalty).expanded(self.groups)
         return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, equilibrium)
 
 
@@ -67,10 +67,8 @@ class GeneralisedPlant(Summarised):
     equilibrium : (x*, u*), optional
         The operating point itself, where it is known: state (n,) and input (m,) of the plant. Instead of `pose`.
 
-    Raises
-    ------
-    InvalidInput, NumericalFailure
-        If names do not fit, nothing disturbs, or the operating point is not an equilibrium.
+    Raises InvalidInput, NumericalFailure: if names do not fit, nothing disturbs, or the operating point is not an
+    equilibrium.
     """
 
     plant: Plant
@@ -82,34 +80,33 @@ class GeneralisedPlant(Summarised):
     equilibrium: tuple[Any, Any] | None = None
 
     def __post_init__(self) -> None:
-        if self.command not in ("disturbance", None):
-            raise InvalidInput(
-                "The command can enter the synthesis in one way only.",
-                f"expected command='disturbance' or None, got {self.command!r}",
-                "command='disturbance' for the paper's problem",
-            )
+        refuse_if(
+            self.command not in ("disturbance", None),
+            "The command can enter the synthesis in one way only.",
+            f"expected command='disturbance' or None, got {self.command!r}",
+            "command='disturbance' for the paper's problem",
+        )
         for name in self.integrate:
             self.plant.index(name)
         distinct("Of the integrated states", self.integrate)
-        if self.command and not self.integrate:
-            raise InvalidInput(
-                "The command enters through the integral of the tracking error, and no state is integrated.",
-                "expected integrate=(...) with command='disturbance', got integrate=()",
-                "integrate=('link_position',)",
-            )
-        channels = self.disturbances
-        if channels is None:
-            channels = () if self.command else self.plant.disturbances
+        refuse_if(
+            self.command and not self.integrate,
+            "The command enters through the integral of the tracking error, and no state is integrated.",
+            "expected integrate=(...) with command='disturbance', got integrate=()",
+            "integrate=('link_position',)",
+        )
+        default = () if self.command else self.plant.disturbances
+        channels = default if self.disturbances is None else self.disturbances
         channels = (channels,) if isinstance(channels, str) else tuple(channels)
         unknown = [name for name in channels if name not in self.plant.disturbances]
-        if unknown or not (channels or self.command) or len(set(channels)) != len(channels):
-            raise InvalidInput(
-                f"There is no disturbance {unknown[0]!r}."
-                if unknown
-                else "The disturbances are none, or repeat.",
-                f"expected distinct names out of {list(self.plant.disturbances)}, got {list(channels)}",
-                "disturbances=(...), or command='disturbance'",
-            )
+        refuse_if(
+            unknown or not (channels or self.command) or len(set(channels)) != len(channels),
+            f"There is no disturbance {unknown[0]!r}."
+            if unknown
+            else "The disturbances are none, or repeat.",
+            f"expected distinct names out of {list(self.plant.disturbances)}, got {list(channels)}",
+            "disturbances=(...), or command='disturbance'",
+        )
         object.__setattr__(self, "disturbances", channels)
         self.penalty.r2(len(self.plant.inputs))
         self.plant.check_equilibrium(
@@ -118,14 +115,15 @@ class GeneralisedPlant(Summarised):
             "pose=(...): the equilibrium at that pose is computed",
         )
         table = self.plant.parameters
-        origin = np.zeros(len(self.state_names))
-        offset = np.asarray(self.penalty_output(origin, table.named(table.vector())), dtype=float)
-        if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
-            raise InvalidInput(
-                "The penalty h(x) is not zero at the operating point.",
-                f"expected a vector with h(0) = 0, got {offset.tolist()}",
-                "a penalty on deviations from the operating point",
-            )
+        offset = np.asarray(
+            self.penalty_output(np.zeros(len(self.state_names)), table.named(table.vector())), dtype=float
+        )
+        refuse_if(
+            offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE),
+            "The penalty h(x) is not zero at the operating point.",
+            f"expected a vector with h(0) = 0, got {offset.tolist()}",
+            "a penalty on deviations from the operating point",
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
@@ -144,8 +142,7 @@ class GeneralisedPlant(Summarised):
     @property
     def disturbance_names(self) -> tuple[str, ...]:
         """Names of d: commands first, then channels of the plant."""
-        commands = tuple(f"{name}_command" for name in self.integrate) if self.command else ()
-        return (*commands, *(self.disturbances or ()))
+        return (*(f"{name}_command" for name in self.integrate if self.command), *(self.disturbances or ()))
 
     # Operating point ------------------------------------------------------------------------------
     @cached_property
@@ -153,13 +150,13 @@ class GeneralisedPlant(Summarised):
         if self.equilibrium is not None:
             x, u = read_only(tuple(map(real_array, self.equilibrium)))
             shapes = (self.plant.n,), (len(self.plant.inputs),)
-            if self.pose is not None or (x.shape, u.shape) != shapes:
-                raise InvalidInput(
-                    "The operating point does not fit the plant.",
-                    f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
-                    f"pose={self.pose!r}",
-                    "either pose or equilibrium",
-                )
+            refuse_if(
+                self.pose is not None or (x.shape, u.shape) != shapes,
+                "The operating point does not fit the plant.",
+                f"expected equilibrium=(x*, u*) of shapes {shapes} and no pose, got {x.shape}, {u.shape}, "
+                f"pose={self.pose!r}",
+                "either pose or equilibrium",
+            )
             object.__setattr__(self, "equilibrium", (x, u))
             return x, u
         if self.pose is None:
@@ -190,21 +187,21 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """ẋ of the plant with its integrals, on any element; x, u are absolute, d as `disturbance_names`."""
         n, commands = self.plant.n, len(self.integrate) if self.command else 0
         channels = {name: d[commands + place] for place, name in enumerate(self.disturbances or ())}
-        torques = np.array([channels.get(name, 0.0) for name in self.plant.disturbances])
-        rates = self.plant.evaluate_flow(x[:n], u, torques, self.plant.parameters.flat(p))
+        rates = self.plant.evaluate_flow(
+            x[:n],
+            u,
+            np.array([channels.get(name, 0.0) for name in self.plant.disturbances]),
+            self.plant.parameters.flat(p),
+        )
         errors = [
             x[i] - self._equilibrium[0][i] - (d[place] if self.command else 0.0)
             for place, i in enumerate(map(self.plant.index, self.integrate))
@@ -216,9 +213,8 @@ class GeneralisedPlant(Summarised):
 
         A function h is evaluated like the plant's code: on numbers and symbols by its trace.
         """
-        h = None
-        if callable(self.penalty.states):
-            h = self._penalty_code.evaluate(x, self.plant.parameters.flat(p))
+        traced = self._penalty_code if callable(self.penalty.states) else None
+        h = None if traced is None else traced.evaluate(x, self.plant.parameters.flat(p))
         return self.penalty.evaluate(x, self.state_names, p) if h is None else h
 
     @cached_property
@@ -236,14 +232,13 @@ class GeneralisedPlant(Summarised):
         """Refuse a flow or a penalty that no longer computes what it did when it was built; see `Model`."""
         self.plant.check_unchanged()
         h = self.penalty.states
-        if not callable(h) or isinstance(h, StoredCode):
-            return
-        if digest(self._trace_penalty()) != digest(self._penalty_code.function):
-            raise InvalidInput(
-                "The penalty h(x, p) computes something else than when its problem was built.",
-                "expected the same operations and constants: a global or an attribute that it reads has changed",
-                "build the problem anew: plant.with_objective(...)",
-            )
+        traced = callable(h) and not isinstance(h, StoredCode)
+        refuse_if(
+            traced and digest(self._trace_penalty()) != digest(self._penalty_code.function),
+            "The penalty h(x, p) computes something else than when its problem was built.",
+            "expected the same operations and constants: a global or an attribute that it reads has changed",
+            "build the problem anew: plant.with_objective(...)",
+        )
 
     def expand(self, degree: int) -> PolynomialPlant:
         """Exact Taylor expansion about the operating point, at the nominal parameters.
@@ -258,8 +253,7 @@ class GeneralisedPlant(Summarised):
         return last[1]
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: without the last expansion, which may be large."""
-        return {name: value for name, value in vars(self).items() if name != "_expansion"}
+        return {name: value for name, value in vars(self).items() if name != "_expansion"}  # it may be large
 
     @cached_property
     def _traced_fields(self) -> Any:
@@ -291,9 +285,11 @@ class GeneralisedPlant(Summarised):
         x = ca.SX.sym("x", len(self.state_names))
         outputs, values = self._traced_fields.call([x]), self._traced_fields.call([np.zeros(x.numel())])
         depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
-        constant = [np.asarray(value, dtype=float).ravel() for value in values]
         varying = [output for varies, output in zip(depends, outputs) if varies]
-        kept = tuple(None if varies else value for varies, value in zip(depends, constant))
+        kept = tuple(
+            None if varies else np.asarray(value, dtype=float).ravel()
+            for varies, value in zip(depends, values)
+        )
         return ca.Function("varying_fields", [x], varying, {"cse": True}), kept
 
     @property
@@ -308,12 +304,12 @@ class GeneralisedPlant(Summarised):
     def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
         points = np.atleast_2d(np.asarray(x, dtype=float))
-        if points.ndim != 2 or points.shape[1] != len(self.state_names):
-            raise InvalidInput(
-                "The points do not fit the problem.",
-                f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
-                "deviations from the operating point, integrals of the error included",
-            )
+        refuse_if(
+            points.ndim != 2 or points.shape[1] != len(self.state_names),
+            "The points do not fit the problem.",
+            f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
+            "deviations from the operating point, integrals of the error included",
+        )
         count, n = points.shape
         if not count:  # to CasADi, a matrix without columns is a zero
             f, g1, g2, h = self.fields(np.zeros((1, n)))
@@ -337,9 +333,8 @@ def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.nda
         for name in [name for name in pose if name not in names]:
             raise unknown_name(f"The pose names {name!r}.", name, names)
         pose = [pose.get(name, 0.0) for name in names]
-    expected = f"{len(names)} finite values for {list(names)}"
     what, advice = f"The pose does not fit the {owner}.", "one value per name, rad (m where it slides)"
-    return checked_array(what, pose, (len(names),), expected, advice)
+    return checked_array(what, pose, (len(names),), f"{len(names)} finite values for {list(names)}", advice)
 
 
 def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -381,20 +376,21 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
     come in the order of the joints, or by `names`. One signal may have one column per joint.
     """
     if isinstance(signals, Mapping):
-        if not names or set(signals) != set(names):
-            raise InvalidInput(
-                "The signals by name are not those of the joints.",
-                f"expected one for each of {list(names)}, got {list(signals)}",
-                "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
-            )
+        refuse_if(
+            not names or set(signals) != set(names),
+            "The signals by name are not those of the joints.",
+            f"expected one for each of {list(names)}, got {list(signals)}",
+            "names=(...) in the order of the joints" if not names else "one signal, or number, for each",
+        )
         signals = [signals[name] for name in names]
     several = isinstance(signals, (Sequence, np.ndarray)) and not isinstance(signals, str)
     columns = [np.zeros((order + 1, len(times), 0))]
     parts: list[Any] = list(signals) if several else [signals]
     for signal in parts:
         if hasattr(signal, "derivatives"):
-            rows = np.asarray(signal.derivatives(times, order), dtype=float)
-            columns.append(rows.reshape(order + 1, len(times), -1))
+            columns.append(
+                np.asarray(signal.derivatives(times, order), dtype=float).reshape(order + 1, len(times), -1)
+            )
             continue
         columns.append(np.zeros((order + 1, len(times), 1)))
         try:
@@ -407,12 +403,12 @@ def motion_of(signals: Any, times: np.ndarray, order: int, names: Sequence[str] 
             ) from error
     motion = np.concatenate(columns, axis=2)
     count = motion.shape[2]
-    if count == 0 or (names and count != len(names)):
-        raise InvalidInput(
-            "The number of signals is not that of the joints.",
-            f"expected one for each of {list(names) or 'the joints'}, got {count}",
-            "one signal per joint",
-        )
+    refuse_if(
+        count == 0 or (names and count != len(names)),
+        "The number of signals is not that of the joints.",
+        f"expected one for each of {list(names) or 'the joints'}, got {count}",
+        "one signal per joint",
+    )
     return motion
 
 
@@ -436,11 +432,19 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
     """
     a, b, g, c = plant.linearise(x, u)
     x, u = real_array(x), real_array(u)
-    advice = "robot.operating_point(pose), or operating_point and operating_input of a problem"
-    plant.check_equilibrium(x, u, "A plant is linearised at an equilibrium.", advice)
+    plant.check_equilibrium(
+        x,
+        u,
+        "A plant is linearised at an equilibrium.",
+        "robot.operating_point(pose), or operating_point and operating_input of a problem",
+    )
     output, slope = plant.output_at(x, u)
-    kept = {name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")}
-    return _linear_plant((a, b, g, c, slope, x, u, output), plant.states, plant.inputs, **kept)
+    return _linear_plant(
+        (a, b, g, c, slope, x, u, output),
+        plant.states,
+        plant.inputs,
+        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")},
+    )
 
 
 def _linear_plant(
@@ -462,38 +466,37 @@ def plant_from_control(system: Any, inputs: Sequence[str] | None = None) -> Plan
     inputs : sequence of str, optional
         Names of the system's inputs that a controller sets; the others are disturbances. All by default.
 
-    Raises
-    ------
-    InvalidInput
-        If it is no linear system in continuous time, or has no such inputs.
+    Raises InvalidInput: if it is no linear system in continuous time, or has no such inputs.
     """
     package = python_control()
-    if not isinstance(system, package.StateSpace | package.TransferFunction) or system.isdtime(strict=True):
-        raise InvalidInput(
-            "The system cannot become a plant.",
-            "expected a linear system in continuous time, got "
-            f"{type(system).__name__} with dt={getattr(system, 'dt', None)}",
-            "control.ss(A, B, C, D); a nonlinear plant is a function, see flexhinf.Plant",
-        )
+    refuse_if(
+        not isinstance(system, package.StateSpace | package.TransferFunction) or system.isdtime(strict=True),
+        "The system cannot become a plant.",
+        "expected a linear system in continuous time, got "
+        f"{type(system).__name__} with dt={getattr(system, 'dt', None)}",
+        "control.ss(A, B, C, D); a nonlinear plant is a function, see flexhinf.Plant",
+    )
     linear = package.ss(system)
     labels = list(linear.input_labels)
     chosen = labels if inputs is None else list(inputs)
-    if not set(chosen) <= set(labels) or not chosen:
-        raise InvalidInput(
-            "The system has no such inputs.", f"expected some of {labels}, got {chosen}", str(labels[:1])
-        )
+    refuse_if(
+        not set(chosen) <= set(labels) or not chosen,
+        "The system has no such inputs.",
+        f"expected some of {labels}, got {chosen}",
+        str(labels[:1]),
+    )
     places = [labels.index(name) for name in chosen]
     others = [k for k, name in enumerate(labels) if name not in chosen]
     a, b, c, d = (np.asarray(m, dtype=float) for m in (linear.A, linear.B, linear.C, linear.D))
     disturbances = tuple(labels[k] for k in others)
-    if d[:, others].any():
-        raise InvalidInput(
-            "A disturbance acts on a measurement directly.",
-            f"expected D = 0 for {list(disturbances)}",
-            "measurement noise is the loop's; other disturbances act through a state",
-        )
-    point = (np.zeros(size) for size in (len(a), len(chosen), len(c)))
+    refuse_if(
+        d[:, others].any(),
+        "A disturbance acts on a measurement directly.",
+        f"expected D = 0 for {list(disturbances)}",
+        "measurement noise is the loop's; other disturbances act through a state",
+    )
     return _linear_plant(
-        (a, b[:, places], b[:, others], c, d[:, places], *point), tuple(linear.state_labels), tuple(chosen),
+        (a, b[:, places], b[:, others], c, d[:, places], *map(np.zeros, (len(a), len(chosen), len(c)))),
+        tuple(linear.state_labels), tuple(chosen),
         disturbances=disturbances, outputs=tuple(linear.output_labels),
     )  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
@@ -46,12 +46,12 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
         )
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
-    if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
-        raise InvalidInput(
-            "R2, the effort penalty, is not symmetric positive definite.",
-            f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
-            "every input needs a positive price, for example effort=10",
-        )
+    refuse_if(
+        not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0,
+        "R2, the effort penalty, is not symmetric positive definite.",
+        f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
+        "every input needs a positive price, for example effort=10",
+    )
     return half
 
 
@@ -60,34 +60,34 @@ def parts_from_input(name: str, coefficients: Any, n: int) -> dict[int, np.ndarr
     if isinstance(coefficients, Mapping):
         return parts_from_mapping(name, coefficients, n, 2)
     matrix = real_array(coefficients)
-    if matrix.ndim != 2:
-        raise InvalidInput(
-            f"{name} is not a matrix.",
-            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
-            f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
-        )
+    refuse_if(
+        matrix.ndim != 2,
+        f"{name} is not a matrix.",
+        f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
+        f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
+    )
     return {0: matrix[:, :, None]}
 
 
 def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[int, np.ndarray]:
     """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient."""
-    if not isinstance(coefficients, Mapping) or not coefficients:
-        raise InvalidInput(
-            f"{name} is not a mapping of monomials.",
-            f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
-            "keys are tuples of exponents, one per state",
-        )
+    refuse_if(
+        not isinstance(coefficients, Mapping) or not coefficients,
+        f"{name} is not a mapping of monomials.",
+        f"expected {{exponents: coefficients}} with at least one entry, got {type(coefficients).__name__}",
+        "keys are tuples of exponents, one per state",
+    )
     values = [real_array(value) for value in coefficients.values()]
     shape = values[0].shape
     parts: dict[int, np.ndarray] = {}
     for key, value in zip(coefficients, values, strict=True):
         whole = isinstance(key, tuple) and not any(isinstance(entry, bool) for entry in key)
-        if not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key):
-            raise InvalidInput(
-                f"A key of {name} is not an exponent vector.",
-                f"expected {n} integers ≥ 0, got {value_text(key)}",
-                "(2, 0, 1) stands for x1² x3",
-            )
+        refuse_if(
+            not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key),
+            f"A key of {name} is not an exponent vector.",
+            f"expected {n} integers ≥ 0, got {value_text(key)}",
+            "(2, 0, 1) stands for x1² x3",
+        )
         if value.shape != shape or value.ndim != axes:
             raise InvalidInput(
                 f"The coefficients of {name} have different or wrong shapes.",
@@ -96,13 +96,13 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
                 f"one array per monomial, as many rows as {name} has",
             )
         degree = int(sum(key))
-        if degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST:
-            raise InvalidInput(
-                f"A monomial of {name} has too high a degree.",
-                f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
-                f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
-                "a lower degree: V of degree d takes f through degree d − 1",
-            )
+        refuse_if(
+            degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST,
+            f"A monomial of {name} has too high a degree.",
+            f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
+            f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
+            "a lower degree: V of degree d takes f through degree d − 1",
+        )
         part = parts.setdefault(degree, np.zeros((*shape, basis.count(n, degree))))
         variables = np.repeat(np.arange(n), [int(exponent) for exponent in key])
         part[..., basis.rank(n, variables[None])[0]] = value
@@ -113,28 +113,29 @@ def checked_parts(
     name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
 ) -> dict[int, np.ndarray]:
     """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest."""
-    if not parts:
-        raise InvalidInput(f"{name} has no coefficients.", "expected at least one degree", "give zeros")
+    refuse_if(not parts, f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]
-    if n < 1:
-        raise InvalidInput("The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
+    refuse_if(n < 1, "The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
-    zero = np.zeros((*lead, basis.count(n, lowest)))
-    for degree, coefficients in sorted({lowest: zero, **parts}.items()):
+    for degree, coefficients in sorted({lowest: np.zeros((*lead, basis.count(n, lowest))), **parts}.items()):
         part = np.ascontiguousarray(real_array(coefficients))
-        sizes = ("any" if size is None else size for size in (lead if fits else shape))
-        expected = (*sizes, basis.count(n, degree))
-        if not fits or part.shape != expected:
-            raise InvalidInput(
-                f"{name} does not fit the plant (n = {n} states).",
-                f"expected shape {expected} at degree {degree}, got {part.shape}",
-                "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
-            )
-        if not np.isfinite(part).all():
-            raise InvalidInput(
-                f"{name} has a coefficient that is not finite.", f"at degree {degree}", "check the parameters"
-            )
+        expected = (
+            *("any" if size is None else size for size in (lead if fits else shape)),
+            basis.count(n, degree),
+        )
+        refuse_if(
+            not fits or part.shape != expected,
+            f"{name} does not fit the plant (n = {n} states).",
+            f"expected shape {expected} at degree {degree}, got {part.shape}",
+            "f has n rows; g1 and g2 have n rows and one column per input; R2 is (inputs, inputs)",
+        )
+        refuse_if(
+            not np.isfinite(part).all(),
+            f"{name} has a coefficient that is not finite.",
+            f"at degree {degree}",
+            "check the parameters",
+        )
         if degree == lowest or part.any():
             checked[degree] = part
     return checked
@@ -224,10 +225,8 @@ class PolynomialPlant(Summarised):
         (n, count), (n, md, count), (n, m, count), (s, count). Degrees whose part is zero are left out,
         except degree 1 of f and h and degree 0 of g1 and g2.
 
-    Raises
-    ------
-    InvalidInput
-        Wrong shapes, non-finite numbers, R2 not positive definite, f or h not zero at the operating point.
+    Raises InvalidInput: wrong shapes, non-finite numbers, R2 not positive definite, f or h not zero at the
+    operating point.
     """
 
     f_parts: dict[int, np.ndarray]
@@ -288,12 +287,12 @@ class PolynomialPlant(Summarised):
         ):
             own = [f"{letter}{i + 1}" for i in range(count)]
             names.append(checked_names(f"The {kind}s", own if stated is None else stated))
-            if len(names[-1]) != count:
-                raise InvalidInput(
-                    f"The number of {kind} names is not the number of {kind}s.",
-                    f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
-                    f"one name per {kind}, in the order of {letter}",
-                )
+            refuse_if(
+                len(names[-1]) != count,
+                f"The number of {kind} names is not the number of {kind}s.",
+                f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
+                f"one name per {kind}, in the order of {letter}",
+            )
             distinct(f"The {kind}", names[-1])
             what, advice = (
                 f"The operating point does not fit the plant's {kind}s.",
@@ -330,22 +329,18 @@ class PolynomialPlant(Summarised):
         r2, **named
             As in `PolynomialPlant`.
 
-        Raises
-        ------
-        InvalidInput
-            Wrong shapes, and as `PolynomialPlant`.
+        Raises InvalidInput: wrong shapes, and as `PolynomialPlant`.
         """
-        if not (len(f) and len(g1) and len(g2) and len(h)):
-            raise InvalidInput(
-                "A field has no Kronecker coefficients.",
-                f"expected at least one matrix of each, got {len(f)}, {len(g1)}, {len(g2)}, {len(h)} of f, g1, g2, h",
-                "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
-            )
+        refuse_if(
+            not (len(f) and len(g1) and len(g2) and len(h)),
+            "A field has no Kronecker coefficients.",
+            f"expected at least one matrix of each, got {len(f)}, {len(g1)}, {len(g2)}, {len(h)} of f, g1, g2, h",
+            "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
+        )
         n = np.shape(f[0])[0] if np.ndim(f[0]) == 2 or hasattr(f[0], "tocoo") else 0
-        if n == 0:
-            raise InvalidInput(
-                "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
-            )
+        refuse_if(
+            n == 0, "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
+        )
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
             columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1
@@ -363,8 +358,7 @@ class PolynomialPlant(Summarised):
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore attributes with read-only arrays, which copies share."""
-        vars(self).update(read_only(state))
+        vars(self).update(read_only(state))  # copies share their arrays
 
     @property
     def size(self) -> tuple[int, int, int, int]:
@@ -374,13 +368,14 @@ class PolynomialPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Sizes and highest degrees of the fields, for ``repr``."""
-        degrees = (f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h"))
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
             "disturbances": str(self.size[1]),
             "penalised outputs": str(self.size[3]),
-            "degrees": ", ".join(degrees),
+            "degrees": ", ".join(
+                f"{name} {max(getattr(self, f'{name}_parts'))}" for name in ("f", "g1", "g2", "h")
+            ),
         }
 
     def expand(self, degree: int) -> PolynomialPlant:
@@ -500,13 +495,13 @@ def _check_everywhere(plant: Any) -> None:
     terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
     bent = ca.vertcat(ca.vec(ca.densify(slope)), decides)
     bad = [name for j, name in enumerate(names) if nonzero(ca.jacobian(bent, inputs[j]), z, terms_of).any()]
-    if bad:
-        raise InvalidInput(
-            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
-            f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
-            "away from the point",
-            "the nonlinear actuator as states of its own, with the new command as input",
-        )
+    refuse_if(
+        bad,
+        "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
+        f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
+        "away from the point",
+        "the nonlinear actuator as states of its own, with the new command as input",
+    )
 
 
 def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:
@@ -544,22 +539,22 @@ def expand_control_affine(
     """
     point = [np.atleast_1d(np.asarray(a, dtype=float)) for a in (x0, u0, d0)]
     n, m, md = map(len, point)
-    if degree < 1:
-        raise InvalidInput(
-            "The degree of the expansion cannot be used.",
-            f"expected >= 1, got {value_text(degree)}",
-            "for example 3",
-        )
+    refuse_if(
+        degree < 1,
+        "The degree of the expansion cannot be used.",
+        f"expected >= 1, got {value_text(degree)}",
+        "for example 3",
+    )
     inner = max(degree, 2)
     x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])
     with np.errstate(all="ignore"):
         result = np.asarray(flow(x, u, d, parameters), dtype=object)
-    if result.shape != (n,):
-        raise InvalidInput(
-            "The flow does not return one derivative per state.",
-            f"expected shape ({n},), got {result.shape}",
-            "np.array([...]) of the n derivatives, in the order of the states",
-        )
+    refuse_if(
+        result.shape != (n,),
+        "The flow does not return one derivative per state.",
+        f"expected shape ({n},), got {result.shape}",
+        "np.array([...]) of the n derivatives, in the order of the states",
+    )
     rows, monomials, values = terms(result, n + m + md, inner)
     _check_finite(rows, values, result.shape, "flow")
     owner, place = (part[monomials] for part in _sorted_out(n, m + md, inner))
@@ -568,8 +563,10 @@ def expand_control_affine(
     np.maximum.at(scale, rows, np.abs(values))
     beyond = (owner == REST) & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
     if beyond.any():
-        names = list(input_names or [f"u[{j}]" for j in range(m)])
-        names += disturbance_names or [f"d[{j}]" for j in range(md)]
+        names = [
+            *(input_names or [f"u[{j}]" for j in range(m)]),
+            *(disturbance_names or [f"d[{j}]" for j in range(md)]),
+        ]
         worst = np.argmax(np.where(beyond, np.abs(values), 0.0))
         number, k = monomials[worst], 2
         while number >= size(n + m + md, k):

@@ -32,9 +32,7 @@ def thread_count() -> int:
     wanted = os.environ.get("OMP_NUM_THREADS", "")
     if wanted.isdigit() and int(wanted) > 0:
         return int(wanted)
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def tile_products(kind: np.dtype) -> int:
@@ -78,8 +76,7 @@ def run_all(task: Callable[..., None], arguments: Iterable[tuple[Any, ...]], lar
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(threads) as pool:
-        for _ in pool.map(lambda argument: task(*argument), arguments):
-            pass
+        list(pool.map(lambda argument: task(*argument), arguments))
 
 
 _CACHED_TABLE = 4_000_000  # entries of a merge table that is worth keeping
@@ -92,22 +89,18 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
 
     Each is one variable times a monomial of one degree less, so elements may be of any type that multiplies.
     """
-    wanted = set(degrees)
-    points, n = x.shape
+    wanted, (points, n) = set(degrees), x.shape
     current = np.ones((points, 1), x.dtype)
     by_degree = {0: current} if 0 in wanted else {}
     for k in range(1, max(wanted, default=0) + 1):
         if points <= _FEW:  # one gather costs less than a product for each variable
             variable, rest = basis.factors(n, k)
             current = x[:, variable] * current[:, rest]
-            if k in wanted:
-                by_degree[k] = current
-            continue
-        start, first = basis.offsets(n, k - 1), basis.offsets(n, k)
-        higher = np.empty((points, basis.count(n, k)), x.dtype)
-        for j in range(n):
-            np.multiply(x[:, j : j + 1], current[:, start[j] :], out=higher[:, first[j] : first[j + 1]])
-        current = higher
+        else:
+            (start, first), lower = (basis.offsets(n, k - 1), basis.offsets(n, k)), current
+            current = np.empty((points, basis.count(n, k)), x.dtype)
+            for j in range(n):
+                np.multiply(x[:, j : j + 1], lower[:, start[j] :], out=current[:, first[j] : first[j + 1]])
         if k in wanted:
             by_degree[k] = current
     return by_degree
@@ -115,9 +108,8 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
 
 def evaluate(polynomial: Mapping[int, np.ndarray], x: np.ndarray) -> np.ndarray:
     """Values (N, …) of a polynomial, not empty, degree → (…, count(n, degree)), at the points `x` (N, n)."""
-    shape = next(iter(polynomial.values())).shape[:-1]
+    shape, powers = next(iter(polynomial.values())).shape[:-1], monomials(x, polynomial)
     total = np.zeros((len(x), int(np.prod(shape))))
-    powers = monomials(x, polynomial)
     for k, part in polynomial.items():
         total += powers[k] @ part.reshape(-1, part.shape[-1]).T
     return total.reshape(len(x), *shape)
@@ -142,13 +134,11 @@ def product(left: np.ndarray, right: np.ndarray, n: int, a: int, b: int) -> np.n
     if rows * right.shape[1] <= _CACHED_TABLE:
         return np.bincount(basis.merge(n, a, b).ravel(), matrix_product(left, right).ravel(), size)
     # Without a table of all pairs: one monomial of `right` at a time, grouped by its last index.
-    total = np.zeros(size)
-    active: np.ndarray = np.any(right, axis=0)
-    prefixed = np.ascontiguousarray(basis.merge(n, a, b - 1).T)
+    total, active = np.zeros(size), np.any(right, axis=0)
+    prefixed, transposed = np.ascontiguousarray(basis.merge(n, a, b - 1).T), np.ascontiguousarray(left.T)
     last = basis.indices(n, b - 1)[:, -1] if b > 1 else np.zeros(1, int)
-    transposed = np.ascontiguousarray(left.T)
     for j in range(n):
-        prefixes = np.flatnonzero(last <= j) if b > 1 else np.zeros(1, int)
+        prefixes = np.flatnonzero(last <= j)
         columns = basis.insertion(n, b)[prefixes, j]
         prefixes, columns = prefixes[active[columns]], columns[active[columns]]
         appended = np.ascontiguousarray(basis.insertion(n, a + b)[:, j])
@@ -203,9 +193,8 @@ class PolynomialLaw:
         Every monomial is one variable times a monomial of one degree less, shared by all inputs. Other `coefficients`
         (m, Nmon) than the law's own make a new law with the same monomials, which needs no recompilation.
         """
-        x = np.asarray(x)
         coefficients = self.coefficients if coefficients is None else np.asarray(coefficients)
-        powers = monomials(x[None, :], self.degrees)
+        powers = monomials(np.asarray(x)[None, :], self.degrees)
         row = np.concatenate([powers[k][0] for k in self.degrees])
         if row.dtype != object or not row.size:
             return coefficients @ row
@@ -213,6 +202,8 @@ class PolynomialLaw:
         # the law lies between measurement and input.
         sums = [coefficients[:, k::PARTS] @ row[k::PARTS] for k in range(min(PARTS, row.size))]
         while len(sums) > 1:
-            odd = sums[len(sums) - len(sums) % 2 :]
-            sums = [*(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)), *odd]
+            sums = [
+                *(a + b for a, b in zip(sums[::2], sums[1::2], strict=False)),
+                *sums[len(sums) - len(sums) % 2 :],
+            ]
         return sums[0]

@@ -44,9 +44,8 @@ def offsets(n: int, k: int) -> np.ndarray:
 
     Tuples with all indices ≥ j are exactly the ranks `offsets(n, k)[j]` and above. For k = 0 the first n entries are 0.
     """
-    if k == 0:
-        return _frozen(np.array([0] * n + [1]))
-    return _frozen(np.cumsum([0] + [count(n - j, k - 1) for j in range(n)]))
+    counts = [count(n - j, k - 1) for j in range(n)] if k else [0] * (n - 1) + [1]
+    return _frozen(np.cumsum([0, *counts]))
 
 
 @lru_cache(_CACHED)
@@ -73,8 +72,7 @@ def indices(n: int, k: int) -> np.ndarray:
 @lru_cache(_CACHED)
 def exponents(n: int, k: int) -> np.ndarray:
     """Exponent vector of each monomial of degree `k`, in the order of `indices`, int16 (count(n, k), n)."""
-    table = np.zeros((count(n, k), n), np.int16)
-    rows = np.arange(len(table))
+    table, rows = np.zeros((count(n, k), n), np.int16), np.arange(count(n, k))
     for column in indices(n, k).T:
         table[rows, column] += 1
     return _frozen(table)
@@ -123,8 +121,7 @@ def removal(n: int, k: int) -> np.ndarray:
 def multiplicity(n: int, k: int) -> np.ndarray:
     """Number of distinct orderings of each tuple: the multinomial k! / ∏ αᵢ!, float64 (count(n, k),)."""
     tuples = indices(n, k)
-    orderings = np.ones(len(tuples))
-    run = np.ones(len(tuples))
+    orderings, run = np.ones((2, len(tuples)))
     for j in range(1, k):
         run = np.where(tuples[:, j] == tuples[:, j - 1], run + 1, 1)
         orderings *= (j + 1) / run
@@ -144,10 +141,9 @@ def rank(n: int, tuples: np.ndarray) -> np.ndarray:
     tuples = np.asarray(tuples, dtype=np.int64)
     k = tuples.shape[1]
     table = _binomials(n + k + 1)
-    result = np.full(len(tuples), count(n, k) - 1, np.int64)
-    for j in range(k):  # minus the number of tuples that come later, counted at the first differing place
-        result -= table[n - 1 - tuples[:, j] + k - j - 1, k - j]
-    return result
+    # how many tuples come later, counted at the first differing place
+    later = (table[n - 1 - tuples[:, j] + k - j - 1, k - j] for j in range(k))
+    return count(n, k) - 1 - sum(later, np.zeros(len(tuples), np.int64))
 
 
 @lru_cache(64)
@@ -192,6 +188,5 @@ def to_kronecker(part: np.ndarray, n: int, k: int) -> np.ndarray:
 
 
 def _ranks(columns: np.ndarray, n: int, k: int) -> np.ndarray:
-    if k == 0:
-        return np.zeros(len(columns), int)
-    return rank(n, np.sort(np.stack(np.unravel_index(columns, (n,) * k), axis=1), axis=1))
+    tuples = np.stack(np.unravel_index(columns, (n,) * k), axis=1) if k else np.zeros((len(columns), 0), int)
+    return rank(n, np.sort(tuples, axis=1))

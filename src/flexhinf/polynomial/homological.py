@@ -66,11 +66,9 @@ def change_variables(
     Entries and M (n, n) are real or complex. A workspace is used again by later calls, one at a time.
     """
     dtype = np.result_type(entries, matrix)
-    tensor = np.ascontiguousarray(entries, dtype).reshape(-1, 1)
-    matrix = np.ascontiguousarray(matrix, dtype)
+    tensor, matrix = np.ascontiguousarray(entries, dtype).reshape(-1, 1), np.ascontiguousarray(matrix, dtype)
     for s in range(k):
-        opening = basis.insertion(n, k - s)
-        width = tensor.shape[1]
+        opening, width = basis.insertion(n, k - s), tensor.shape[1]
         if opening.size * width <= _SMALL and n * n * width <= tile_products(dtype):
             tensor = (matrix.T @ tensor[opening]).reshape(len(opening), -1)[:, _sorted_pairs(n, s)]
         else:
@@ -99,7 +97,6 @@ def _contract_one_index(
     start, first = basis.offsets(n, s), basis.offsets(n, s + 1)
 
     def contract(top: int, left: int) -> None:
-        """Contract axis 1 of a tile (rows, n, tails from `left` on) and keep what is sorted."""
         opened, kept = tensor[:, left : left + columns][opening[top : top + rows]], result[top : top + rows]
         if s == 0:
             np.matmul(opened[:, :, 0], matrix, out=kept)
@@ -139,12 +136,11 @@ class Coordinates:
     rotations: dict[int, np.ndarray]
     workspace: Workspace = field(default_factory=Workspace, repr=False)
 
-    @property
+    @cached_property
     def condition(self) -> float:
         """cond(M G) in the 2-norm; infinite if there is no inverse."""
-        if not np.isfinite(self.inverse).all():
-            return np.inf
-        return float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2))
+        known = np.isfinite(self.inverse).all()
+        return float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2)) if known else np.inf
 
     def enter(self, entries: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries in z of a polynomial given in x."""
@@ -159,8 +155,9 @@ class Coordinates:
         if len(entries) <= _NEGLIGIBLE:
             return np.real(change_variables(entries, n, k, self._pairs().conj().T @ self.inverse))
         back = {first: np.ascontiguousarray(block.conj().T) for first, block in self.rotations.items()}
-        rotated = np.real(rotate_pairs(entries, n, k, back))
-        return change_variables(rotated, n, k, self.inverse, self.workspace)
+        return change_variables(
+            np.real(rotate_pairs(entries, n, k, back)), n, k, self.inverse, self.workspace
+        )
 
     def _pairs(self) -> np.ndarray:
         pairs = np.eye(len(self.real), dtype=complex)
@@ -219,13 +216,10 @@ def _pair_tuples(n: int, k: int, first: int, m: int) -> np.ndarray:
     """
     others = basis.indices(n, k - m)
     rest = np.flatnonzero(~((others == first) | (others == first + 1)).any(axis=1)).astype(np.int32)
-    columns = []
-    for b in range(m + 1):
-        ranks = rest
-        for step in range(m):
-            ranks = basis.insertion(n, k - m + step + 1)[ranks, first + (step < b)]
-        columns.append(ranks)
-    return np.stack(columns, axis=1)
+    ranks = np.repeat(rest[:, None], m + 1, axis=1)
+    for step in range(m):
+        ranks = basis.insertion(n, k - m + step + 1)[ranks, first + (step < np.arange(m + 1))]
+    return ranks
 
 
 @lru_cache(512)
@@ -238,8 +232,7 @@ def _power(rotation: bytes, m: int) -> np.ndarray:
 HOPELESS = 1e-1  # cond(T)^k ε beyond which the eigenvector route is not tried
 _EASY = 2_000  # coefficients up to which a refinement step costs nothing to speak of
 _ROWS = 8_192  # gradients formed at a time for a residual
-_REFINE = 1e-14  # residual above which a large solution is refined
-_ACCEPT = 3e-14  # residual above which the eigenvector route is given up
+_REFINE, _ACCEPT = 1e-14, 3e-14  # residuals above which a large solution is refined, and the basis given up
 
 
 @dataclass(frozen=True)
@@ -271,14 +264,9 @@ class HomologicalEquation:
         """Schur coordinates of A."""
         return schur_coordinates(self.matrix)
 
-    @cached_property
-    def condition(self) -> float:
-        """cond(T) of the eigenvectors, in the 2-norm; infinite for a defective matrix."""
-        return self.eigenbasis.condition
-
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
         """V of degree `k`, from the tensor entries (count(n, k),) of r."""
-        if self.condition**k * np.finfo(float).eps < HOPELESS:
+        if self.eigenbasis.condition**k * np.finfo(float).eps < HOPELESS:
             pivots = -diagonal_sums(self.eigenbasis.flow, k)
             methods = "eigenbasis", "eigenbasis, refined"
             solution = self._refined(
@@ -333,19 +321,18 @@ def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
     No sum of k diagonal entries vanishes. In tensor entries, k times the symmetrised equation reads
         Σ_m ( T[i_m, i_m] v[i] + Σ_{j < i_m} v[i with i_m replaced by j] T[j, i_m] ) = r[i].
     """
-    n = len(triangular)
+    n, above = len(triangular), np.ascontiguousarray(np.triu(triangular, 1).T)
     tuples, table, removal = basis.indices(n, k), basis.insertion(n, k), basis.removal(n, k)
-    order, cuts = _levels(n, k)
-    above = np.ascontiguousarray(np.triu(triangular, 1).T)
-    pivots = diagonal_sums(triangular, k)
+    (order, cuts), pivots = _levels(n, k), diagonal_sums(triangular, k)
     solution = np.zeros(len(tuples), np.result_type(triangular, known))
     for low, high in pairwise(cuts):
         for begin in range(low, high, _CHUNK):
             level = order[begin : min(begin + _CHUNK, high)]
             moved = known[level].astype(solution.dtype)
             for position in range(k):
-                replaced = solution[table[removal[level, position]]]
-                moved -= np.einsum("aj,aj->a", replaced, above[tuples[level, position]])
+                moved -= np.einsum(
+                    "aj,aj->a", solution[table[removal[level, position]]], above[tuples[level, position]]
+                )
             solution[level] = moved / pivots[level]
     return solution
 
@@ -353,15 +340,11 @@ def substitute(triangular: np.ndarray, known: np.ndarray, k: int) -> np.ndarray:
 def diagonal_sums(matrix: np.ndarray, k: int) -> np.ndarray:
     """Sum of the `k` diagonal entries each tuple points at, shape (count(n, k),)."""
     diagonal, tuples = np.diag(matrix), basis.indices(len(matrix), k)
-    total = np.zeros(len(tuples), matrix.dtype)
-    for position in range(k):
-        total += diagonal[tuples[:, position]]
-    return total
+    return sum((diagonal[position] for position in tuples.T), np.zeros(len(tuples), matrix.dtype))
 
 
 @lru_cache(32)
 def _levels(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Tuples ordered by the sum of their indices, and where each sum begins."""
     sums = basis.indices(n, k).sum(axis=1, dtype=np.int32)
     order = np.argsort(sums, kind="stable").astype(np.int32)
     return order, np.searchsorted(sums[order], np.arange(k * (n - 1) + 2))

@@ -49,10 +49,7 @@ def degree_slice(n: int, k: int) -> slice:
 @lru_cache(16)  # what the last ones have worked out is kept; older ones live as long as their polynomials do
 def space(n: int, degree: int) -> Space:
     """The polynomials in `n` variables through total degree `degree`; the same object each time."""
-    interned = _SPACES.get((n, degree))
-    if interned is None:
-        interned = _SPACES[n, degree] = Space(n, degree)
-    return interned
+    return _SPACES.get((n, degree)) or _SPACES.setdefault((n, degree), Space(n, degree))
 
 
 class Space:
@@ -66,18 +63,13 @@ class Space:
         self.n, self.degree = n, degree
         self.edges = np.array([size(n, k - 1) for k in range(degree + 2)])
         self.size = int(self.edges[-1])
-        self.remembered = 0
-        self._supports: dict[bytes, Support] = {}
-        self.zero = self.support(np.zeros(0, np.intp))
-        self.constant = self.support(np.zeros(1, np.intp))
+        self.remembered, self._supports = 0, dict[bytes, Support]()
+        self.zero, self.constant = (self.support(np.zeros(k, np.intp)) for k in (0, 1))
 
     def support(self, monomials: np.ndarray) -> Support:
         """The interned support of ascending monomial numbers, shape (N,)."""
         key = monomials.astype(np.int32).tobytes()
-        support = self._supports.get(key)
-        if support is None:
-            support = self._supports.setdefault(key, Support(self, monomials))
-        return support
+        return self._supports.get(key) or self._supports.setdefault(key, Support(self, monomials))
 
     def remember(self, pairs: int) -> None:
         """Count stored pairs; when they are too many, forget what every support has worked out."""
@@ -102,8 +94,7 @@ class Support:
         self.space, self.monomials = space, monomials
         self.edges: list[int] = np.searchsorted(monomials, space.edges).tolist()
         self.has_constant = self.edges[1] > 0
-        self.sums: dict[Support, tuple[Support, Any, Any]] = {}
-        self.products: dict[Support, _Product] = {}
+        self.sums, self.products = dict[Support, tuple[Support, Any, Any]](), dict[Support, _Product]()
         self.steps: list[_Product] | None = None
 
     def ranks(self, k: int) -> np.ndarray:
@@ -187,8 +178,6 @@ def _numbers(a: Support, i: int, b: Support, j: int) -> np.ndarray:
 
 def add(a: Support, x: np.ndarray, b: Support, y: np.ndarray) -> tuple[Support, np.ndarray]:
     """Sum of two polynomials of one space."""
-    if a is b:
-        return a, x + y
     support, left, right = a.sum(b)
     if left is None and right is None:
         return support, x + y
@@ -298,7 +287,6 @@ def _tangent(name: str, x: float, degree: int) -> np.ndarray:
 
 
 def _series(name: str, x: float, degree: int) -> np.ndarray:
-    """A function by its name; refuses a point outside of its domain, or where it leaves the finite numbers."""
     _require(math.isfinite(x), name, x, "that is finite")
     low, high, domain = DOMAINS.get(name, (-math.inf, math.inf, ""))
     _require(low < x < high, name, x, domain)
@@ -306,16 +294,18 @@ def _series(name: str, x: float, degree: int) -> np.ndarray:
         if name in CYCLES:
             even, odd, signs = CYCLES[name]
             values, powers = (even(x), odd(x)), range(degree + 1)
-            derivatives = np.array([signs[k % 4] * values[k % 2] for k in powers])
-            result = derivatives / np.array([float(math.factorial(k)) for k in powers])
+            result = np.array([signs[k % 4] * values[k % 2] for k in powers]) / np.array(
+                [float(math.factorial(k)) for k in powers]
+            )
             if name == "expm1":
                 result[0] = math.expm1(x)
             return result
         if name in INVERSES:
             value, a, b, exponent, sign = INVERSES[name]
             q0 = 1 + x * x if a == b else (1 - x) * (1 + x) if a > 0 else (x - 1) * (x + 1)
-            derivative = _power_of_quadratic(q0, 2 * b * x, float(b), exponent, degree)
-            return _integrated(value(x), sign * derivative, degree)
+            return _integrated(
+                value(x), sign * _power_of_quadratic(q0, 2 * b * x, float(b), exponent, degree), degree
+            )
         if name in ("tan", "tanh"):
             return _tangent(name, x, degree)
     except OverflowError:
@@ -333,12 +323,9 @@ def power(x: float, exponent: float, degree: int) -> np.ndarray:
     name, exponent = "1/x" if exponent == -1 else f"x**{exponent:g}", float(exponent)
     _require(math.isfinite(x) and math.isfinite(exponent), name, x, "that is finite, and so the exponent,")
     try:
-        whole = exponent.is_integer()
-        if whole and exponent >= 0:
-            top = int(exponent)
-            return np.array(
-                [math.comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)]
-            )
+        whole, top = exponent.is_integer(), int(exponent)
+        if whole and top >= 0:
+            return np.array([comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)])
         _require(x != 0.0 if whole else x > 0.0, name, x, "different from zero" if whole else "> 0")
         result = np.empty(degree + 1)
         result[0] = math.sqrt(x) if exponent == 0.5 else x**exponent

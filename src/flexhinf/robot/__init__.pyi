@@ -8,10 +8,10 @@ from .parameters import Parameter as Parameter
 from .parts import (
     ElasticJoint as ElasticJoint,
     Link as Link,
+    RobotFileWarning as RobotFileWarning,
     SingleLink as SingleLink,
     assembled as assembled,
     single_link_robot as single_link_robot,
 )
 from .robot import Robot as Robot
 from .robot_file import catalogue as catalogue, load_robot as load_robot, paper_arm as paper_arm
-from .schema import RobotFileWarning as RobotFileWarning

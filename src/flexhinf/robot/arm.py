@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.dynamics import (
     Joint,
     Placement,
@@ -42,9 +42,10 @@ from flexhinf.validation import HUGE, checked_array, real_array, value_text, wit
 
 
 class JointTree:
-    """Joints of a robot's links: names, which of them slide, and ranges (rad, m)."""
+    """Joints of a robot's links: names, which of them slide, ranges (rad, m); and the direction of free fall."""
 
     tree: Tree
+    down: Any
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -61,6 +62,10 @@ class JointTree:
         """Range of each joint, rad or m."""
         return tuple(joint.limits for joint in self.tree.joints)
 
+    def fall(self, p: Any) -> tuple[Any, ...]:
+        """Acceleration of free fall, m/s²: in the world's frame, of a `Pendulum` in that of `rigid`."""
+        return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
+
 
 @dataclass(frozen=True)
 class Pendulum(JointTree):
@@ -70,7 +75,7 @@ class Pendulum(JointTree):
     """
 
     tree: Tree = field(default_factory=lambda: Tree((Joint("joint"),)))
-    down: ClassVar[tuple[float, float, float]] = (1.0, 0.0, 0.0)  # of free fall, in the frame of `rigid`
+    down: ClassVar[Any] = (1.0, 0.0, 0.0)  # of free fall, in the frame of `rigid`
 
     def required(self) -> tuple[str, ...]:
         """Names of the parameters that the link must have."""
@@ -108,10 +113,6 @@ class Pendulum(JointTree):
         """M g l sin q1, (1,), N·m, of any element."""
         return p.mass * p.gravity * p.length * np.sin(np.asarray(q))
 
-    def fall(self, p: Any) -> tuple[Any, ...]:
-        """Acceleration of free fall in the frame of `rigid`, m/s²."""
-        return (p.gravity, 0.0, 0.0)
-
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
         """A rigid link that moves alike, about z with x pointing down: tree, mass, centre of mass, inertia.
 
@@ -120,8 +121,12 @@ class Pendulum(JointTree):
         """
         mass, length = float(p.mass), float(p.length)
         about = float(p.link_inertia) - 0.5 * mass * length**2
-        six = [[about, 0.0, 0.0, about, 0.0, about]]
-        return self.tree, np.array([2.0 * mass or 1.0]), np.array([[0.5 * length, 0.0, 0.0]]), np.array(six)
+        return (
+            self.tree,
+            np.array([2.0 * mass or 1.0]),
+            np.array([[0.5 * length, 0.0, 0.0]]),
+            np.array([[about, 0.0, 0.0, about, 0.0, about]]),
+        )
 
 
 @dataclass(frozen=True)
@@ -135,17 +140,17 @@ class Arm(JointTree):
     """
 
     tree: Tree
-    down: tuple[float, float, float] = (0.0, 0.0, -1.0)
+    down: Sequence[float] = (0.0, 0.0, -1.0)
 
     def __post_init__(self) -> None:
         vector = real_array(self.down)
         length = float(np.linalg.norm(vector))
-        if vector.shape != (3,) or not 1.0 / HUGE < length < HUGE:
-            raise InvalidInput(
-                "The direction of gravity is none.",
-                f"expected three numbers, got {value_text(self.down)}",
-                "[0, 0, -1]",
-            )
+        refuse_if(
+            vector.shape != (3,) or not 1.0 / HUGE < length < HUGE,
+            "The direction of gravity is none.",
+            f"expected three numbers, got {value_text(self.down)}",
+            "[0, 0, -1]",
+        )
         object.__setattr__(self, "down", tuple(float(entry) / length for entry in vector))
 
     def _names(self, joint: str, quantity: str, components: tuple[str, ...]) -> list[str]:
@@ -155,8 +160,11 @@ class Arm(JointTree):
         """Names of the parameters that the links must have."""
         names = ["gravity"]
         for joint in self.tree.names:
-            names.append(per_joint("mass", joint, len(self.tree)))
-            names += self._names(joint, "centre_of_mass", VECTOR) + self._names(joint, "inertia", INERTIA)
+            names += [
+                per_joint("mass", joint, len(self.tree)),
+                *self._names(joint, "centre_of_mass", VECTOR),
+                *self._names(joint, "inertia", INERTIA),
+            ]
         return tuple(names)
 
     def packed(self, values: Mapping[str, float]) -> dict[str, Any]:
@@ -175,26 +183,25 @@ class Arm(JointTree):
                     [values.get(name, 0.0) for name in self._names(row, f"payload_{quantity}", components)]
                     for quantity, components in (("centre_of_mass", VECTOR), ("inertia_per_mass", INERTIA))
                 )
-                link = float(mass[i]), centre[i].copy(), matrix_of(inertia[i])
                 mass[i], centre[i], whole = lumped(
-                    [link, (load, np.array(place), load * matrix_of(per_mass))]
+                    [
+                        (float(mass[i]), centre[i].copy(), matrix_of(inertia[i])),
+                        (load, np.array(place), load * matrix_of(per_mass)),
+                    ]
                 )
                 inertia[i] = six_of(whole)
         return {"gravity": values["gravity"], "mass": mass, "centre_of_mass": centre, "inertia": inertia}
 
     # Dynamics -------------------------------------------------------------------------------------
-    def fall(self, p: Any) -> tuple[Any, ...]:
-        """Acceleration of free fall in the world's frame, m/s²."""
-        return tuple(p.gravity * entry if entry else 0.0 for entry in self.down)
-
     def rigid(self, p: Any) -> tuple[Tree, np.ndarray, np.ndarray, np.ndarray]:
         """Tree, mass (n,), centre of mass (n, 3) and inertia (n, 6) of the links, for other tools."""
         return self.tree, p.mass, p.centre_of_mass, p.inertia
 
     def accelerations(self, q: Any, dq: Any, torque: Any, p: Any, armature: Any = None) -> Any:
         """q̈1, (n,) of any element; `armature` as for `forward_dynamics`."""
-        bodies = bodies_of(*self.rigid(p))
-        return np.array(forward_dynamics(self.tree, bodies, q, dq, torque, self.fall(p), armature))
+        return np.array(
+            forward_dynamics(self.tree, bodies_of(*self.rigid(p)), q, dq, torque, self.fall(p), armature)
+        )
 
     def torques(self, q: Any, dq: Any, ddq: Any, p: Any) -> Any:
         """M(q) q̈ + C(q, q̇) q̇ + G(q) by the recursive Newton–Euler algorithm, (n,) of any element."""
@@ -252,21 +259,21 @@ class Payload:
 
     def __post_init__(self) -> None:
         lower, upper = self.mass.interval
-        if lower < 0.0 or not upper > 0.0 or not within_proportion(upper, positive=True):
-            raise InvalidInput(
-                "The mass of a payload is not usable.",
-                f"expected 0 kg or more, and at least 1e-30 kg at the upper end, got {lower:g} to {upper:g} kg",
-                "mass = { value = 0.0, range = [0.0, 3.0] }",
-            )
+        refuse_if(
+            lower < 0.0 or not upper > 0.0 or not within_proportion(upper, positive=True),
+            "The mass of a payload is not usable.",
+            f"expected 0 kg or more, and at least 1e-30 kg at the upper end, got {lower:g} to {upper:g} kg",
+            "mass = { value = 0.0, range = [0.0, 3.0] }",
+        )
         moments = np.linalg.eigvalsh(matrix_of(self.inertia_per_mass))
         slack = 1e-9 * abs(moments[2])
-        if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
-            raise InvalidInput(
-                "The inertia of a payload is that of no rigid body.",
-                "expected principal moments >= 0 of which none exceeds the sum of the others, got "
-                f"{[float(f'{moment * upper:.6g}') for moment in moments]} kg·m²",
-                "inertia = {xx, yy, zz, xy, xz, yz} about the payload's centre of mass, or a shape",
-            )
+        refuse_if(
+            moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack,
+            "The inertia of a payload is that of no rigid body.",
+            "expected principal moments >= 0 of which none exceeds the sum of the others, got "
+            f"{[float(f'{moment * upper:.6g}') for moment in moments]} kg·m²",
+            "inertia = {xx, yy, zz, xy, xz, yz} about the payload's centre of mass, or a shape",
+        )
 
     def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
         """The robot's parameters for this payload, in the frame of the link that carries it."""
@@ -276,14 +283,12 @@ class Payload:
                 Parameter("", x, source="assumption: where the link is drawn to end") for x in frame.tip
             ]
         place = np.array(frame.placement.translation) + turn @ [entry.value for entry in centre]
-        six = six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)
         numbers = {"mass": self.mass}
         for axis, value in zip(VECTOR, place):
-            tolerance = max(entry.tolerance for entry in centre)
             numbers[f"centre_of_mass_{axis}"] = Parameter(
-                "", float(value), tolerance, source=centre[0].source
+                "", float(value), max(entry.tolerance for entry in centre), source=centre[0].source
             )
-        for axes, value in zip(INERTIA, six):
+        for axes, value in zip(INERTIA, six_of(turn @ matrix_of(self.inertia_per_mass) @ turn.T)):
             if value:
                 numbers[f"inertia_per_mass_{axes}"] = Parameter("", value, source=self.mass.source)
         return [
@@ -299,12 +304,12 @@ class Payload:
 def inertia_of_shape(kind: str, sizes: Sequence[float]) -> tuple[float, ...]:
     """Moments of a uniform body over its mass, m²: xx, xy, xz, yy, yz, zz about its centre; sizes as in `SHAPES`."""
     names = SHAPES[kind]
-    if len(sizes) != len(names) or not all(0.0 < size < np.inf for size in sizes):
-        raise InvalidInput(
-            f"The {kind} of a payload has no size.",
-            f"expected {' and '.join(names)} in m, all > 0, got {value_text(list(sizes))}",
-            f"{kind} = {0.05 if len(names) == 1 else [0.05] * len(names)}",
-        )
+    refuse_if(
+        len(sizes) != len(names) or not all(0.0 < size < np.inf for size in sizes),
+        f"The {kind} of a payload has no size.",
+        f"expected {' and '.join(names)} in m, all > 0, got {value_text(list(sizes))}",
+        f"{kind} = {0.05 if len(names) == 1 else [0.05] * len(names)}",
+    )
     x = y = z = 0.4 * sizes[0] ** 2
     if kind == "box":
         a, b, c = (size**2 / 12.0 for size in sizes)
@@ -338,8 +343,8 @@ def payload_from_text(text: str) -> Payload:
             "0..3kg@hand, or 0..3kg@hand:0,0,0.1",
         ) from None
     source, ends = "option --payload", (numbers[0], numbers[-1]) if len(numbers) > 1 else None
-    mass = Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source)
     offset = None if centre is None else tuple(Parameter("centre", x, source=source) for x in centre)
+    mass = Parameter("mass", numbers[max(len(numbers) - 2, 0)], range=ends, source=source)
     return Payload(mass, link, offset)
 
 
@@ -382,19 +387,16 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
     unloaded : (n,), optional
         Input at this pose with the masses that the robot states (its nominal ones); by default what the model says.
 
-    Raises
-    ------
-    InvalidInput
-        For a robot without a payload, numbers that do not fit the joints, or a pose at which the weight of a payload
-        cannot be told from that of another, or does not load any motor.
+    Raises InvalidInput: for a robot without a payload, numbers that do not fit the joints, or a pose at which the
+    weight of a payload cannot be told from that of another, or does not load any motor.
     """
     names = [p.name for p in robot.parameters if p.name.startswith("payload_mass")]
-    if not names:
-        raise InvalidInput(
-            f"The robot {robot.name!r} has no payload to weigh.",
-            "expected [[payload]] in its file, got none",
-            "load_robot(..., payload='0..3kg@LINK')",
-        )
+    refuse_if(
+        not names,
+        f"The robot {robot.name!r} has no payload to weigh.",
+        "expected [[payload]] in its file, got none",
+        "load_robot(..., payload='0..3kg@LINK')",
+    )
     _, model = robot.operating_point(pose)
     measured, base = (
         checked_array(
@@ -407,20 +409,22 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
         for name, values in (("effort", effort), ("unloaded", model if unloaded is None else unloaded))
     )
     p = robot.plant_parameters()
-    each = torque_per_input(robot.drive, SimpleNamespace(**p))
-    per_input = np.broadcast_to(np.asarray(each, dtype=float), len(robot.joint_names))
+    per_input = np.broadcast_to(
+        np.asarray(torque_per_input(robot.drive, SimpleNamespace(**p)), dtype=float), len(robot.joint_names)
+    )
     extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T
-    if np.linalg.matrix_rank(per_kilogram, tol=SHORTEST_LEVER * abs(robot["gravity"].value)) < len(names):
-        raise InvalidInput(
-            "The motors do not show the mass of every payload at this pose.",
-            f"expected a pose at which each of {names} loads a motor in its own way, got {value_text(pose)}",
-            "a pose with a lever arm across gravity",
-        )
+    refuse_if(
+        np.linalg.matrix_rank(per_kilogram, tol=SHORTEST_LEVER * abs(robot["gravity"].value)) < len(names),
+        "The motors do not show the mass of every payload at this pose.",
+        f"expected a pose at which each of {names} loads a motor in its own way, got {value_text(pose)}",
+        "a pose with a lever arm across gravity",
+    )
     inverse = np.linalg.pinv(per_kilogram)
-    friction = (p.get(kind, 0.0) for kind in ("coulomb_friction", "static_friction"))
-    dry = np.max([np.broadcast_to(force, len(base)) for force in friction], axis=0)
+    dry = np.maximum(
+        *(np.broadcast_to(p.get(kind, 0.0), len(base)) for kind in ("coulomb_friction", "static_friction"))
+    )
     hidden = np.abs(inverse) @ dry * (1.0 if unloaded is None else 2.0)
     added = inverse @ extra
     return Weighing(

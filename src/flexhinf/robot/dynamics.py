@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.validation import HUGE, checked_array, checked_name, distinct, real_array, value_text
 
 #: Three elements.
@@ -35,8 +35,7 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 NUMBERS = (float, int)
 
 
-def times(a: Any, b: Any) -> Any:
-    """a · b."""
+def _times(a: Any, b: Any) -> Any:
     if isinstance(b, NUMBERS):
         a, b = b, a
     if isinstance(a, NUMBERS):
@@ -49,73 +48,60 @@ def times(a: Any, b: Any) -> Any:
     return a * b
 
 
-def plus(a: Any, b: Any) -> Any:
-    """a + b."""
+def _plus(a: Any, b: Any) -> Any:
     if isinstance(a, NUMBERS) and a == 0:
         return b
-    if isinstance(b, NUMBERS) and b == 0:
-        return a
-    return a + b
+    return a if isinstance(b, NUMBERS) and b == 0 else a + b
 
 
-def minus(a: Any, b: Any) -> Any:
-    """a − b."""
+def _minus(a: Any, b: Any) -> Any:
     if isinstance(b, NUMBERS) and b == 0:
         return a
-    if isinstance(a, NUMBERS) and a == 0:
-        return -b
-    return a - b
+    return -b if isinstance(a, NUMBERS) and a == 0 else a - b
 
 
 # Vectors ------------------------------------------------------------------------------------------
-def dot(a: Vector, b: Vector) -> Any:
-    """a · b."""
-    return plus(plus(times(a[0], b[0]), times(a[1], b[1])), times(a[2], b[2]))
+def _dot(a: Vector, b: Vector) -> Any:
+    return _plus(_plus(_times(a[0], b[0]), _times(a[1], b[1])), _times(a[2], b[2]))
 
 
-def cross(a: Vector, b: Vector) -> Vector:
-    """a × b."""
+def _cross(a: Vector, b: Vector) -> Vector:
     return (
-        minus(times(a[1], b[2]), times(a[2], b[1])),
-        minus(times(a[2], b[0]), times(a[0], b[2])),
-        minus(times(a[0], b[1]), times(a[1], b[0])),
+        _minus(_times(a[1], b[2]), _times(a[2], b[1])),
+        _minus(_times(a[2], b[0]), _times(a[0], b[2])),
+        _minus(_times(a[0], b[1]), _times(a[1], b[0])),
     )
 
 
-def add(a: Vector, b: Vector) -> Vector:
-    """a + b."""
-    return tuple(map(plus, a, b))
+def _add(a: Vector, b: Vector) -> Vector:
+    return tuple(map(_plus, a, b))
 
 
-def scaled(factor: Any, a: Vector) -> Vector:
-    """factor · a."""
-    return tuple(times(factor, x) for x in a)
+def _scaled(factor: Any, a: Vector) -> Vector:
+    return tuple(_times(factor, x) for x in a)
 
 
 # Matrices -----------------------------------------------------------------------------------------
-def apply(m: Matrix, a: Vector) -> Vector:
-    """m a."""
-    return tuple(dot(row, a) for row in m)
+def _apply(m: Matrix, a: Vector) -> Vector:
+    return tuple(_dot(row, a) for row in m)
 
 
-def transpose(m: Matrix) -> Matrix:
-    """mᵀ."""
+def _transpose(m: Matrix) -> Matrix:
     return tuple(zip(*m, strict=True))
 
 
-def product(m: Matrix, n: Matrix) -> Matrix:
-    """m n."""
-    columns = transpose(n)
-    return tuple(tuple(dot(row, column) for column in columns) for row in m)
+def _product(m: Matrix, n: Matrix) -> Matrix:
+    columns = _transpose(n)
+    return tuple(tuple(_dot(row, column) for column in columns) for row in m)
 
 
 def rotated_symmetric(r: Matrix, m: Matrix) -> Matrix:
     """r m rᵀ for a symmetric m; each entry is computed once."""
-    half = product(r, m)
-    return symmetric(lambda i, j: dot(half[i], r[j]))
+    half = _product(r, m)
+    return _symmetric(lambda i, j: _dot(half[i], r[j]))
 
 
-def symmetric(entry: Callable[[int, int], Any]) -> Matrix:
+def _symmetric(entry: Callable[[int, int], Any]) -> Matrix:
     """A symmetric matrix from its entries (i, j) with i ≥ j."""
     (a,), (b, c), (d, e, f) = ([entry(i, j) for j in range(i + 1)] for i in range(3))
     return ((a, b, d), (b, c, e), (d, e, f))
@@ -130,19 +116,17 @@ SNAP = 1e-15
 #: What is expected of a vector.
 NUMBERS_TEXT = f"three numbers of at most {HUGE:g}"
 
-Rows = tuple[tuple[float, float, float], ...]
-
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a frame is in its parent's frame.
+    """Where a frame is in its parent's frame, of any element.
 
     `rotation` takes components in this frame to components in the parent's; `translation` is this frame's origin in the
     parent's frame, m.
     """
 
-    rotation: Rows = IDENTITY  # type: ignore[assignment]
-    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: Matrix = IDENTITY
+    translation: Vector = ZERO
 
     @staticmethod
     def of(xyz: Sequence[float] = (0.0, 0.0, 0.0), rpy: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
@@ -159,8 +143,8 @@ class Placement:
 
     def then(self, other: Placement) -> Placement:
         """The place, in this one's parent, of a frame that is at `other` in this one."""
-        moved = add(self.translation, apply(self.rotation, other.translation))
-        return Placement(_snapped(product(self.rotation, other.rotation)), _floats(moved))
+        moved = _add(self.translation, _apply(self.rotation, other.translation))
+        return Placement(_snapped(_product(self.rotation, other.rotation)), tuple(map(float, moved)))
 
 
 @dataclass(frozen=True)
@@ -190,34 +174,37 @@ class Joint:
 
     def __post_init__(self) -> None:
         checked_name("a joint", self.name, without=",=")
-        if self.name == "world" or self.name == "integral" or self.name.endswith("_integral"):
-            raise InvalidInput(
-                f"The joint name {self.name!r} has another meaning.",
-                "expected neither 'world' (the base) nor an ending 'integral' (the integral of an error)",
-                "another name",
-            )
-        if self.kind not in KINDS:
-            raise InvalidInput(
-                f"The joint {self.name!r} is of an unknown kind.",
-                f"expected one of {list(KINDS)}, got {self.kind!r}",
-                "merge fixed joints into their links; a planar or floating base is not supported",
-            )
-        what = f"The axis of joint {self.name!r} is no vector."
-        axis = checked_array(what, self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE)
+        refuse_if(
+            self.name == "world" or self.name == "integral" or self.name.endswith("_integral"),
+            f"The joint name {self.name!r} has another meaning.",
+            "expected neither 'world' (the base) nor an ending 'integral' (the integral of an error)",
+            "another name",
+        )
+        refuse_if(
+            self.kind not in KINDS,
+            f"The joint {self.name!r} is of an unknown kind.",
+            f"expected one of {list(KINDS)}, got {self.kind!r}",
+            "merge fixed joints into their links; a planar or floating base is not supported",
+        )
+        axis = checked_array(
+            f"The axis of joint {self.name!r} is no vector.", self.axis, (3,), NUMBERS_TEXT, "[0, 0, 1]", HUGE
+        )
         length = float(np.linalg.norm(axis))
-        if not length > 1.0 / HUGE:
-            raise InvalidInput(
-                f"The axis of joint {self.name!r} has no direction.", f"got {list(self.axis)}", "[0, 0, 1]"
-            )
+        refuse_if(
+            not length > 1.0 / HUGE,
+            f"The axis of joint {self.name!r} has no direction.",
+            f"got {list(self.axis)}",
+            "[0, 0, 1]",
+        )
         object.__setattr__(self, "axis", tuple(_snap(float(a) / length) for a in self.axis))
         if self.limits is not None:
             limits = real_array(self.limits)
-            if limits.shape != (2,) or not limits[0] < limits[1]:
-                raise InvalidInput(
-                    f"The limits of joint {self.name!r} leave no room.",
-                    f"expected lower < upper, got {value_text(self.limits)}",
-                    "limits = [lower, upper] in rad (m for a prismatic joint)",
-                )
+            refuse_if(
+                limits.shape != (2,) or not limits[0] < limits[1],
+                f"The limits of joint {self.name!r} leave no room.",
+                f"expected lower < upper, got {value_text(self.limits)}",
+                "limits = [lower, upper] in rad (m for a prismatic joint)",
+            )
             object.__setattr__(self, "limits", tuple(limits.tolist()))
 
     @property
@@ -226,7 +213,7 @@ class Joint:
         return self.kind == "prismatic"
 
     @cached_property
-    def alignment(self) -> Rows:
+    def alignment(self) -> Matrix:
         """Rotation whose third column is the axis: from the aligned frame to the link's."""
         a = self.axis
         k = int(np.argmax(np.abs(a)))
@@ -253,18 +240,17 @@ class Tree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = self.names
-        if not names:
-            raise InvalidInput(
-                "There are no joints.", "expected one at least, got none", "a joint for each link"
-            )
+        refuse_if(
+            not names, "There are no joints.", "expected one at least, got none", "a joint for each link"
+        )
         distinct("The joint", names)
         for place, joint in enumerate(self.joints):
-            if joint.parent not in (None, "world", *names[:place]):
-                raise InvalidInput(
-                    f"The joint {joint.name!r} hangs on {joint.parent!r}, which is no joint before it.",
-                    f"expected 'world' or one of {list(names[:place])}",
-                    "parents before their children; leave out parent for a chain",
-                )
+            refuse_if(
+                joint.parent not in (None, "world", *names[:place]),
+                f"The joint {joint.name!r} hangs on {joint.parent!r}, which is no joint before it.",
+                f"expected 'world' or one of {list(names[:place])}",
+                "parents before their children; leave out parent for a chain",
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -277,38 +263,31 @@ class Tree:
     @cached_property
     def parents(self) -> tuple[int, ...]:
         """Number of each joint's parent, −1 for the world."""
-        numbers = {"world": -1} | {name: place for place, name in enumerate(self.names)}
+        places = dict(zip(("world", *self.names), range(-1, len(self))))
         return tuple(
-            place - 1 if joint.parent is None else numbers[joint.parent]
-            for place, joint in enumerate(self.joints)
+            i - 1 if joint.parent is None else places[joint.parent] for i, joint in enumerate(self.joints)
         )
 
     @cached_property
-    def aligned(self) -> tuple[tuple[Matrix, Vector], ...]:
-        """Rotation and translation of each aligned frame at position zero, in its parent's aligned frame."""
+    def aligned(self) -> tuple[Placement, ...]:
+        """Place of each aligned frame at position zero, in its parent's aligned frame."""
         places = []
         for joint, parent in zip(self.joints, self.parents):
             place = joint.placement
-            rotation, translation = product(place.rotation, joint.alignment), place.translation
+            rotation, translation = _product(place.rotation, joint.alignment), place.translation
             if parent >= 0:
-                back = transpose(self.joints[parent].alignment)
-                rotation, translation = product(back, rotation), apply(back, translation)
-            places.append((_snapped(rotation), _floats(translation)))
+                back = _transpose(self.joints[parent].alignment)
+                rotation, translation = _product(back, rotation), _apply(back, translation)
+            places.append(Placement(_snapped(rotation), tuple(map(float, translation))))
         return tuple(places)
 
 
 def _snap(value: float) -> float:
-    nearest = round(value)
-    return float(nearest) if abs(value - nearest) < SNAP else value
+    return float(round(value)) if abs(value - round(value)) < SNAP else value
 
 
-def _floats(vector: Vector) -> tuple[float, float, float]:
-    x, y, z = map(float, vector)
-    return x, y, z
-
-
-def _snapped(rotation: Matrix) -> Rows:
-    return tuple(tuple(_snap(float(entry)) for entry in row) for row in rotation)  # type: ignore[return-value]
+def _snapped(rotation: Matrix) -> Matrix:
+    return tuple(tuple(_snap(float(entry)) for entry in row) for row in rotation)
 
 
 class Body(NamedTuple):
@@ -331,15 +310,18 @@ def bodies_of(tree: Tree, mass: Any, centre_of_mass: Any, inertia: Any) -> list[
     bodies = []
     for i, joint in enumerate(tree.joints):
         xx, xy, xz, yy, yz, zz = list(inertia[i])
-        x, y, z = apply(transpose(joint.alignment), list(centre_of_mass[i]))
-        moment = scaled(mass[i], (x, y, z))
+        x, y, z = _apply(_transpose(joint.alignment), list(centre_of_mass[i]))
+        moment = _scaled(mass[i], (x, y, z))
         (a, b, c), (_, d, e), (_, _, f) = rotated_symmetric(
-            transpose(joint.alignment), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
+            _transpose(joint.alignment), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
         )
-        mxx, myy, mzz = times(moment[0], x), times(moment[1], y), times(moment[2], z)
-        b, c = minus(b, times(moment[0], y)), minus(c, times(moment[0], z))  # Steiner: I + m (cᵀc 1 − c cᵀ)
-        e = minus(e, times(moment[1], z))
-        a, d, f = plus(a, plus(myy, mzz)), plus(d, plus(mxx, mzz)), plus(f, plus(mxx, myy))
+        mxx, myy, mzz = _times(moment[0], x), _times(moment[1], y), _times(moment[2], z)
+        b, c = (
+            _minus(b, _times(moment[0], y)),
+            _minus(c, _times(moment[0], z)),
+        )  # Steiner: I + m (cᵀc 1 − c cᵀ)
+        e = _minus(e, _times(moment[1], z))
+        a, d, f = _plus(a, _plus(myy, mzz)), _plus(d, _plus(mxx, mzz)), _plus(f, _plus(mxx, myy))
         bodies.append(Body(mass[i], moment, ((a, b, c), (b, d, e), (c, e, f))))
     return bodies
 
@@ -369,49 +351,45 @@ def six_of(matrix: np.ndarray) -> list[float]:
     return [float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
 
 
-class Frame(NamedTuple):
-    """Where an aligned frame is in its parent's: rotation of components to the parent's, and translation in it."""
-
-    rotation: Matrix
-    translation: Vector
+def _to_parent(frame: Placement, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
+    turned = _apply(frame.rotation, force)
+    return turned, _add(_apply(frame.rotation, moment), _cross(frame.translation, turned))
 
 
-def _to_parent(frame: Frame, force: Vector, moment: Vector) -> tuple[Vector, Vector]:
-    """A force and a moment about the frame's origin, as seen from the parent's."""
-    turned = apply(frame.rotation, force)
-    return turned, add(apply(frame.rotation, moment), cross(frame.translation, turned))
-
-
-def frames_of(tree: Tree, q: Any) -> list[Frame]:
-    """Frames at the joint positions q (n,)."""
+def frames_of(tree: Tree, q: Any) -> list[Placement]:
+    """Places of the aligned frames in their parents' at the joint positions q (n,)."""
     frames = []
-    for i, (joint, (rotation, translation)) in enumerate(zip(tree.joints, tree.aligned)):
+    for i, (joint, place) in enumerate(zip(tree.joints, tree.aligned)):
+        rotation, translation = place.rotation, place.translation
         if joint.slides:
-            frames.append(Frame(rotation, add(translation, scaled(q[i], tuple(row[2] for row in rotation)))))
+            translation = _add(translation, _scaled(q[i], tuple(row[2] for row in rotation)))
         else:
             s, c = np.sin(q[i]), np.cos(q[i])
-            frames.append(Frame(product(rotation, ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))), translation))
+            rotation = _product(rotation, ((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
+        frames.append(Placement(rotation, translation))
     return frames
 
 
 def joined(own: Body, other: Body) -> Body:
     """Inertial parameters of two bodies that move together, in one frame."""
     return Body(
-        plus(own.mass, other.mass), add(own.moment, other.moment), tuple(map(add, own.inertia, other.inertia))
+        _plus(own.mass, other.mass),
+        _add(own.moment, other.moment),
+        tuple(map(_add, own.inertia, other.inertia)),
     )
 
 
-def seen_by_parent(body: Body, frame: Frame) -> Body:
+def seen_by_parent(body: Body, frame: Placement) -> Body:
     """The body about the parent's origin: h + m r, and I − [h][r] − [r][h + m r]."""
-    r, h = frame.translation, apply(frame.rotation, body.moment)
-    moment = add(h, scaled(body.mass, r))
+    r, h = frame.translation, _apply(frame.rotation, body.moment)
+    moment = _add(h, _scaled(body.mass, r))
     inertia = rotated_symmetric(frame.rotation, body.inertia)
 
     def entry(i: int, j: int) -> Any:
-        felt = add(cross(h, cross(r, IDENTITY[j])), cross(r, cross(moment, IDENTITY[j])))
-        return minus(inertia[i][j], dot(IDENTITY[i], felt))
+        felt = _add(_cross(h, _cross(r, IDENTITY[j])), _cross(r, _cross(moment, IDENTITY[j])))
+        return _minus(inertia[i][j], _dot(IDENTITY[i], felt))
 
-    return Body(body.mass, moment, symmetric(entry))
+    return Body(body.mass, moment, _symmetric(entry))
 
 
 def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
@@ -427,11 +405,10 @@ def regrouped(tree: Tree, bodies: Sequence[Body]) -> list[Body]:
         if tree.joints[i].slides:
             continue
         mass, (hx, hy, hz), ((xx, xy, xz), (_, yy, yz), (_, _, zz)) = moved[i]
-        moved[i] = Body(0.0, (hx, hy, 0.0), ((minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
+        moved[i] = Body(0.0, (hx, hy, 0.0), ((_minus(xx, yy), xy, xz), (xy, 0.0, yz), (xz, yz, zz)))
         if tree.parents[i] >= 0:
             part = Body(mass, (0.0, 0.0, hz), ((yy, 0.0, 0.0), (0.0, yy, 0.0), ZERO))
-            above = moved[tree.parents[i]]
-            moved[tree.parents[i]] = joined(above, seen_by_parent(part, Frame(*tree.aligned[i])))
+            moved[tree.parents[i]] = joined(moved[tree.parents[i]], seen_by_parent(part, tree.aligned[i]))
     return moved
 
 
@@ -445,26 +422,26 @@ def inverse_dynamics(
     """
     # Of each frame, in its own components: ω, rad/s, its rate α, rad/s²; the acceleration of its origin less that of
     # free fall, m/s²; and U = [α] + [ω][ω], so that a point r of the link is accelerated by U r more than the origin.
-    still = ZERO, ZERO, tuple(minus(0.0, g) for g in gravity), _spread(ZERO, ZERO)
+    still = ZERO, ZERO, tuple(_minus(0.0, g) for g in gravity), _spread(ZERO, ZERO)
     frames, motions = frames_of(tree, q), list[Any]()
     wrenches: list[Any] = []
     for i, (joint, parent) in enumerate(zip(tree.joints, tree.parents)):
         angular, change, linear, spread = still if parent < 0 else motions[parent]
-        linear = add(linear, apply(spread, frames[i].translation))
-        back = transpose(frames[i].rotation)
-        angular, change, linear = (apply(back, vector) for vector in (angular, change, linear))
-        coriolis, along = cross(angular, (0.0, 0.0, dq[i])), (0.0, 0.0, ddq[i])
+        linear = _add(linear, _apply(spread, frames[i].translation))
+        back = _transpose(frames[i].rotation)
+        angular, change, linear = (_apply(back, vector) for vector in (angular, change, linear))
+        coriolis, along = _cross(angular, (0.0, 0.0, dq[i])), (0.0, 0.0, ddq[i])
         if joint.slides:
-            linear = add(linear, add(scaled(2.0, coriolis), along))
+            linear = _add(linear, _add(_scaled(2.0, coriolis), along))
         else:
-            change = add(change, add(coriolis, along))
-            angular = (angular[0], angular[1], plus(angular[2], dq[i]))
+            change = _add(change, _add(coriolis, along))
+            angular = (angular[0], angular[1], _plus(angular[2], dq[i]))
         spread = _spread(angular, change)
         motions.append((angular, change, linear, spread))
         mass, moment, inertia = bodies[i]
-        spin = add(apply(inertia, change), cross(angular, apply(inertia, angular)))
-        force = add(scaled(mass, linear), apply(spread, moment))
-        wrenches.append((force, add(spin, cross(moment, linear))))
+        spin = _add(_apply(inertia, change), _cross(angular, _apply(inertia, angular)))
+        force = _add(_scaled(mass, linear), _apply(spread, moment))
+        wrenches.append((force, _add(spin, _cross(moment, linear))))
     torques: list[Any] = [None] * len(tree)
     for i in reversed(range(len(tree))):
         force, moment = wrenches[i]
@@ -472,21 +449,21 @@ def inverse_dynamics(
         parent = tree.parents[i]
         if parent >= 0:
             force, moment = _to_parent(frames[i], force, moment)
-            wrenches[parent] = add(wrenches[parent][0], force), add(wrenches[parent][1], moment)
+            wrenches[parent] = _add(wrenches[parent][0], force), _add(wrenches[parent][1], moment)
     return torques
 
 
 def _spread(angular: Vector, change: Vector) -> Matrix:
     (x, y, z), (a, b, c) = angular, change
-    xx, yy, zz, xy, xz, yz = (times(*pair) for pair in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z)))
+    xx, yy, zz, xy, xz, yz = (_times(*pair) for pair in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z)))
 
     def both(p: Any, q: Any) -> Any:
-        return minus(minus(0.0, p), q)
+        return _minus(_minus(0.0, p), q)
 
     return (
-        (both(yy, zz), minus(xy, c), plus(xz, b)),
-        (plus(xy, c), both(xx, zz), minus(yz, a)),
-        (minus(xz, b), plus(yz, a), both(xx, yy)),
+        (both(yy, zz), _minus(xy, c), _plus(xz, b)),
+        (_plus(xy, c), both(xx, zz), _minus(yz, a)),
+        (_minus(xz, b), _plus(yz, a), both(xx, yy)),
     )
 
 
@@ -498,9 +475,9 @@ def mass_matrix(tree: Tree, bodies: Sequence[Body], q: Any) -> np.ndarray:
     for i in reversed(range(n)):
         # Force and moment for a unit acceleration of the joint.
         mass, (x, y, _), inertia = composite[i]
-        force, moment = (minus(0.0, y), x, 0.0), tuple(row[2] for row in inertia)
+        force, moment = (_minus(0.0, y), x, 0.0), tuple(row[2] for row in inertia)
         if tree.joints[i].slides:
-            force, moment = (0.0, 0.0, mass), (y, minus(0.0, x), 0.0)
+            force, moment = (0.0, 0.0, mass), (y, _minus(0.0, x), 0.0)
         matrix[i, i] = force[2] if tree.joints[i].slides else moment[2]
         j = i
         while tree.parents[j] >= 0:
@@ -533,8 +510,8 @@ def forward_dynamics(
     bias = inverse_dynamics(tree, fewer, q, dq, [0.0] * n, gravity)
     matrix = mass_matrix(tree, fewer, q)
     for i in range(n if armature is not None else 0):
-        matrix[i, i] = plus(matrix[i, i], armature[i])  # type: ignore[index]
-    return _solved(matrix, [minus(torque[i], bias[i]) for i in range(n)])
+        matrix[i, i] = _plus(matrix[i, i], armature[i])  # type: ignore[index]
+    return _solved(matrix, [_minus(torque[i], bias[i]) for i in range(n)])
 
 
 def _solved(matrix: np.ndarray, right: list[Any]) -> list[Any]:
@@ -544,13 +521,13 @@ def _solved(matrix: np.ndarray, right: list[Any]) -> list[Any]:
     inverse: list[Any] = [None] * n
     for k in reversed(range(n)):
         inverse[k] = 1.0 / rows[k][k]
-        lower[k] = [times(rows[k][i], inverse[k]) for i in range(k)]
+        lower[k] = [_times(rows[k][i], inverse[k]) for i in range(k)]
         for i in range(k):
             for j in range(i + 1):
-                rows[i][j] = minus(rows[i][j], times(lower[k][i], rows[k][j]))
-            x[i] = minus(x[i], times(lower[k][i], x[k]))
+                rows[i][j] = _minus(rows[i][j], _times(lower[k][i], rows[k][j]))
+            x[i] = _minus(x[i], _times(lower[k][i], x[k]))
     for k in range(n):
-        x[k] = times(x[k], inverse[k])
+        x[k] = _times(x[k], inverse[k])
         for i in range(k):
-            x[k] = minus(x[k], times(lower[k][i], x[i]))
+            x[k] = _minus(x[k], _times(lower[k][i], x[i]))
     return x

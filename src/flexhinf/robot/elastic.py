@@ -35,12 +35,12 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import pose_values
 from flexhinf.robot.parameters import TURNING, Stated, per_joint
 from flexhinf.scalars import clip, derivative, series, trace
-from flexhinf.validation import unknown_name
+from flexhinf.validation import one_of
 
 #: The parameter that each switch needs.
 EXTRAS = {
@@ -67,14 +67,13 @@ def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot
     requested: Iterable[str] = (extras,) if isinstance(extras, str) else extras
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
-        if name not in EXTRAS:
-            raise unknown_name(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
-        if EXTRAS[name] not in stated:
-            raise InvalidInput(
-                f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
-                f"expected it beside {sorted(stated)}",
-                f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
-            )
+        one_of(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
+        refuse_if(
+            EXTRAS[name] not in stated,
+            f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
+            f"expected it beside {sorted(stated)}",
+            f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
+        )
     return tuple(name for name in EXTRAS if name in requested)
 
 
@@ -137,9 +136,8 @@ def dry_level(velocity: Any, p: Any, extras: Collection[str]) -> Any:
 
 def friction_torque(velocity: Any, p: Any, extras: Collection[str]) -> Any:
     """Dry friction against the motor's velocity (viscous friction is not in it); 0.0 without a switch."""
-    if not set(DRY) & set(extras):
-        return 0.0
-    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing)
+    dry = set(DRY) & set(extras)
+    return dry_level(velocity, p, extras) * np.tanh(velocity / p.friction_smoothing) if dry else 0.0
 
 
 #: What the input is: the motor's voltage (V), its current (A), or its torque on the link side (N·m).
@@ -163,12 +161,14 @@ def required_of_drive(
     drive: str, names: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
 ) -> list[str]:
     """Names of the parameters that the joints must have; a motor's inertia comes in one of two ways."""
-    if drive not in DRIVES:
-        raise unknown_name("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
+    one_of("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
     required, count = [], len(joints)
     for joint in joints:
-        rotor = per_joint("rotor_inertia", joint, count) in names
-        inertia = ("rotor_inertia", "gear_ratio") if rotor else ("motor_inertia",)
+        inertia = (
+            ("rotor_inertia", "gear_ratio")
+            if (per_joint("rotor_inertia", joint, count) in names)
+            else ("motor_inertia",)
+        )
         quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *CONSTANTS[drive])
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
@@ -188,13 +188,14 @@ def reflected(
         return values[name] if default is None else values.get(name, default)
 
     dry = any(name.startswith(("coulomb_friction", "static_friction")) for name in values)
-    packed: dict[str, list[float]] = {"stiffness": [], "motor_inertia": [], "friction": []}
-    packed |= {quantity: [] for quantity in CONSTANTS[drive]}
-    packed |= {
-        quantity: []
+    stated = [
+        quantity
         for quantity in OPTIONAL
         if any(per_joint(quantity, joint, len(joints)) in values for joint in joints)
         or (quantity in ("friction_smoothing", "stribeck_velocity", "coulomb_friction") and dry)
+    ]
+    packed: dict[str, list[float]] = {
+        quantity: [] for quantity in ("stiffness", "motor_inertia", "friction", *CONSTANTS[drive], *stated)
     }
     for joint in joints:
         ratio = of("gear_ratio", joint, 1.0)
@@ -216,9 +217,8 @@ def reflected(
 
 def torque_per_input(drive: str, p: Any) -> Any:
     """Torque of a motor at rest per unit of its input, on the link side: k_t / R for volts, k_t for amperes, or one."""
-    if drive == "torque":
-        return 1.0
-    return p.torque_constant / p.resistance if drive == "voltage" else p.torque_constant
+    gain = 1.0 if drive == "torque" else p.torque_constant
+    return gain / p.resistance if drive == "voltage" else gain
 
 
 @dataclass(frozen=True)
@@ -234,10 +234,14 @@ class Layout:
     @staticmethod
     def of(states: Sequence[str]) -> Layout:
         """The layout of the named states: a joint without a motor's position is rigid."""
-        joints = [name.removeprefix("link_position") for name in states if name.startswith("link_position")]
-        joints = [joint for joint in joints if not joint.endswith("_integral")]
-        rigid = tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
-        return Layout(len(joints), rigid)
+        joints = [
+            name.removeprefix("link_position")
+            for name in states
+            if name.startswith("link_position") and not name.endswith("_integral")
+        ]
+        return Layout(
+            len(joints), tuple(i for i, joint in enumerate(joints) if f"motor_position{joint}" not in states)
+        )
 
     @property
     def elastic(self) -> list[int]:
@@ -352,8 +356,9 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             unit, size = text.unit, TURNING[text.unit.lower()]
         got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
         # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        plain = not isinstance(text, Stated) and not slides and abs(value) > TURN
-        degrees = plain and low <= np.deg2rad(value) <= high
+        degrees = (not isinstance(text, Stated) and not slides and abs(value) > TURN) and low <= np.deg2rad(
+            value
+        ) <= high
         what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
         if limits is None:
             what = f"The pose turns joint {joint!r} by {got}, more than once around."
@@ -397,12 +402,12 @@ class InverseFlow:
 
     def __post_init__(self) -> None:
         for name in self.extras:
-            if name not in MODELLED:
-                raise InvalidInput(
-                    f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
-                    f"expected extras out of {list(MODELLED)}, got {list(self.extras)}",
-                    f"the feedforward without {name!r}; the law feeds back what it leaves",
-                )
+            refuse_if(
+                name not in MODELLED,
+                f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
+                f"expected extras out of {list(MODELLED)}, got {list(self.extras)}",
+                f"the feedforward without {name!r}; the law feeds back what it leaves",
+            )
 
     def __call__(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
         """State (4n,) and input (n,) from link positions and four derivatives, (n,) each."""
@@ -431,9 +436,10 @@ class InverseFlow:
 def traced_inverse(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]], ...]) -> Any:
     """`flow` as a CasADi function of (q, q̇, q̈, q⃛, q⁗, parameter vector), for any values of the parameters."""
     table = ParameterTable({name: np.zeros(shape) for name, shape in shapes})
-    n = len(flow.links.joint_names)
 
     def inverse(q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, vector: Any) -> tuple[Any, Any]:
         return flow(q, dq, ddq, dddq, ddddq, table.named(vector))
 
-    return trace(inverse, *(n,) * 5, table.size, name="inverse", names=(*ORDERS, "p"))
+    return trace(
+        inverse, *[len(flow.links.joint_names)] * 5, table.size, name="inverse", names=(*ORDERS, "p")
+    )

@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
 from flexhinf.robot.urdf import MOST_LINKS, RigidArm, locked_joints, moved
@@ -63,17 +63,19 @@ def read_mjcf(
     """
     mujoco = extra_package("mujoco", "mujoco", "MJCF is read by MuJoCo, which is not installed.")
     for element in root.iter():
-        if element.tag in REFUSED:
-            raise InvalidInput(
-                f"<{element.tag}> is not read.",
-                "expected bodies, joints and inertials in this file",
-                REFUSED[element.tag],
-            )
-    bodies = sum(1 for _ in root.iter("body"))
-    if bodies > MOST_LINKS:
-        raise InvalidInput(
-            "There are too many bodies.", f"expected at most {MOST_LINKS}, got {bodies}", "one robot"
+        refuse_if(
+            element.tag in REFUSED,
+            f"<{element.tag}> is not read.",
+            "expected bodies, joints and inertials in this file",
+            REFUSED.get(element.tag, ""),
         )
+    bodies = sum(1 for _ in root.iter("body"))
+    refuse_if(
+        bodies > MOST_LINKS,
+        "There are too many bodies.",
+        f"expected at most {MOST_LINKS}, got {bodies}",
+        "one robot",
+    )
     kept = _kept(root)
     with _refused_by_mujoco():
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
@@ -149,7 +151,6 @@ def _pruned(element: Element) -> Element:
 
 
 def _check(spec: Any) -> None:
-    """Refuse names that cannot be shown, and elements that change masses or act on links."""
     compiler = spec.compiler
     changed = {
         "boundmass": compiler.boundmass > 0.0, "boundinertia": compiler.boundinertia > 0.0,
@@ -157,67 +158,68 @@ def _check(spec: Any) -> None:
     }  # fmt: skip
     for key in (key for key, acts in changed.items() if acts):
         raise InvalidInput(f"<compiler {key}> is not read.", "it changes masses", "inertials as they are")
-    if spec.option.density != 0.0 or spec.option.viscosity != 0.0:
-        raise InvalidInput("<option> has a medium.", "expected density and viscosity 0", "a robot in air")
+    refuse_if(
+        spec.option.density != 0.0 or spec.option.viscosity != 0.0,
+        "<option> has a medium.",
+        "expected density and viscosity 0",
+        "a robot in air",
+    )
     for kind, named in (("joint", spec.joints), ("body", [body for body in spec.bodies[1:] if body.name])):
         for part in named:
             checked_name(f"a {kind}", part.name, spaces=True)
     for body in spec.bodies[1:]:
-        if len(body.joints) > 1:
-            raise InvalidInput(
-                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
-                "expected at most one joint for each body: a link between two joints has a mass",
-                "a body for each joint, with what moves there",
-            )
+        refuse_if(
+            len(body.joints) > 1,
+            f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
+            "expected at most one joint for each body: a link between two joints has a mass",
+            "a body for each joint, with what moves there",
+        )
     parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
-            if np.any(np.asarray(getattr(part, key, 0.0)) != 0.0):
-                raise InvalidInput(
-                    f"{where} has {key}.",
-                    f"expected none, got {key} = {value_text(getattr(part, key), 40)}: {what}",
-                    f"leave out {key}",
-                )
-    actuators = [(f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators]
-    for where, part in [*parts, *actuators]:
+            value = np.asarray(getattr(part, key, 0.0))
+            refuse_if(
+                np.any(value != 0.0),
+                f"{where} has {key}.",
+                f"expected none, got {key} = {value.tolist()}: {what}",
+                f"leave out {key}",
+            )
+    for where, part in [*parts, *((f"the actuator of {one.target!r}", one) for one in spec.actuators)]:
         for key in ("", "actfrc", "force", "ctrl"):
             low, high = getattr(part, f"{key}range", (0.0, 0.0))
             switch = getattr(part, f"{key}limited", 0)
             acts = switch == 1 or (switch == 2 and compiler.autolimits and (low or high))
-            if acts and not low < high:
-                raise InvalidInput(
-                    f"the {key}range of {where} is none.",
-                    f"expected two ends in order, got {low:g} to {high:g}",
-                    f'{key}range="-1 1"',
-                )
-    for where, joint in parts:
-        if joint.type.name not in KINDS:
-            raise InvalidInput(
-                f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
-                "expected hinge or slide",
-                "a robot on a fixed base with joints of one degree of freedom",
+            refuse_if(
+                acts and not low < high,
+                f"the {key}range of {where} is none.",
+                f"expected two ends in order, got {low:g} to {high:g}",
+                f'{key}range="-1 1"',
             )
+    for where, joint in parts:
+        refuse_if(
+            joint.type.name not in KINDS,
+            f"{where} is of type {joint.type.name.removeprefix('mjJNT_').lower()!r}.",
+            "expected hinge or slide",
+            "a robot on a fixed base with joints of one degree of freedom",
+        )
 
 
 def _check_couplings(root: Element, moving: set[str]) -> None:
     for element in (element for group in root.findall("equality") for element in group):
         locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
-        if not locked and element.get("active", "true") != "false":
-            raise InvalidInput(
-                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
-                "expected a tree of independent joints",
-                "lock the joints that it couples: locked={'finger': 0.0}",
-            )
+        refuse_if(
+            not locked and element.get("active", "true") != "false",
+            f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
+            "expected a tree of independent joints",
+            "lock the joints that it couples: locked={'finger': 0.0}",
+        )
     tendons = [element for group in root.findall("tendon") for element in group]
     for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
-        acting = [
-            key
-            for key in ("stiffness", "damping", "frictionloss", "armature")
-            if any(_number(word) != 0.0 for word in element.get(key, "").split())
-        ]
-        if acting and (element.tag != "fixed" or {part.get("joint") for part in element} & moving):
-            raise InvalidInput(
-                f"a tendon has {acting[0]}.",
+        on_moving = element.tag != "fixed" or {part.get("joint") for part in element} & moving
+        for key in ("stiffness", "damping", "frictionloss", "armature"):
+            refuse_if(
+                on_moving and any(_number(word) != 0.0 for word in element.get(key, "").split()),
+                f"a tendon has {key}.",
                 "expected joints that are coupled by links alone",
                 "the robot without it",
             )
@@ -267,8 +269,14 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             anchor = model.jnt_pos[j].tolist()
             place = place.then(Placement(translation=tuple(anchor)))
             place = place.then(moved(kind, axis, -float(model.qpos0[j])))
-            unlimited = "continuous" if kind == "revolute" and limits is None else kind
-            carrier, place = arm.add_joint(carrier, joint, unlimited, axis, place, limits)
+            carrier, place = arm.add_joint(
+                carrier,
+                joint,
+                "continuous" if kind == "revolute" and limits is None else kind,
+                axis,
+                place,
+                limits,
+            )
             if joint not in arm.locked:
                 arm.efforts.append(_effort(model, j))
                 columns = {
@@ -280,8 +288,13 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))
         if carrier is not None:
-            centre = place.then(_placement(model.body_ipos[k], model.body_iquat[k]))
-            arm.add_body(carrier, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]), centre)
+            arm.add_body(
+                carrier,
+                name,
+                float(model.body_mass[k]),
+                np.diag(model.body_inertia[k]),
+                place.then(_placement(model.body_ipos[k], model.body_iquat[k])),
+            )
             if name:
                 arm.frames[name] = Frame(arm.joints[carrier].name, place)
     gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)
@@ -297,13 +310,12 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 
 
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
-    """A place from MuJoCo's position and unit quaternion (w, x, y, z)."""
-    if not np.all(np.abs(position) <= HUGE):
-        raise InvalidInput(
-            "a body is out of all proportion.",
-            f"expected at most {HUGE:g} m, got {position.tolist()}",
-            "metres",
-        )
+    refuse_if(
+        not np.all(np.abs(position) <= HUGE),
+        "a body is out of all proportion.",
+        f"expected at most {HUGE:g} m, got {position.tolist()}",
+        "metres",
+    )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))
@@ -320,8 +332,11 @@ def _effort(model: Any, joint: int) -> float:
         if model.actuator_forcelimited[k]:
             total += gear * float(np.abs(model.actuator_forcerange[k]).max())
         elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
-            gain = abs(float(model.actuator_gainprm[k, 0]))
-            total += gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max())
+            total += (
+                gear
+                * abs(float(model.actuator_gainprm[k, 0]))
+                * float(np.abs(model.actuator_ctrlrange[k]).max())
+            )
         else:
             total = np.inf
     own = float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else np.inf

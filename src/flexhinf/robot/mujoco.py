@@ -22,7 +22,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Parameters
 from flexhinf.robot.dynamics import matrix_of
 from flexhinf.robot.elastic import EXTRAS, checked_extras, torque_per_input
@@ -47,14 +47,13 @@ FRAME, SWITCH = 1.0 / 30.0, 1e-4
 
 def check_display() -> None:
     """Refuse, before any work, a view where there is no display."""
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        raise InvalidInput(
-            "There is no display to show the robot on.",
-            "expected DISPLAY or WAYLAND_DISPLAY to name one, got neither",
-            "--record arm.gif, which needs none; or run it where there is a screen",
-        )
+    refuse_if(
+        sys.platform.startswith("linux")
+        and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")),
+        "There is no display to show the robot on.",
+        "expected DISPLAY or WAYLAND_DISPLAY to name one, got neither",
+        "--record arm.gif, which needs none; or run it where there is a screen",
+    )
 
 
 class MuJoCoView:
@@ -132,7 +131,6 @@ class MuJoCoView:
             viewer.sync()
 
     def _lines(self, larger: float) -> tuple[np.ndarray, ...]:
-        """The arm with its links turned by so many times their spring's wind-up."""
         n = len(self._robot.joint_names)
         x = self._robot.layout.whole(self._state)
         return skeleton(self._robot, x[:n] + larger * (x[2 * n : 3 * n] - x[:n]))
@@ -245,10 +243,10 @@ class MuJoCoPlant(BlackBox):
 
 def check_expressed(extras: Sequence[str]) -> None:
     """Refuse extras that MuJoCo's plant does not have, and a missing installation, before any work."""
-    missing = [name for name in extras if name not in EXPRESSED]
-    if missing:
-        raise InvalidInput(
-            f"MuJoCo does not express {missing[0]!r}: {MISSING.get(missing[0], 'it is unknown')}.",
+    for name in extras:
+        refuse_if(
+            name not in EXPRESSED,
+            f"MuJoCo does not express {name!r}: {MISSING.get(name, 'it is unknown')}.",
             f"expected extras out of {list(EXPRESSED)}, got {list(extras)}",
             "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
         )

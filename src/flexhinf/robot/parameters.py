@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import (
     HUGE,
     checked_text,
@@ -165,12 +165,12 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     if limits.size == 1 and signals:
         limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
-    if limits.shape != (len(joints),) or not usable.all():
-        raise InvalidInput(
-            f"{what} do not fit the joints.",
-            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
-            f"[{', '.join(['10.0'] * len(joints))}]",
-        )
+    refuse_if(
+        limits.shape != (len(joints),) or not usable.all(),
+        f"{what} do not fit the joints.",
+        f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+        f"[{', '.join(['10.0'] * len(joints))}]",
+    )
     return limits
 
 
@@ -201,10 +201,8 @@ class Parameter:
         Instead of a tolerance: the interval itself, in `unit`. It need not be symmetric, and the nominal value may be
         zero or at an end: a payload of 0 to 3 kg.
 
-    Raises
-    ------
-    InvalidInput
-        For a value that is not finite, a tolerance outside 0 ≤ tolerance < 100, or a range without the value.
+    Raises InvalidInput: for a value that is not finite, a tolerance outside 0 ≤ tolerance < 100, or a range
+    without the value.
     """
 
     name: str
@@ -232,18 +230,18 @@ class Parameter:
         if self.range is None:
             return
         ends = real_array(self.range)
-        if ends.shape != (2,) or not -HUGE <= ends[0] <= self.value <= ends[1] <= HUGE:
-            raise InvalidInput(
-                f"The range of {self.name!r} does not hold its value.",
-                f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(self.range)}",
-                f"a range about the nominal value, in {self.unit or 'SI units'}",
-            )
-        if self.tolerance:
-            raise InvalidInput(
-                f"The parameter {self.name!r} has a tolerance and a range.",
-                f"got {self.tolerance:g} per cent and {value_text(self.range)}",
-                "one of the two",
-            )
+        refuse_if(
+            ends.shape != (2,) or not -HUGE <= ends[0] <= self.value <= ends[1] <= HUGE,
+            f"The range of {self.name!r} does not hold its value.",
+            f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(self.range)}",
+            f"a range about the nominal value, in {self.unit or 'SI units'}",
+        )
+        refuse_if(
+            self.tolerance,
+            f"The parameter {self.name!r} has a tolerance and a range.",
+            f"got {self.tolerance:g} per cent and {value_text(self.range)}",
+            "one of the two",
+        )
         object.__setattr__(self, "range", tuple(ends.tolist()))
 
     def at(self, sign: float) -> float:
@@ -300,13 +298,16 @@ _FAMILIES = (
 _PREFIXES = {"": 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "c": 1e-2, "µ": 1e-6, "μ": 1e-6, "u": 1e-6}
 
 _ATOMS: dict[str, tuple[float, Dimension]] = {
-    name: (size, dimension)
-    for table, dimension in ((SECONDS, _TIME), (TURNING, _ANGLE), (SLIDING, _LENGTH))
-    for name, size in table.items()
+    **{name: (size, _TIME) for name, size in SECONDS.items()},
+    **{name: (size, _ANGLE) for name, size in TURNING.items()},
+    **{name: (size, _LENGTH) for name, size in SLIDING.items()},
+    **{
+        prefix + name: (_PREFIXES[prefix] * size, dimension)
+        for name, dimension, size, prefixes in _FAMILIES
+        for prefix in ("", *prefixes)
+    },
+    **{"Ncm": (1e-2, _TORQUE), "Nmm": (1e-3, _TORQUE), "%": (1e-2, _ALONE), "1": (1.0, _ALONE)},
 }
-for _name, _dimension, _size, _prefixes in _FAMILIES:
-    _ATOMS |= {prefix + _name: (_PREFIXES[prefix] * _size, _dimension) for prefix in ("", *_prefixes)}
-_ATOMS |= {"Ncm": (1e-2, _TORQUE), "Nmm": (1e-3, _TORQUE), "%": (1e-2, _ALONE), "1": (1.0, _ALONE)}
 _FACTOR = re.compile(
     rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
 )
@@ -390,8 +391,11 @@ def respelled(text: str, *si: str) -> list[str]:
         at = match.end()
     fitting = [unit[1] for name in si if (unit := _unit(name))]
     whole = [spelling + parts[1][at:] for spelling in spellings]
-    known = [name for name in whole if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting]
-    return [f"{parts[0]} {spelling}" for spelling in known]
+    return [
+        f"{parts[0]} {name}"
+        for name in whole
+        if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting
+    ]
 
 
 @lru_cache(256)

@@ -1,23 +1,39 @@
-"""The parts a robot is assembled from: links, elastic joints with their motors.
+"""The parts a robot is assembled from, and the keys of robot files that state them.
 
-In the robot every number of a part becomes a parameter with its joint's name.
+`TABLES` states each key of a robot file once: what may stand there, its units, and whether it must. Files are read,
+checked and converted to SI units in one walk. The unit of a spring depends on its joint, N·m/rad where it turns and N/m
+where it slides, which a file may say only by its URDF: both are read, and compared with the robot that comes of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+import json
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
-from flexhinf.robot.dynamics import Joint, Tree
-from flexhinf.robot.elastic import CONSTANTS, SPRING
-from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
+from flexhinf.robot.dynamics import KINDS, Joint, Tree, matrix_of
+from flexhinf.robot.elastic import CONSTANTS, DRIVES, SPRING
+from flexhinf.robot.parameters import (
+    INERTIA,
+    QUANTITIES,
+    VECTOR,
+    Parameter,
+    Stated,
+    measured,
+    per_joint,
+    respelled,
+    unit_of,
+)
 from flexhinf.robot.robot import Robot
-from flexhinf.validation import checked_positive
+from flexhinf.robot.signals import UNITS
+from flexhinf.validation import checked_positive, nearest, real_number, value_text
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
@@ -48,35 +64,29 @@ class Link:
     def __post_init__(self) -> None:
         for name, length in (("centre_of_mass", 3), ("inertia", 6)):
             value = tuple(getattr(self, name))
-            if len(value) != length:
-                raise InvalidInput(
-                    f"The {name.replace('_', ' ')} of a link is incomplete.",
-                    f"expected {length} numbers, got {len(value)}",
-                    "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
-                )
+            refuse_if(
+                len(value) != length,
+                f"The {name.replace('_', ' ')} of a link is incomplete.",
+                f"expected {length} numbers, got {len(value)}",
+                "x, y, z" if length == 3 else "xx, xy, xz, yy, yz, zz",
+            )
             object.__setattr__(self, name, value)
         checked_positive("The mass of a link", value_of(self.mass), "kg", "its mass")
-        xx, xy, xz, yy, yz, zz = map(value_of, self.inertia)
-        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
-            raise InvalidInput(
-                "The inertia of a link is that of no rigid body.",
-                "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
-                f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
-                "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
-            )
+        moments = np.linalg.eigvalsh(matrix_of(map(value_of, self.inertia)))
+        refuse_if(
+            not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK),
+            "The inertia of a link is that of no rigid body.",
+            "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
+            f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
+            "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
+        )
 
 
 @dataclass(frozen=True)
 class SingleLink:
-    """A single link that turns about a horizontal axis, with its inertia stated about that axis.
+    """A single link that turns about a horizontal axis, with its inertia about that axis, kg·m².
 
-    Parameters
-    ----------
-    inertia : number
-        About the axis, kg·m².
-    mass, length : number
-        kg, and from the axis to the centre of mass, m; both zero for an axis that is vertical.
+    Its mass is in kg, its length from the axis to the centre of mass in m; both are zero for an axis that is vertical.
     """
 
     inertia: Number
@@ -108,10 +118,7 @@ class ElasticJoint:
     damping, spring_hardening, backlash, coulomb_friction, static_friction, stribeck_velocity, friction_smoothing
         What a real joint adds, see `flexhinf.robot.elastic`.
 
-    Raises
-    ------
-    InvalidInput
-        If the inertia on the motor side is stated twice or not at all, or the motor in part.
+    Raises InvalidInput: if the inertia on the motor side is stated twice or not at all, or the motor in part.
     """
 
     stiffness: Number | None = None
@@ -136,52 +143,51 @@ class ElasticJoint:
 
     def __post_init__(self) -> None:
         twisting = [name for name in SPRING if getattr(self, name) is not None]
-        if self.stiffness is None and twisting:
-            raise InvalidInput(
-                "A rigid joint has no spring.",
-                f"expected no number of a spring, got {twisting}",
-                "its stiffness; or leave them out",
-            )
-        if (self.motor_inertia is None) == (self.rotor_inertia is None):
-            raise InvalidInput(
-                "The inertia on the motor side must be stated once.",
-                "expected motor_inertia (reflected to the link side, N² J_m) or rotor_inertia with gear_ratio, got "
-                + ("neither" if self.motor_inertia is None else "both"),
-                "one of them; the rotor's inertia is never part of the link's",
-            )
-        if self.rotor_inertia is not None and self.gear_ratio is None:
-            raise InvalidInput(
-                "A rotor inertia needs its gear ratio.",
-                f"expected gear_ratio beside rotor_inertia = {value_of(self.rotor_inertia):g} kg·m², got none",
-                "gear_ratio = 1 for a direct drive; or motor_inertia, reflected to the link side",
-            )
-        if self.hub_inertia is not None and self.rotor_inertia is None:
-            raise InvalidInput(
-                "A hub inertia is added to a reflected rotor inertia.",
-                "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
-                "add it to motor_inertia",
-            )
+        refuse_if(
+            self.stiffness is None and twisting,
+            "A rigid joint has no spring.",
+            f"expected no number of a spring, got {twisting}",
+            "its stiffness; or leave them out",
+        )
+        refuse_if(
+            (self.motor_inertia is None) == (self.rotor_inertia is None),
+            "The inertia on the motor side must be stated once.",
+            "expected motor_inertia (reflected to the link side, N² J_m) or rotor_inertia with gear_ratio, got "
+            + ("neither" if self.motor_inertia is None else "both"),
+            "one of them; the rotor's inertia is never part of the link's",
+        )
+        refuse_if(
+            self.rotor_inertia is not None and self.gear_ratio is None,
+            "A rotor inertia needs its gear ratio.",
+            "expected gear_ratio beside rotor_inertia, got none",
+            "gear_ratio = 1 for a direct drive; or motor_inertia, reflected to the link side",
+        )
+        refuse_if(
+            self.hub_inertia is not None and self.rotor_inertia is None,
+            "A hub inertia is added to a reflected rotor inertia.",
+            "expected rotor_inertia and gear_ratio beside hub_inertia, got motor_inertia",
+            "add it to motor_inertia",
+        )
         stated = tuple(name for name in CONSTANTS["voltage"] if getattr(self, name) is not None)
-        if stated not in CONSTANTS.values():
-            raise InvalidInput(
-                "A motor is stated in part.",
-                "expected resistance, torque_constant and back_emf_constant (voltage driven), torque_constant alone "
-                f"(current driven) or none (torque driven), got {list(stated)}",
-                "the missing numbers from its data sheet",
-            )
-        if self.inductance is not None and self.drive == "current":
-            raise InvalidInput(
-                "A motor whose input is its current has no use for an inductance.",
-                f"expected no inductance beside torque_constant alone, got {value_of(self.inductance):g} H",
-                "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
-            )
+        refuse_if(
+            stated not in CONSTANTS.values(),
+            "A motor is stated in part.",
+            "expected resistance, torque_constant and back_emf_constant (voltage driven), torque_constant alone "
+            f"(current driven) or none (torque driven), got {list(stated)}",
+            "the missing numbers from its data sheet",
+        )
+        refuse_if(
+            self.inductance is not None and self.drive == "current",
+            "A motor whose input is its current has no use for an inductance.",
+            f"expected none beside torque_constant alone, got {value_text(self.inductance)} H",
+            "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
+        )
 
     @property
     def drive(self) -> str:
         """Kind of the motor's input: "voltage", "current" or "torque"."""
-        if self.resistance is not None:
-            return "voltage"
-        return "torque" if self.torque_constant is None else "current"
+        other = "torque" if self.torque_constant is None else "current"
+        return other if self.resistance is None else "voltage"
 
 
 def value_of(number: Number) -> float:
@@ -189,7 +195,6 @@ def value_of(number: Number) -> float:
     return number.value if isinstance(number, Parameter) else Parameter("of a part", number).value
 
 
-# Robots ------------------------------------------------------------------------------------------
 def assembled(
     name: str,
     joints: Sequence[Joint],
@@ -200,7 +205,7 @@ def assembled(
     down: Sequence[float] = (0.0, 0.0, -1.0),
     **settings: Any,
 ) -> Robot:
-    """A robot of one link and one elastic joint per joint, in the same order.
+    """A robot of one link and one elastic joint per joint; numbers become parameters with their joint's name.
 
     Parameters
     ----------
@@ -211,44 +216,41 @@ def assembled(
     **settings
         penalty, home, description, effort_limits and speed_limits as for `Robot`.
 
-    Raises
-    ------
-    InvalidInput
-        If the parts do not fit each other, are driven in different ways, or do not make a robot.
+    Raises InvalidInput: if the parts do not fit each other, are driven in different ways, or do not make a robot.
     """
-    if not len(joints) == len(links) == len(elastic):
-        raise InvalidInput(
-            f"The parts of the robot {name!r} do not fit each other.",
-            f"expected one link and one elastic joint per joint, got {len(joints)} joints, {len(links)} links and "
-            f"{len(elastic)} elastic joints",
-            "one of each",
-        )
+    refuse_if(
+        not len(joints) == len(links) == len(elastic),
+        f"The parts of the robot {name!r} do not fit each other.",
+        f"expected one link and one elastic joint per joint, got {len(joints)} joints, {len(links)} links and "
+        f"{len(elastic)} elastic joints",
+        "one of each",
+    )
     parameters = [_parameter("gravity", gravity, "gravity")]
     for joint, link, spring in zip(joints, links, elastic):
-        numbers: dict[str, Any] = {"mass": link.mass}
-        numbers |= {f"centre_of_mass_{axis}": value for axis, value in zip(VECTOR, link.centre_of_mass)}
-        numbers |= {f"inertia_{axes}": value for axes, value in zip(INERTIA, link.inertia)}
-        numbers |= {quantity: number for quantity, number in vars(spring).items() if number is not None}
+        numbers = {
+            "mass": link.mass,
+            **{f"centre_of_mass_{axis}": value for axis, value in zip(VECTOR, link.centre_of_mass)},
+            **{f"inertia_{axes}": value for axes, value in zip(INERTIA, link.inertia)},
+            **{quantity: number for quantity, number in vars(spring).items() if number is not None},
+        }
         parameters += [
             _parameter(per_joint(quantity, joint.name, len(joints)), number, quantity, joint.slides)
             for quantity, number in numbers.items()
         ]
-    direction: Any = tuple(down)
     drives = {joint.name: spring.drive for joint, spring in zip(joints, elastic)}
-    if len(set(drives.values())) > 1:
-        raise InvalidInput(
-            f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
-            f"expected the same motor constants for all joints, got {drives}",
-            "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
-            "(currents), or none (torques)",
-        )
-    rigid = tuple(joint.name for joint, spring in zip(joints, elastic) if spring.stiffness is None)
+    refuse_if(
+        len(set(drives.values())) > 1,
+        f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
+        f"expected the same motor constants for all joints, got {drives}",
+        "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
+        "(currents), or none (torques)",
+    )
     return Robot(
         name,
         tuple(parameters),
-        links=Arm(Tree(tuple(joints)), direction),
+        links=Arm(Tree(tuple(joints)), tuple(down)),
         drive=elastic[0].drive,
-        rigid=rigid,
+        rigid=tuple(joint.name for joint, spring in zip(joints, elastic) if spring.stiffness is None),
         **settings,
     )
 
@@ -263,25 +265,336 @@ def single_link_robot(
     **settings: Any,
 ) -> Robot:
     """A robot of a single link about a horizontal axis, in closed form; position zero hangs. It cannot slide."""
-    if joint.slides:
-        raise InvalidInput(
-            f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",
-            "expected a revolute joint, got a prismatic one",
-            "mass, centre_of_mass and inertia of the link",
-        )
-    if elastic.stiffness is None:
-        raise InvalidInput(
-            f"The only joint of the robot {name!r} is rigid.",
-            "expected an elastic joint, got none",
-            "[joint.spring] with stiffness = … (N·m/rad)",
-        )
+    refuse_if(
+        joint.slides,
+        f"The joint {joint.name!r} slides, so its link has no inertia about an axis.",
+        "expected a revolute joint, got a prismatic one",
+        "mass, centre_of_mass and inertia of the link",
+    )
+    refuse_if(
+        elastic.stiffness is None,
+        f"The only joint of the robot {name!r} is rigid.",
+        "expected an elastic joint, got none",
+        "[joint.spring] with stiffness = … (N·m/rad)",
+    )
     numbers = {"mass": link.mass, "length": link.length, "gravity": gravity, "link_inertia": link.inertia}
     numbers |= vars(elastic)
-    parameters = [_parameter(name, number, name) for name, number in numbers.items() if number is not None]
-    links = Pendulum(Tree((Joint(joint.name, limits=joint.limits),)))
-    return Robot(name, tuple(parameters), links=links, drive=elastic.drive, **settings)
+    return Robot(
+        name,
+        tuple(_parameter(name, number, name) for name, number in numbers.items() if number is not None),
+        links=Pendulum(Tree((Joint(joint.name, limits=joint.limits),))),
+        drive=elastic.drive,
+        **settings,
+    )
 
 
 def _parameter(label: str, number: Number, quantity: str, slides: bool = False) -> Parameter:
     stated = number if isinstance(number, Parameter) else Parameter(label, float(number))
     return replace(stated, name=label, unit=stated.unit or unit_of(quantity, slides))
+
+
+#: A tolerance below this many per cent was probably meant as a fraction.
+SMALLEST_TOLERANCE = 0.5
+
+#: How the tables of a joint are written.
+NESTING = (
+    "[[joint]], two brackets, and below it [joint.link], [joint.spring] and [joint.motor] of that joint; each joint "
+    "has its name in a line name = '…'"
+)
+
+#: What to write for a table that is missing.
+MISSING = {
+    "spring": "[joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint)",
+    "joint": "one [[joint]] table per joint, with name, link, spring and motor",
+    "weights": "weights = {link_position = 60, link_position_integral = 300}",
+    "name": "name = 'shoulder'",
+}
+
+
+class RobotFileWarning(UserWarning):
+    """A robot file says something that is allowed and probably not meant."""
+
+
+def ask(doubtful: object, what: str, found: str, advice: str, wrong: bool = False) -> None:
+    """Warn of a number that is probably not what was meant; refuse it where it is surely wrong."""
+    if doubtful:
+        refuse_if(wrong, what, found, advice)
+        warnings.warn(f"{what}\n  found: {found}\n  try:   {advice}", RobotFileWarning, stacklevel=3)
+
+
+class Unusable(ValueError):
+    """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
+
+
+class Key(NamedTuple):
+    """Values that a key of a robot file takes.
+
+    ``read(file, value, key, place)`` returns the value, or raises `Unusable` as for one that is not `usable`. Units are
+    SI, for a joint that turns and one that slides; a size is that of a list, 0 for any; `inside` names the table that
+    is expected.
+    """
+
+    read: Callable[..., Any] = lambda file, value, key, place: value
+    units: tuple[str, ...] = ()
+    size: int = 0
+    inside: str = ""
+    required: bool = False
+    default: Any = None
+    usable: Callable[[Any], bool] = lambda value: True
+    expected: str = ""
+
+
+class RobotFile:
+    """The tables of one file: `root` has the keys of `TABLES` that are stated or have a default.
+
+    The first mistake is raised, with the number of the others.
+    """
+
+    def __init__(self, data: dict[str, Any], file: str) -> None:
+        self.data, self.file = data, file
+        self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
+        self._mistakes: list[tuple[str, str, str]] = []
+        self.root = self.table(data, TABLES[""], ())
+        if self._mistakes:
+            what, found, advice = self._mistakes[0]
+            others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
+            raise InvalidInput(f"{file}: {what}{others}.", found, advice)
+
+    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
+        """The keys of a table that are stated or have a default."""
+        if not isinstance(data, dict):
+            raise Unusable("a table", "")
+        where, values = place_text(place, self.data), {}
+        unknown = [name for name in data if name not in keys]
+        for name in unknown:
+            self._mistakes.append(
+                (
+                    f"{where} has an unknown key {name!r}",
+                    f"expected keys out of {list(keys)}, got {name!r}",
+                    nearest(name, keys, NESTING if _is_table(data[name]) else "one of these keys"),
+                )
+            )
+        for name, key in keys.items():
+            if name in data:
+                values[name] = self._value(data[name], key, (*place, name))
+            elif key.required and not unknown:
+                unit = f" ({key.units[0]})" if key.units else ""
+                self._mistakes.append(
+                    (
+                        f"{where} has no {name!r}",
+                        f"expected {name!r}{unit}, got only {list(data)}",
+                        MISSING.get(name, f"{name} = …{unit}"),
+                    )
+                )
+            elif key.default is not None:
+                values[name] = key.default
+        return values
+
+    def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
+        try:
+            parsed = key.read(self, value, key, place)
+            if not key.usable(parsed):
+                raise Unusable(key.expected, "")
+            return parsed
+        except Unusable as wrong:
+            *before, name = place if place[-1] != "value" else place[:-1]
+            expected, advice = wrong.args
+            self._mistakes.append((
+                f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
+                f"expected {expected}, got {value_text(value, 60)}",
+                f"{name} = {advice}" if advice else NESTING if _is_table(value) else "correct the value",
+            ))  # fmt: skip
+            return None
+
+    def check_units(self, robot: Any) -> Any:
+        """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
+        slides = dict(zip(robot.joint_names, robot.links.slides))
+        for place, units, number in self.stated:
+            kinds = set(slides.values()) if place[0] == "home" else set()
+            if place[0] == "joint" and len(place) > 2:
+                name = self.data["joint"][place[1]].get("name")
+                kinds = {slides[name]} if name in slides else set()
+            choices = UNITS[DRIVES[robot.drive]] if "effort_limit" in place else units
+            fitting = sorted({choices[kind if len(choices) > 1 else 0] for kind in kinds})
+            if fitting and number.si not in fitting:
+                *before, key = (part for part in place if part not in ("value", "range"))
+                stated = f"{number.number} {number.unit}"
+                expected, advice = number_in(stated, fitting)
+                raise InvalidInput(
+                    f"{self.file}: {place_text(tuple(before), self.data)} has a value of {key!r} in another unit.",
+                    f"expected {expected}, got {value_text(stated, 60)}",
+                    f"{key} = {advice}",
+                )
+        return robot
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (
+        isinstance(value, list) and any(isinstance(row, dict) for row in value)
+    )
+
+
+def number_in(value: Any, units: Any) -> tuple[str, str]:
+    """Texts for an error: what is expected of a number with one of these units, and an example of it."""
+    if not units:
+        return "a valid number", ""
+    meant = [repr(text) for text in respelled(value, *units)] if isinstance(value, str) else []
+    plain = " or ".join(unit.replace("1", "no unit") for unit in units)
+    example = "0.8" if units[0] == "1" else repr("5 " + units[0])
+    return (
+        f"a valid number in {plain}, or text of a number with such a unit",
+        f"{' or '.join(meant)}, in the letters of the SI" if meant else example,
+    )
+
+
+def _number(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    if isinstance(value, str) and key.units:
+        try:
+            number = measured(value, *key.units)
+        except ValueError:
+            raise Unusable(*number_in(value, key.units)) from None
+        file.stated.append((place, key.units, number))
+        return float(number)
+    number = real_number(value) if type(value) in (int, float) else math.nan
+    if not math.isfinite(number):
+        raise Unusable(*number_in(value, key.units))
+    return number
+
+
+def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+    if isinstance(value, str) and value.rstrip().endswith("%"):
+        value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
+    number = _number(file, value, key, place)
+    ask(
+        0.0 < number < SMALLEST_TOLERANCE,
+        f"{file.file}: the tolerance of {place_text(place, file.data)} is {number:g} per cent.",
+        f"expected per cent, got {number:g}, which looks like a fraction",
+        f"tolerance = {100.0 * number:g} for ±{100.0 * number:g} %",
+    )
+    return number
+
+
+def _list(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
+    if not isinstance(value, list) or (key.size and len(value) != key.size):
+        text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
+        raise Unusable(
+            f"a list of {key.size} numbers" if key.size else "a list of one number for each joint",
+            f"[{', '.join([text] * (key.size or 1))}]" if text else "",
+        )
+    return [_number(file, entry, key, place) for entry in value]
+
+
+def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
+
+    A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
+    """
+    entry = Key(_list if key.size else _number, key.units, key.size, required=True)
+    if not isinstance(value, dict):
+        return {"value": entry.read(file, value, key, place), "source": "assumption"}
+    ends = {} if key.size else {"range": Key(_list, key.units, 2)}
+    return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
+
+
+def _numbers(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
+    return (_list if isinstance(value, list) else _number)(file, value, key, place)
+
+
+def _named(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise Unusable("numbers by name", "")
+    return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
+
+
+def _table(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+    return file.table(value, TABLES[key.inside], place)
+
+
+def _rows(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+    if not isinstance(value, list) or (key.required and not value):
+        raise Unusable(f"[[{key.inside}]] tables, one at least", "")
+    return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]
+
+
+_POSITION, _METRES = UNITS["link_position"], ("m",)
+_EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
+_POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
+_FLAG = Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False)
+_KIND = Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'")
+_TEXT = Key(usable=lambda value: isinstance(value, str), expected="a text")
+_TEXTS = Key(
+    usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
+    expected="a list of names",
+)
+_PERCENT = Key(
+    _percent, ("%",),
+    usable=lambda value: 0.0 <= value < 100.0, expected="a number of at least 0 and less than 100 per cent",
+)  # fmt: skip
+TOLERANCE = {"tolerance": _PERCENT, "source": _TEXT._replace(default="assumption")}
+_MASS, _CENTRE, _THREE = Key(_quantity, ("kg",)), Key(_quantity, _METRES, 3), Key(_list, _METRES, 3)
+_INERTIA_TABLE = Key(_table, inside="inertia")
+_TOLERANCES = Key(_table, inside="tolerances", default={})
+
+#: Numbers of a motor, its gear and its friction; its constants say what its input is.
+MOTOR = tuple(joint_field.name for joint_field in fields(ElasticJoint) if joint_field.name not in SPRING)
+
+_OF_JOINT = {
+    name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name == "stiffness")
+    for name in (*SPRING, *MOTOR)
+}
+_EXACT = ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
+
+#: What may stand in each table. The tolerances, in per cent, are those of numbers that state none themselves: of one
+#: joint and its link, or of all. That of the inertia is one number for all moments of a link, so that what is drawn is
+#: the inertia of a body; that of the motor inertia holds for a rotor inertia too.
+TABLES: dict[str, dict[str, Key]] = {
+    "": {
+        "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
+        "gravity": Key(_quantity, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
+        "urdf": _TEXT, "mjcf": _TEXT, "joints": _TEXTS,
+        "locked": Key(_named, _POSITION, default={}), "penalty": Key(_table, inside="penalty"),
+        "tolerances": _TOLERANCES, "payload": Key(_rows, inside="payload", default=[]),
+        "joint": Key(_rows, inside="joint", required=True),
+    },
+    "joint": {
+        "name": _TEXT._replace(required=True), "kind": _KIND, "axis": Key(_list, size=3), "xyz": _THREE,
+        "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
+        "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
+        "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"), "rigid": _FLAG,
+        "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
+        "tolerances": _TOLERANCES,
+    },
+    "link": {
+        "mass": _MASS, "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
+        "axis_inertia": Key(_quantity, ("kg·m²",)), "length": Key(_quantity, _METRES),
+    },
+    "inertia": {
+        axes: Key(_number, ("kg·m²",), required=axes[0] == axes[1], default=0.0)
+        for axes in sorted(INERTIA, key=lambda axes: axes[0] != axes[1])
+    } | TOLERANCE,
+    "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR},
+    "tolerances": {
+        name: _PERCENT for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT) if name not in _EXACT
+    },
+    "payload": {
+        "at": _TEXT, "mass": _MASS._replace(required=True), "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,
+        "sphere": Key(_number, _METRES), "box": _THREE, "cylinder": Key(_list, _METRES, 2),
+    },
+    "penalty": {"weights": Key(_named, required=True), "effort": Key(_numbers, default=1.0)},
+}  # fmt: skip
+
+
+def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:
+    """A place in the file as text: joint 2 ('elbow'), spring."""
+    parts, value = [], data
+    for part in location:
+        try:
+            value = value[part]  # type: ignore[assignment]
+        except (KeyError, IndexError, TypeError):
+            value = {}
+        if isinstance(part, int):
+            name = value.get("name") if isinstance(value, dict) else None
+            parts[-1] += f" {part + 1}" + (f" ({name!r})" if name else "")
+        else:
+            parts.append(str(part))
+    return ", ".join(parts) or "the file"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
 from flexhinf.robot.arm import Links, Pendulum
@@ -75,10 +75,8 @@ class Robot(Summarised):
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
 
-    Raises
-    ------
-    InvalidInput
-        If the parameters are not those of the model, the home pose is outside the limits, or a limit is not positive.
+    Raises InvalidInput: if the parameters are not those of the model, the home pose is outside the limits, or a
+    limit is not positive.
     """
 
     name: str
@@ -96,30 +94,36 @@ class Robot(Summarised):
         checked_name("a robot", self.name, spaces=True)
         checked_text(f"the description of the robot {self.name!r}", self.description)
         object.__setattr__(self, "parameters", tuple(self.parameters))
-        if not set(self.rigid) < set(self.joint_names):
-            raise InvalidInput(
-                f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",
-                f"expected some of {list(self.joint_names)}, got {list(self.rigid)}",
-                "the stiffness of one joint at least: a stiff spring is nearly rigid",
-            )
+        refuse_if(
+            not set(self.rigid) < set(self.joint_names),
+            f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",
+            f"expected some of {list(self.joint_names)}, got {list(self.rigid)}",
+            "the stiffness of one joint at least: a stiff spring is nearly rigid",
+        )
         object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         names = [parameter.name for parameter in self.parameters]
-        driven = required_of_drive(self.drive, names, self.joint_names, self.rigid)
-        required = (*self.links.required(), *driven)
+        required = (
+            *self.links.required(),
+            *required_of_drive(self.drive, names, self.joint_names, self.rigid),
+        )
         missing = [name for name in required if name not in names]
-        if missing or len(set(names)) != len(names):
-            raise InvalidInput(
-                f"The robot {self.name!r} does not have the parameters of its model.",
-                f"expected each of {list(required)} once, got {names}",
-                f"add {missing}" if missing else "each name once",
-            )
+        refuse_if(
+            missing or len(set(names)) != len(names),
+            f"The robot {self.name!r} does not have the parameters of its model.",
+            f"expected each of {list(required)} once, got {names}",
+            f"add {missing}" if missing else "each name once",
+        )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
-        home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
-        object.__setattr__(self, "home", tuple(home.tolist()))
+        object.__setattr__(
+            self,
+            "home",
+            tuple(checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name).tolist()),
+        )
         for kind in ("effort_limits", "speed_limits"):
             what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"
-            limits = checked_limits(what, getattr(self, kind), self.joint_names)
-            object.__setattr__(self, kind, tuple(limits.tolist()))
+            object.__setattr__(
+                self, kind, tuple(checked_limits(what, getattr(self, kind), self.joint_names).tolist())
+            )
 
     # Numbers --------------------------------------------------------------------------------------
     @property
@@ -159,13 +163,16 @@ class Robot(Summarised):
         """The same robot with other nominal values; unknown names raise InvalidInput."""
         for name in values:
             self[name]
-        changed = tuple(replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters)
-        return replace(self, parameters=changed)
+        return replace(
+            self,
+            parameters=tuple(
+                replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters
+            ),
+        )
 
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
-        named = {p.name: p for p in (*self.parameters, *parameters)}
-        return replace(self, parameters=tuple(named.values()))
+        return replace(self, parameters=tuple({p.name: p for p in (*self.parameters, *parameters)}.values()))
 
     def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.
@@ -173,9 +180,10 @@ class Robot(Summarised):
         `values` are all parameters of the robot by name, nominal by default.
         """
         values = self.nominal if values is None else values
-        columns = reflected(values, self.drive, self.joint_names, self.rigid)
-        single = isinstance(self.links, Pendulum)
-        arrays = {name: column[0] if single else np.array(column) for name, column in columns.items()}
+        arrays = {
+            name: column[0] if isinstance(self.links, Pendulum) else np.array(column)
+            for name, column in reflected(values, self.drive, self.joint_names, self.rigid).items()
+        }
         return PlantValues(self.links.packed(values) | arrays, values)
 
     # Plants ---------------------------------------------------------------------------------------
@@ -204,10 +212,8 @@ class Robot(Summarised):
             Whether dry friction is sharp instead of smoothed: it holds a joint at rest, and only `flexhinf.Loop` has
             it; flow and linearisation have none. A robot with rigid joints has it smoothed in any case.
 
-        Raises
-        ------
-        InvalidInput
-            For unknown names, numbers of the wrong sign, or an extra whose number the robot does not state.
+        Raises InvalidInput: for unknown names, numbers of the wrong sign, or an extra whose number the robot
+        does not state.
         """
         on = checked_extras(extras, inductance, self.plant_parameters(), self.name)
         sensors = expanded(measured, SENSORS, self.joint_names, self.rigid)
@@ -220,7 +226,6 @@ class Robot(Summarised):
             return built[key]
         joints = self.joint_names
         quantities = (*MECHANICAL, "coil_current") if "inductance" in on else MECHANICAL
-        ranges = zip(signal_names("link_position", joints), self.links.limits)
         built[key] = Plant(
             ElasticFlow(self.links, self.drive, on, self.layout),
             Sensors(sensors, joints, on, self.layout),
@@ -231,15 +236,20 @@ class Robot(Summarised):
             outputs=sensors,
             units=units_of(joints, self.links.slides, self.plant_parameters()),
             groups={name: names_of(name, joints, self.rigid) for name in UNITS if len(joints) > 1},
-            limits={name: ends for name, ends in ranges if ends is not None},
+            limits={
+                name: ends
+                for name, ends in zip(signal_names("link_position", joints), self.links.limits)
+                if ends is not None
+            },
             engaged=self.layout.engaged if "backlash" in on else None,
             arrest=Sticking(len(joints), sticks) if sticks else None,
         )
         return built[key]
 
     def __getstate__(self) -> dict[str, Any]:
-        """For copies and pickles: without plants, which are built again where they are needed."""
-        return {name: value for name, value in vars(self).items() if name != "_plants"}
+        return {
+            name: value for name, value in vars(self).items() if name != "_plants"
+        }  # they are built again
 
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
@@ -297,8 +307,9 @@ class Robot(Summarised):
         is modelled; others are refused by name.
         """
         table = ParameterTable(self.plant_parameters())
-        on = checked_extras(extras, False, table.values, self.name)
-        flow = InverseFlow(self.links, self.drive, on, self.layout.rigid)
+        flow = InverseFlow(
+            self.links, self.drive, checked_extras(extras, False, table.values, self.name), self.layout.rigid
+        )
         joints, arrays = self.joint_names, []
         for name, value in zip(ORDERS, (q, dq, ddq, dddq, ddddq)):
             array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
@@ -313,12 +324,12 @@ class Robot(Summarised):
                 )
             arrays.append(array)
         counts = {len(array) for array in arrays if array.ndim == 2} or {1}
-        if len(counts) > 1:
-            raise InvalidInput(
-                "The motion's derivatives have different numbers of times.",
-                f"expected one, got {[array.shape for array in arrays]}",
-                "a row per time",
-            )
+        refuse_if(
+            len(counts) > 1,
+            "The motion's derivatives have different numbers of times.",
+            f"expected one, got {[array.shape for array in arrays]}",
+            "a row per time",
+        )
         count = counts.pop()
         if not count:
             return np.zeros((0, self.layout.mechanical)), np.zeros((0, len(joints)))
@@ -328,22 +339,18 @@ class Robot(Summarised):
         x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, numbers))
         return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
-    def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
-        """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
-        return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
-
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
-        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_flow`.
+        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `InverseFlow`.
 
         They are the coordinates in which the robot is n chains of four integrators. The state of a robot with rigid
         joints, whose accelerations depend on the input, does not give them.
         """
-        if self.rigid:
-            raise InvalidInput(
-                "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
-                f"expected elastic joints only, got the rigid {list(self.rigid)}",
-                "a law without exact linearisation",
-            )
+        refuse_if(
+            self.rigid,
+            "A robot with rigid joints has no flat coordinates: its state alone does not give q̈ and q⃛.",
+            f"expected elastic joints only, got the rigid {list(self.rigid)}",
+            "a law without exact linearisation",
+        )
         q, dq, theta, dtheta = self.layout.split(x)
         spring, rate = p.stiffness * (theta - q), p.stiffness * (dtheta - dq)
         ddq = self.links.accelerations(q, dq, spring, p)
@@ -384,26 +391,25 @@ class Robot(Summarised):
         extras : sequence of str
             As for `plant`; only those that are smooth.
 
-        Raises
-        ------
-        InvalidInput
-            If there is no penalty, something does not fit, or the pose leaves the limits.
+        Raises InvalidInput: if there is no penalty, something does not fit, or the pose leaves the limits.
         """
         chosen = self.penalty if penalty is None else penalty
         if self.penalty is not None and not isinstance(chosen, Penalty):
             chosen = replace(self.penalty, states=chosen)
-        if chosen is None:
-            raise InvalidInput(
-                f"The robot {self.name!r} states no penalty of its own.",
-                "expected penalty=..., got none",
-                "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
-            )
+        refuse_if(
+            chosen is None,
+            f"The robot {self.name!r} states no penalty of its own.",
+            "expected penalty=..., got none",
+            "Penalty({'link_position': 60, 'link_position_integral': 300}, effort=10), or [penalty] in its file",
+        )
         plant = self.plant(measured, extras=extras)
         states = (*plant.states, *(f"{name}_integral" for name in plant.expanded(integrate)))
-        weights = Penalty.of(chosen).expanded(plant.groups)
-        weights = robot_penalty(weights, self.joint_names, states, plant.groups, self.layout)
-        point = self.operating_point(pose, extras)
-        return plant.with_objective(weights, command, integrate, None, disturbances, point)
+        weights = robot_penalty(
+            Penalty.of(chosen).expanded(plant.groups), self.joint_names, states, plant.groups, self.layout
+        )
+        return plant.with_objective(
+            weights, command, integrate, None, disturbances, self.operating_point(pose, extras)
+        )
 
     # Tolerances -----------------------------------------------------------------------------------
     @cached_property
@@ -413,8 +419,9 @@ class Robot(Summarised):
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones uniform in their intervals."""
-        values = {p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}
-        return self.plant_parameters({**self.nominal, **values})
+        return self.plant_parameters(
+            {**self.nominal, **{p.name: float(rng.uniform(*p.interval)) for p in self.uncertain}}
+        )
 
     def corner(self, signs: Mapping[str, float] | Sequence[float]) -> dict[str, Any]:
         """Parameters of a plant (`Plant.with_parameters`), the uncertain ones at one end of their intervals.
@@ -424,19 +431,18 @@ class Robot(Summarised):
         """
         if not isinstance(signs, Mapping):
             names = [parameter.name for parameter in self.uncertain]
-            if len(signs) != len(names):
-                raise InvalidInput(
-                    "A corner needs one sign per uncertain parameter.",
-                    f"expected one for each of {names}, got {len(signs)}",
-                    "−1, 0 or 1 for each",
-                )
+            refuse_if(
+                len(signs) != len(names),
+                "A corner needs one sign per uncertain parameter.",
+                f"expected one for each of {names}, got {len(signs)}",
+                "−1, 0 or 1 for each",
+            )
             signs = dict(zip(names, signs, strict=True))
         for name, sign in signs.items():
-            if not -1.0 <= sign <= 1.0:
-                raise InvalidInput(
-                    f"The sign for {self[name].name!r} leaves its tolerance.",
-                    f"expected −1 to 1, got {sign!r}",
-                    "−1, 0 or 1",
-                )
-            self[name]  # refuses an unknown one
+            refuse_if(
+                not -1.0 <= sign <= 1.0,
+                f"The sign for {self[name].name!r} leaves its tolerance.",  # refuses an unknown one
+                f"expected −1 to 1, got {sign!r}",
+                "−1, 0 or 1",
+            )
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})

@@ -8,16 +8,26 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from flexhinf.errors import InvalidInput, located
+import numpy as np
+
+from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
-from flexhinf.robot.dynamics import Joint, Placement, Tree
+from flexhinf.robot.dynamics import Joint, Placement
+from flexhinf.robot.kinematics import DEGREES, check_plausible
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
-from flexhinf.robot.parts import ElasticJoint, Link, SingleLink, assembled, single_link_robot, value_of
-from flexhinf.robot.plausibility import check_angles, check_plausible
+from flexhinf.robot.parts import (
+    NESTING,
+    ElasticJoint,
+    Link,
+    RobotFile,
+    SingleLink,
+    assembled,
+    single_link_robot,
+    value_of,
+)
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.schema import NESTING, RobotFile
 from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
@@ -55,35 +65,35 @@ def load_robot(
     payload : str, Payload or sequence of these, optional
         What the robot carries, instead of the file's own payload: ``"0..3kg@hand"``, see `payload_from_text`.
 
-    Raises
-    ------
-    InvalidInput
-        With the file, the key, the value and what is allowed there.
+    Raises InvalidInput: with the file, the key, the value and what is allowed there.
     """
     check_selection(joints, locked)
     path = _existing(source)
     if path.suffix.lower() == ".toml":
-        if elastic is not None:
-            raise InvalidInput(
-                "A robot file holds the elastic data itself.",
-                f"expected elastic=... beside a URDF, got it beside {path.name!r}",
-                "load_robot('arm.toml'), or urdf = '…' in that file",
-            )
+        refuse_if(
+            elastic is not None,
+            "A robot file holds the elastic data itself.",
+            f"expected elastic=... beside a URDF, got it beside {path.name!r}",
+            "load_robot('arm.toml'), or urdf = '…' in that file",
+        )
         parts = PartsReader(path)
-        rigid = [parts.table[key] for key in ("urdf", "mjcf") if key in parts.table]
-        if len(rigid) > 1:
-            raise InvalidInput(f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them")
-        if rigid:
-            return parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
-        return parts.whole_robot(joints, locked, payload)
+        rigid = [parts.root[key] for key in ("urdf", "mjcf") if key in parts.root]
+        refuse_if(
+            len(rigid) > 1, f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them"
+        )
+        return (
+            parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
+            if rigid
+            else parts.whole_robot(joints, locked, payload)
+        )
     if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
         robot = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
-        if not isinstance(robot, Robot):
-            raise InvalidInput(
-                f"The reader of {path.suffix!r} files makes no robot.",
-                f"expected a flexhinf.Robot, got {type(robot).__name__}",
-                "the package that states this reader, corrected",
-            )
+        refuse_if(
+            not isinstance(robot, Robot),
+            f"The reader of {path.suffix!r} files makes no robot.",
+            f"expected a flexhinf.Robot, got {type(robot).__name__}",
+            "the package that states this reader, corrected",
+        )
         return robot
     if elastic is None:
         raise InvalidInput(
@@ -97,12 +107,12 @@ def load_robot(
 def format_reader(suffix: str) -> Callable[..., Robot] | None:
     """The reader that an installed package states for files of an ending, called as `load_robot`; None without one."""
     points = entry_points(group=FORMATS, name=suffix.lower().removeprefix("."))
-    if len(points) > 1:
-        raise InvalidInput(
-            f"Several packages read {suffix!r} files.",
-            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
-            "one of these packages uninstalled",
-        )
+    refuse_if(
+        len(points) > 1,
+        f"Several packages read {suffix!r} files.",
+        f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
+        "one of these packages uninstalled",
+    )
     for point in points:
         try:
             return point.load()
@@ -136,29 +146,29 @@ def _existing(source: str | Path) -> Path:
     )
 
 
-class PartsReader:
+class PartsReader(RobotFile):
     """Makes a robot of one file; a number takes its tolerance from itself, else its joint, else the whole file."""
 
     def __init__(self, path: Path) -> None:
-        self.file = path.name
         try:
             data = read_toml(path)
         except InvalidInput as error:
             if "joint" not in error.found and "overwrite" not in error.found:
                 raise
             raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
-        rows = data.get("joint")
-        if isinstance(rows, list) and len(rows) > MOST_JOINTS:
-            raise InvalidInput(
-                f"{path.name}: there are too many joints.",
-                f"expected at most {MOST_JOINTS}, got {len(rows)}",
-                "one robot",
-            )
-        self._file = RobotFile(data, path.name)
-        self.table = self._file.root
-        self.name = self.table["name"] or path.stem
-        self._stated: dict[str | None, dict[str, float]] = {None: self.table["tolerances"]}
-        self._stated |= {row["name"]: row["tolerances"] for row in self.table["joint"]}
+        count = len(data["joint"]) if isinstance(data.get("joint"), list) else 0
+        refuse_if(
+            count > MOST_JOINTS,
+            f"{path.name}: there are too many joints.",
+            f"expected at most {MOST_JOINTS}, got {count}",
+            "one robot",
+        )
+        super().__init__(data, path.name)
+        self.name = self.root["name"] or path.stem
+        self._stated: dict[str | None, dict[str, float]] = {
+            None: self.root["tolerances"],
+            **{row["name"]: row["tolerances"] for row in self.root["joint"]},
+        }
         self._used: set[tuple[str | None, str]] = set()
 
     # Robots ---------------------------------------------------------------------------------------
@@ -166,21 +176,29 @@ class PartsReader:
         self, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
     ) -> Robot:
         """The robot of a TOML file that states its links too."""
-        table, file = self.table, self.file
-        if chosen is not None or locked or "joints" in table or table["locked"]:
-            raise InvalidInput(
-                f"{file}: joints are chosen or locked in a URDF only.",
-                "expected neither joints nor locked without urdf",
-                "leave the joint out of the file",
-            )
+        table, file = self.root, self.file
+        refuse_if(
+            chosen is not None or locked or "joints" in table or table["locked"],
+            f"{file}: joints are chosen or locked in a URDF only.",
+            "expected neither joints nor locked without urdf",
+            "leave the joint out of the file",
+        )
         joints = []
         for row in table["joint"]:
-            angles = tuple(row.get("rpy", (0.0, 0.0, 0.0)))
-            check_angles(f"{file}: joint {row['name']!r}", angles)
+            angles = row.get("rpy", [0.0, 0.0, 0.0])
+            refuse_if(
+                max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6),
+                f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
+                f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
+                f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
+            )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
-                place = Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles)
-                joints.append(Joint(row["name"], placement=place, **stated))
+                joints.append(
+                    Joint(
+                        row["name"], placement=Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles), **stated
+                    )
+                )
         links = [self._link(row) for row in table["joint"]]
         springs = [self._elastic(row) for row in table["joint"]]
         settings = self._settings(table["joint"])
@@ -201,40 +219,39 @@ class PartsReader:
             centre = (link.length, 0.0, 0.0) if isinstance(link, SingleLink) else link.centre_of_mass
             x, y, z = (2.0 * value_of(x) for x in centre)
             frames[joint.name] = Frame(joint.name, Placement(), tip=(x, y, z))
-        carriers = set(Tree(tuple(joints)).parents)
-        tips = [joint.name for i, joint in enumerate(joints) if i not in carriers]
+        tips = [joint.name for i, joint in enumerate(joints) if i not in robot.links.tree.parents]
         return self._finished(robot, frames, tips, payload)
 
     def robot_with(
         self, rigid: Path, chosen: Sequence[str] | None, locked: Mapping[str, float] | None, payload: Any
     ) -> Robot:
         """The robot whose links another file states."""
-        table, file = self.table, self.file
+        table, file = self.root, self.file
         rows = {row["name"]: row for row in table["joint"]}
         for row in table["joint"]:
-            twice = [key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if key in row]
-            if twice:
+            for key in [key for key in ("kind", "axis", "xyz", "rpy", "parent", "link") if key in row]:
                 raise InvalidInput(
-                    f"{file}: the joint {row['name']!r} states {twice[0]!r}, which the URDF states too.",
-                    f"expected name, spring, motor (and limits) only, got {twice}",
+                    f"{file}: the joint {row['name']!r} states {key!r}, which the URDF states too.",
+                    f"expected name, spring, motor (and limits) only, got {list(row)}",
                     f"leave it out; {rigid.name} decides",
                 )
-        chosen = chosen if chosen is not None else table.get("joints")
-        still = {**table["locked"], **(locked or {})}
         root = read_xml(rigid)
         read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
         with located(rigid.name):
-            arm = read(root, chosen, still)
+            arm = read(
+                root,
+                table.get("joints") if chosen is None else chosen,
+                {**table["locked"], **(locked or {})},
+            )
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:
             raise unknown_name(f"{file}: there is no joint {name!r} in {rigid.name}.", name, arm.movable)
-        missing = [name for name in names if name not in rows]
-        if missing:
+        for name in [name for name in names if name not in rows]:
             raise InvalidInput(
-                f"{file}: the joint {missing[0]!r} of {rigid.name} has no stiffness.",
-                f"expected a [[joint]] for each of {names}, missing: {missing}",
-                "add it, or lock the joint: locked = {" + f"{missing[0]} = 0.0" + "}",
+                f"{file}: the joint {name!r} of {rigid.name} has no stiffness.",
+                f"expected a [[joint]] for each of {names}, got {list(rows)}",
+                f"add it, or lock the joint: locked = {{{name} = 0.0}}",
             )
         kept = [rows[name] for name in names]
         placed = [replace(j, limits=row.get("limits", j.limits)) for j, row in zip(arm.joints, kept)]
@@ -254,8 +271,9 @@ class PartsReader:
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
         settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
-        robot = assembled(self.name, placed, links, springs, **settings)
-        return self._finished(robot, arm.frames, arm.tips, payload)
+        return self._finished(
+            assembled(self.name, placed, links, springs, **settings), arm.frames, arm.tips, payload
+        )
 
     def _settings(
         self,
@@ -265,7 +283,7 @@ class PartsReader:
         efforts: Sequence[float] | None = None,
         speeds: Sequence[float] | None = None,
     ) -> dict[str, Any]:
-        table, nothing = self.table, [None] * len(rows)
+        table, nothing = self.root, [None] * len(rows)
         settings = {key: table.get(key) for key in ("home", "description")}
         if "penalty" in table:
             settings["penalty"] = Penalty(table["penalty"]["weights"], effort=table["penalty"]["effort"])
@@ -284,46 +302,46 @@ class PartsReader:
         """
         names, count = robot.joint_names, len(robot.joint_names)
         rows = loads if isinstance(loads, (list, tuple)) else [loads]
-        if loads is not None and not all(isinstance(row, (str, Payload)) for row in rows):
-            raise InvalidInput(
-                "The payload is none.",
-                f"expected text, a Payload or several, got {value_text(loads)}",
-                "payload='0..3kg@hand'",
-            )
-        payloads = [
-            row if isinstance(row, Payload) else payload_from_text(row) for row in rows if row is not None
-        ]
-        if loads is None:
-            payloads = [self._payload(row) for row in self.table["payload"]]
+        refuse_if(
+            loads is not None and not all(isinstance(row, (str, Payload)) for row in rows),
+            "The payload is none.",
+            f"expected text, a Payload or several, got {value_text(loads)}",
+            "payload='0..3kg@hand'",
+        )
+        payloads = (
+            [self._payload(row) for row in self.root["payload"]]
+            if loads is None
+            else [row if isinstance(row, Payload) else payload_from_text(row) for row in rows]
+        )
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
-            if at not in frames:
-                fault = f"is at {value_text(at, 60)}, which carries nothing"
-                raise InvalidInput(
-                    f"{self.file}: the payload {fault if at else 'does not say what carries it, of several ends'}.",
-                    f"expected one of {list(frames)}",
-                    f"at = {tips[0]!r}, or --payload 0..3kg@{tips[0]}",
-                )
+            refuse_if(
+                at not in frames,
+                f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
+                if at
+                else f"{self.file}: the payload does not say what carries it, of several ends.",
+                f"expected one of {list(frames)}",
+                "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
+            )
             places.append(frames[at])
         distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in places])
         for payload in payloads if isinstance(robot.links, Pendulum) else ():
             # A link that states no frame of its own carries on the line from its axis to its centre of mass.
             beside = [x.value for x in (payload.centre_of_mass or ())[1:]]
-            if any(beside):
-                raise InvalidInput(
-                    f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
-                    f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
-                    "mass, centre_of_mass and inertia of the link instead of axis_inertia",
-                )
+            refuse_if(
+                any(beside),
+                f"{self.file}: the payload is beside a link that states axis_inertia and length only.",
+                f"expected its centre of mass at [x, 0, 0], x along the link, got y, z = {beside}",
+                "mass, centre_of_mass and inertia of the link instead of axis_inertia",
+            )
         added = [number for load, frame in zip(payloads, places) for number in load.parameters(frame, count)]
         scales = []  # a factor of all moments of a link whose inertia has a tolerance in a table [tolerances]
-        stated = {row["name"]: row.get("link", {}) for row in self.table["joint"]}
+        stated = {row["name"]: row.get("link", {}) for row in self.root["joint"]}
         for joint in names:
             link = stated.get(joint, {})
-            if "tolerance" in link.get("inertia", {}) or "axis_inertia" in link:
-                continue
-            if tolerance := self._tolerance(joint, "inertia"):
+            own = "tolerance" in link.get("inertia", {}) or "axis_inertia" in link
+            if not own and (tolerance := self._tolerance(joint, "inertia")):
                 label, unit = per_joint("inertia_scale", joint, count), unit_of("inertia_scale")
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
@@ -338,7 +356,7 @@ class PartsReader:
                     f"expected keys out of {known}, got {key!r}",
                     f"state {key!r} with its value first, or leave out its tolerance",
                 )
-        return self._file.check_units(check_plausible(robot, self.file))
+        return self.check_units(check_plausible(robot, self.file))
 
     # Numbers --------------------------------------------------------------------------------------
     def _tolerance(self, joint: str, quantity: str) -> float:
@@ -359,31 +377,34 @@ class PartsReader:
     # Parts ----------------------------------------------------------------------------------------
     def _elastic(self, row: Any, motor: Mapping[str, float] | None = None, source: str = "") -> ElasticJoint:
         with located(f"{self.file}: joint {row['name']!r}"):
-            if row["rigid"] == ("spring" in row):
-                raise InvalidInput(
-                    "It is rigid and has a 'spring'."
-                    if row["rigid"]
-                    else "It has no 'spring', and is not declared rigid.",
-                    "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
-                    "one of the two",
-                )
-            stated = {**row.get("spring", {}), **row["motor"]}
-            numbers = {key: self._number(value, key, row["name"]) for key, value in stated.items()}
+            refuse_if(
+                row["rigid"] == ("spring" in row),
+                "It is rigid and has a 'spring'."
+                if row["rigid"]
+                else "It has no 'spring', and is not declared rigid.",
+                "expected [joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint), or rigid = true",
+                "one of the two",
+            )
+            numbers = {
+                key: self._number(value, key, row["name"])
+                for key, value in {**row.get("spring", {}), **row["motor"]}.items()
+            }
             for quantity, value in (motor or {}).items():
                 if quantity not in numbers and not (
                     quantity == "motor_inertia" and "rotor_inertia" in numbers
                 ):
-                    tolerance = self._tolerance(row["name"], quantity)
-                    numbers[quantity] = Parameter(quantity, value, tolerance, source=source)
+                    numbers[quantity] = Parameter(
+                        quantity, value, self._tolerance(row["name"], quantity), source=source
+                    )
             return ElasticJoint(**numbers)
 
     def _link(self, row: Any) -> Any:
-        if "link" not in row:
-            raise InvalidInput(
-                f"{self.file}: the joint {row['name']!r} has no link.",
-                "expected [joint.link], or urdf = '…' at the top of the file",
-                "mass, centre_of_mass and inertia",
-            )
+        refuse_if(
+            "link" not in row,
+            f"{self.file}: the joint {row['name']!r} has no link.",
+            "expected [joint.link], or urdf = '…' at the top of the file",
+            "mass, centre_of_mass and inertia",
+        )
         stated, name = row["link"], row["name"]
         with located(f"{self.file}: joint {name!r}"):
             if "axis_inertia" in stated and not {"inertia", "centre_of_mass"} & set(stated):
@@ -391,12 +412,12 @@ class PartsReader:
                 return SingleLink(numbers.pop("axis_inertia"), **numbers)
             whole = ("mass", "centre_of_mass", "inertia")
             missing = [key for key in whole if key not in stated]
-            if missing or len(stated) > len(whole):
-                raise InvalidInput(
-                    "A link is stated in part, or twice.",
-                    f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
-                    f"add {missing}" if missing else "one of the two ways",
-                )
+            refuse_if(
+                missing or len(stated) > len(whole),
+                "A link is stated in part, or twice.",
+                f"expected {list(whole)}, or axis_inertia with mass and length, got {list(stated)}",
+                f"add {missing}" if missing else "one of the two ways",
+            )
             six = stated["inertia"]
             moments = [
                 Parameter("inertia", six[axes], six.get("tolerance", 0.0), source=six["source"])
@@ -408,22 +429,23 @@ class PartsReader:
     # Payload --------------------------------------------------------------------------------------
     def _payload(self, table: Mapping[str, Any]) -> Payload:
         shapes = {kind: table[kind] for kind in ("inertia", *SHAPES) if kind in table}
-        if len(shapes) > 1:
-            raise InvalidInput(
-                f"{self.file}: a payload has two shapes.",
-                f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
-                "one of them",
-            )
+        refuse_if(
+            len(shapes) > 1,
+            f"{self.file}: a payload has two shapes.",
+            f"expected one of {['inertia', *SHAPES]}, got {list(shapes)}",
+            "one of them",
+        )
         mass = self._number(table["mass"], "mass")
         centre = (
             self._number(table["centre_of_mass"], "centre_of_mass") if "centre_of_mass" in table else None
         )
         per_mass: tuple[float, ...] = (0.0,) * 6
         for kind, sizes in shapes.items():
-            if isinstance(sizes, dict):
-                per_mass = tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
-            else:
-                per_mass = inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
+            per_mass = (
+                tuple(sizes[axes] / max(mass.interval[1], 1e-30) for axes in INERTIA)
+                if isinstance(sizes, dict)
+                else inertia_of_shape(kind, [sizes] if isinstance(sizes, float) else sizes)
+            )
         with located(f"{self.file}: payload"):
             return Payload(mass, table.get("at", ""), centre, per_mass)
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.plant import Penalty
-from flexhinf.plant.penalty import unknown_weight
+from flexhinf.plant.penalty import check_weighted
 from flexhinf.robot.elastic import Layout, spring_torque
 from flexhinf.robot.parameters import parameter_units
 from flexhinf.validation import checked_names, distinct
@@ -55,8 +55,11 @@ OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_
 
 def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
     """One name per joint that has this signal as a state or a torque of its own."""
-    names = zip(signal_names(quantity, joints), joints)
-    return tuple(name for name, joint in names if joint not in rigid or quantity not in OF_SPRINGS)
+    return tuple(
+        name
+        for name, joint in zip(signal_names(quantity, joints), joints)
+        if joint not in rigid or quantity not in OF_SPRINGS
+    )
 
 
 def units_of(
@@ -68,8 +71,8 @@ def units_of(
         for quantity, pair in UNITS.items()
         for name, sliding in zip(signal_names(quantity, joints), slides)
     }
-    integrals = {f"{name}_integral": f"{unit}·s" for name, unit in units.items() if "position" in name}
-    return parameter_units(parameters or {}, slides) | units | integrals
+    units |= {f"{name}_integral": f"{unit}·s" for name, unit in units.items() if "position" in name}
+    return parameter_units(parameters or {}, slides) | units
 
 
 def expanded(
@@ -83,12 +86,12 @@ def expanded(
     }
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
     unknown = [name for name in requested if name not in known]
-    if unknown or not requested:
-        raise InvalidInput(
-            f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
-            f"expected one or more of {list(known)}, got {list(requested)}",
-            "measured=('link_position',)",
-        )
+    refuse_if(
+        unknown or not requested,
+        f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
+        f"expected one or more of {list(known)}, got {list(requested)}",
+        "measured=('link_position',)",
+    )
     singles = tuple(name for part in requested for name in known[part])
     distinct("Of the measured signals", singles)
     return singles
@@ -161,9 +164,7 @@ def robot_penalty(
         return penalty
     singles = (*states, *named[0], *named[1])
     plain = [group for group, members in (groups or {}).items() if set(members) <= set(singles)]
-    known = dict.fromkeys((*plain, *singles))
-    for name in [name for name in penalty.states if name not in known]:
-        raise unknown_weight(name, list(known))
+    check_weighted(penalty.states, list(dict.fromkeys((*plain, *singles))))
     if not {*named[0], *named[1]} & set(penalty.states):
         return penalty
     weights = dict(penalty.states)

@@ -12,17 +12,17 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, located
+from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.robot.arm import Frame
-from flexhinf.robot.dynamics import KINDS, Joint, Placement, lumped, matrix_of, six_of
+from flexhinf.robot.dynamics import KINDS, ZERO, Joint, Placement, lumped, matrix_of, six_of
 from flexhinf.robot.parameters import INERTIA
 from flexhinf.robot.parts import Link
 from flexhinf.validation import (
     HUGE,
     checked_name,
     distinct,
+    one_of,
     real_number,
-    unknown_name,
     value_text,
 )
 
@@ -107,8 +107,9 @@ class RigidArm:
                     "a position that the joint can have",
                 )
             return carrier, place.then(moved(kind, axis, value))
-        parent = "world" if carrier is None else self.joints[carrier].name
-        self.joints.append(Joint(name, kind, axis, place, limits, parent))
+        self.joints.append(
+            Joint(name, kind, axis, place, limits, "world" if carrier is None else self.joints[carrier].name)
+        )
         self._bodies.append([])
         return len(self.joints) - 1, Placement()
 
@@ -135,12 +136,12 @@ class RigidArm:
         """The arm with the bodies that move together merged into one link each."""
         for joint, bodies in zip(self.joints, self._bodies):
             mass = sum(body[1] for body in bodies)
-            if not mass > 0.0:
-                raise InvalidInput(
-                    f"What the joint {joint.name!r} moves has no mass.",
-                    f"expected an <inertial> in the link behind it, got {mass:g} kg",
-                    "a file with inertials (some are made for display only), or lock the joint",
-                )
+            refuse_if(
+                not mass > 0.0,
+                f"What the joint {joint.name!r} moves has no mass.",
+                f"expected an <inertial> in the link behind it, got {mass:g} kg",
+                "a file with inertials (some are made for display only), or lock the joint",
+            )
             mass, centre, inertia = lumped([body[1:] for body in bodies])
             with located(f"link {[body[0] for body in bodies]}"):
                 self.links.append(Link(mass, [float(c) for c in centre], six_of(inertia)))
@@ -155,18 +156,18 @@ def read_urdf(
     `joints` are those that move (by default all that are not fixed); `locked` is where others stand, rad or m, zero for
     those that `joints` leaves out.
     """
-    if root.tag != "robot":
-        raise InvalidInput(
-            "This is no URDF.",
-            f"expected the root element <robot>, got <{root.tag[:60]}>",
-            "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
-        )
-    if any("xacro" in element.tag for element in root.iter()):
-        raise InvalidInput(
-            "This is a xacro file.",
-            "expected plain URDF, got elements of xacro",
-            "xacro arm.xacro > arm.urdf",
-        )
+    refuse_if(
+        root.tag != "robot",
+        "This is no URDF.",
+        f"expected the root element <robot>, got <{root.tag[:60]}>",
+        "arm.xml with the root <mujoco> is read as MJCF; convert other files to URDF first",
+    )
+    refuse_if(
+        any("xacro" in element.tag for element in root.iter()),
+        "This is a xacro file.",
+        "expected plain URDF, got elements of xacro",
+        "xacro arm.xacro > arm.urdf",
+    )
     links, elements = _named(root, "link"), _named(root, "joint")
     behind, base = _tree(links, elements)
     movable = tuple(name for name, element in elements.items() if element.get("type") != "fixed")
@@ -176,27 +177,27 @@ def read_urdf(
     while ahead:
         name, carrier, above = ahead.pop()
         element, link = elements[name], _link_at(elements[name], "child")
-        kind, place = element.get("type"), above.then(_origin(name, element))
-        if kind not in (*KINDS, "fixed"):
-            raise InvalidInput(
-                f"The joint {name!r} is of kind {value_text(kind, 60)}.",
-                f"expected fixed or one of {list(KINDS)}",
-                "a robot on a fixed base with joints of one degree of freedom",
-            )
+        kind, place = element.get("type", ""), above.then(_origin(name, element))
+        refuse_if(
+            kind not in (*KINDS, "fixed"),
+            f"The joint {name!r} is of kind {value_text(kind, 60)}.",
+            f"expected fixed or one of {list(KINDS)}",
+            "a robot on a fixed base with joints of one degree of freedom",
+        )
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
-            if not np.linalg.norm(axis) > 1.0 / HUGE:
-                raise InvalidInput(
-                    f"The axis of the joint {name!r} has no direction.",
-                    f"expected a vector that is not zero, got {axis}",
-                    "xyz='0 0 1'",
-                )
-            if name not in arm.locked and element.find("mimic") is not None:
-                raise InvalidInput(
-                    f"The joint {name!r} mimics another one, which an elastic joint cannot.",
-                    f"expected independent joints, got <mimic> in {name!r}",
-                    f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
-                )
+            refuse_if(
+                not np.linalg.norm(axis) > 1.0 / HUGE,
+                f"The axis of the joint {name!r} has no direction.",
+                f"expected a vector that is not zero, got {axis}",
+                "xyz='0 0 1'",
+            )
+            refuse_if(
+                name not in arm.locked and element.find("mimic") is not None,
+                f"The joint {name!r} mimics another one, which an elastic joint cannot.",
+                f"expected independent joints, got <mimic> in {name!r}",
+                f"locked={{{name!r}: 0.0}}, or joints=[...] without it",
+            )
             carrier, place = arm.add_joint(carrier, name, kind, axis, place, _limits(name, element))
         if carrier is not None:
             _add_body(arm, carrier, link, links[link], place)
@@ -205,19 +206,22 @@ def read_urdf(
             if link not in behind:
                 arm.tips.append(link)
         ahead += [(after, carrier, place) for after in reversed(behind.get(link, []))]
-    for joint in arm.joints:
-        arm.efforts.append(_largest(joint.name, elements[joint.name], "effort"))
-        arm.speeds.append(_largest(joint.name, elements[joint.name], "velocity"))
+    arm.efforts, arm.speeds = (
+        [_largest(joint.name, elements[joint.name], key) for joint in arm.joints]
+        for key in ("effort", "velocity")
+    )
     return arm.merge()
 
 
 # Elements -----------------------------------------------------------------------------------------
 def _named(root: Element, tag: str) -> dict[str, Element]:
     elements = root.findall(tag)
-    if len(elements) > MOST_LINKS:
-        raise InvalidInput(
-            f"There are too many {tag}s.", f"expected at most {MOST_LINKS}, got {len(elements)}", "one robot"
-        )
+    refuse_if(
+        len(elements) > MOST_LINKS,
+        f"There are too many {tag}s.",
+        f"expected at most {MOST_LINKS}, got {len(elements)}",
+        "one robot",
+    )
     names = [checked_name(f"a {tag}", entry.get("name"), spaces=True) for entry in elements]
     distinct(f"The {tag}", names)
     for name, element in zip(names, elements):
@@ -231,7 +235,6 @@ def _link_at(joint: Element, end: str) -> str:
 
 
 def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[Any, str]:
-    """The joints behind each link, and the link that no joint carries."""
     behind: dict[str, list[str]] = {}
     for name, element in joints.items():
         for end in ("parent", "child"):
@@ -250,27 +253,26 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
         if link not in reached:
             reached.add(link)
             ahead += [_link_at(joints[name], "child") for name in behind.get(link, [])]
-    if len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(links):
-        raise InvalidInput(
-            "The links are no tree.",
-            "expected one link without a parent and one parent for every other, got the links without a parent "
-            f"{free}, and in loops {[link for link in links if link not in reached]}",
-            "a closed loop is cut, a second robot goes into a file of its own",
-        )
+    refuse_if(
+        len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(links),
+        "The links are no tree.",
+        "expected one link without a parent and one parent for every other, got the links without a parent "
+        f"{free}, and in loops {[link for link in links if link not in reached]}",
+        "a closed loop is cut, a second robot goes into a file of its own",
+    )
     return behind, free[0]
 
 
 def _check_element(name: str, element: Element) -> None:
-    """Refuse elements of the link or the joint `name` that are ambiguous or probably misspelt."""
     once, where = ONCE[element.tag], "<inertial> of" if element.tag == "inertial" else f"the {element.tag}"
     for tag in once:
         count = len(element.findall(tag))
-        if count > 1:
-            raise InvalidInput(
-                f"<{tag}> stands {count} times in {where} {name!r}.",
-                f"expected one <{tag}>, got {count}",
-                "delete the others",
-            )
+        refuse_if(
+            count > 1,
+            f"<{tag}> stands {count} times in {where} {name!r}.",
+            f"expected one <{tag}>, got {count}",
+            "delete the others",
+        )
     known = (*once, *OTHERS.get(element.tag, ()))
     for tag in sorted({str(child.tag) for child in element} - set(known)):
         for close in difflib.get_close_matches(tag[:60].lower(), known, n=1, cutoff=0.75):
@@ -296,7 +298,7 @@ def _check_element(name: str, element: Element) -> None:
 
 
 # Numbers ------------------------------------------------------------------------------------------
-def _vector(name: str, element: Element | None, key: str, default: tuple[float, ...]) -> Any:
+def _vector(name: str, element: Element | None, key: str, default: Sequence[float]) -> Any:
     if element is None or element.get(key) is None:
         return default
     tokens = str(element.get(key)).split()
@@ -315,8 +317,7 @@ def _number(name: str, element: Element | None, key: str) -> float:
 
 
 def _origin(name: str, element: Element) -> Placement:
-    origin, nothing = element.find("origin"), (0.0, 0.0, 0.0)
-    return Placement.of(*(_vector(name, origin, key, nothing) for key in ("xyz", "rpy")))
+    return Placement.of(*(_vector(name, element.find("origin"), key, ZERO) for key in ("xyz", "rpy")))
 
 
 def _limits(name: str, joint: Element) -> tuple[float, float] | None:
@@ -324,24 +325,24 @@ def _limits(name: str, joint: Element) -> tuple[float, float] | None:
     if joint.get("type") == "continuous":
         return None
     lower, upper = (_number(name, joint.find("limit"), key) for key in ("lower", "upper"))
-    if lower > upper or lower == upper != 0.0:
-        raise InvalidInput(
-            f"The limits of the joint {name!r} leave no room.",
-            f"expected lower < upper, got lower {lower:g} and upper {upper:g} (0 where not stated)",
-            "exchange them; or a fixed joint",
-        )
+    refuse_if(
+        lower > upper or lower == upper != 0.0,
+        f"The limits of the joint {name!r} leave no room.",
+        f"expected lower < upper, got lower {lower:g} and upper {upper:g} (0 where not stated)",
+        "exchange them; or a fixed joint",
+    )
     return (lower, upper) if lower < upper else None
 
 
 def _largest(name: str, joint: Element, key: str) -> float:
     """The limit that <limit effort velocity> states; infinite without one, and for 0, which exporters write then."""
     stated = _number(name, joint.find("limit"), key)
-    if stated < 0.0:
-        raise InvalidInput(
-            f"The {key} limit of the joint {name!r} is negative.",
-            f"expected {key} >= 0 (0 for none) in <limit>, got {stated:g}",
-            f"{key}='{-stated:g}'",
-        )
+    refuse_if(
+        stated < 0.0,
+        f"The {key} limit of the joint {name!r} is negative.",
+        f"expected {key} >= 0 (0 for none) in <limit>, got {stated:g}",
+        f"{key}='{-stated:g}'",
+    )
     return stated or np.inf
 
 
@@ -353,42 +354,46 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
     mass = _number(link, mass_element, "value")
     if six is None and mass_element is not None and mass == 0.0:
         return
-    if mass_element is None or six is None:
-        raise InvalidInput(
-            f"The <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
-            "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
-            "the missing one; or no <inertial> for a link without mass",
-        )
-    about = matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA])
-    arm.add_body(carrier, link, mass, about, place.then(_origin(link, inertial)))
+    refuse_if(
+        mass_element is None or six is None,
+        f"The <inertial> of the link {link!r} has no {'mass' if mass_element is None else 'inertia'}.",
+        "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
+        "the missing one; or no <inertial> for a link without mass",
+    )
+    arm.add_body(
+        carrier,
+        link,
+        mass,
+        matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA]),
+        place.then(_origin(link, inertial)),
+    )
 
 
 # Joints of URDF and MJCF --------------------------------------------------------------------------
 def check_selection(joints: Any, locked: Any) -> None:
     """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
-    if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
-        raise InvalidInput(
-            "The joints that move are not named.",
-            f"expected a list of names, got joints={value_text(joints, 60)}",
-            "joints=['shoulder', 'elbow']",
-        )
+    refuse_if(
+        joints is not None and not (listed and all(isinstance(name, str) for name in joints)),
+        "The joints that move are not named.",
+        f"expected a list of names, got joints={value_text(joints, 60)}",
+        "joints=['shoulder', 'elbow']",
+    )
     distinct("joints: the joint", list(joints or ()))
-    if locked is not None and not (
-        isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
-    ):
-        raise InvalidInput(
-            "The joints that are locked are not named.",
-            f"expected names and positions, got locked={value_text(locked, 60)}",
-            "locked={'elbow': 0.0}",
-        )
+    refuse_if(
+        locked is not None
+        and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)),
+        "The joints that are locked are not named.",
+        f"expected names and positions, got locked={value_text(locked, 60)}",
+        "locked={'elbow': 0.0}",
+    )
     for name, value in (locked or {}).items():
-        if not abs(real_number(value)) <= HUGE:
-            raise InvalidInput(
-                f"The joint {value_text(name, 60)} is locked at no position.",
-                f"expected a finite number in rad or m, got {value_text(value, 60)}",
-                "0.0",
-            )
+        refuse_if(
+            not abs(real_number(value)) <= HUGE,
+            f"The joint {value_text(name, 60)} is locked at no position.",
+            f"expected a finite number in rad or m, got {value_text(value, 60)}",
+            "0.0",
+        )
 
 
 def locked_joints(
@@ -398,8 +403,7 @@ def locked_joints(
     check_selection(joints, locked)
     still = dict(locked or {})
     for name in (*(joints or ()), *still):
-        if name not in movable:
-            raise unknown_name(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
+        one_of(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
     if joints is not None:
         for name in [name for name in joints if name in still]:
             raise InvalidInput(
@@ -407,12 +411,12 @@ def locked_joints(
             )
         still |= {name: 0.0 for name in movable if name not in joints and name not in still}
     count = len(movable) - len(still)
-    if not 0 < count <= MOST_JOINTS:
-        raise InvalidInput(
-            "Too many joints move." if count else "Nothing moves.",
-            f"expected 1 to {MOST_JOINTS}, got {count}; the file has {list(movable)}",
-            "joints=[...]: the others are locked",
-        )
+    refuse_if(
+        not 0 < count <= MOST_JOINTS,
+        "Too many joints move." if count else "Nothing moves.",
+        f"expected 1 to {MOST_JOINTS}, got {count}; the file has {list(movable)}",
+        "joints=[...]: the others are locked",
+    )
     return still
 
 

@@ -8,7 +8,7 @@ functions and z = (h(x), R2^½ u).
 **How, and what to read.** These files decide, in this order; all of them fit on a few screens:
 
 1. `residual`: r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV in exact rationals.
-2. `quadratic`: where r is a quadratic form for each value of the functions' quotients, definite matrices end the proof.
+2. There too: where r is a quadratic form for each value of the functions' quotients, definite matrices end the proof.
 3. `bounds`: elementary functions become Taylor polynomials with remainders from ball arithmetic; V, its growth along
    rays, and r on cells, with an a-priori bound of all rounding.
 4. `subdivision`: cells follow each other along rays from 0 until V exceeds the level.
@@ -16,7 +16,7 @@ functions and z = (h(x), R2^½ u).
 
 `guidance` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
 again in rationals and balls, without 3.; or every cell: then 1., 2., 4., 5. and `second_route` are all that has to be
-read. `starts` proves 6. and 8. of the theorem, `observer` 7., where they are claimed.
+read. `statements` proves 6., 7. and 8. of the theorem, where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
 What checker and search share is the form of a claim (`claim`). Nothing here imports the search, which takes no
@@ -37,18 +37,22 @@ from flint import ctx
 
 from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
-from flexhinf.certify.checker.observer import check_observer
-from flexhinf.certify.checker.quadratic import check_reach, corner_text, look_at_corners
-from flexhinf.certify.checker.residual import Refusal, matrix_of, positive_definite, require, residual
+from flexhinf.certify.checker.residual import (
+    Refusal,
+    check_reach,
+    corner_text,
+    look_at_corners,
+    matrix_of,
+    positive_definite,
+    require,
+    residual,
+)
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
-from flexhinf.certify.checker.starts import check_start, proved_peaks
+from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
 from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
 from flexhinf.certify.claim import Claim
 
-__all__ = ["Verification", "verify"]
-
-_MOST_KINDS = 64
-_MOST_UNCERTAIN = 12  # parameters, whose corners are all looked at
+_MOST_KINDS, _MOST_UNCERTAIN = 64, 12  # of products; of parameters, whose corners are all looked at
 _LEAST_LEVEL = 1e-100
 _LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
 _MOST_CELLS = 10**8  # of all faces together
@@ -192,16 +196,16 @@ def _check_sizes(claim: Claim) -> None:
         f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit",
     )
     for function in claim.functions:
-        farthest = sum(abs(s) * w for s, w in zip(function.slope, widest))
-        require(not farthest > _FARTHEST, f"{function.name} is asked for farther than {_FARTHEST:g} from 0")
+        require(
+            not sum(abs(s) * w for s, w in zip(function.slope, widest)) > _FARTHEST,
+            f"{function.name} is asked for farther than {_FARTHEST:g} from 0",
+        )
 
 
 def _check_matrices(claim: Claim) -> None:
-    """T is invertible and R2 is symmetric and positive definite, in rationals."""
     require(matrix_of(claim.coordinates).det() != 0, "the coordinates T are singular")
     r2 = matrix_of(claim.r2)
-    definite = r2 == r2.transpose() and positive_definite(r2)
-    require(definite, "R2 is not symmetric and positive definite")
+    require(r2 == r2.transpose() and positive_definite(r2), "R2 is not symmetric and positive definite")
     require(not claim.shift, "a moved equilibrium is not yet covered by this checker")
 
 
@@ -218,7 +222,6 @@ def _face(
 
 
 def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
-    """Prove a sample of cells again, some of them at −z, each at a random corner of the parameters."""
     rng = np.random.default_rng(seed)
     for cell in cells:
         corner = int(rng.integers(len(proof.exact_corners)))
@@ -229,6 +232,8 @@ def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:
 def _reason(claim: Claim, refusal: Refusal) -> str:
     if refusal.z is None:
         return f"{refusal}."
-    x = np.array(claim.coordinates) @ refusal.z
-    place = ", ".join(f"{s.name} = {v:.5g} {s.unit}".rstrip() for s, v in zip(claim.states, x, strict=True))
+    place = ", ".join(
+        f"{s.name} = {v:.5g} {s.unit}".rstrip()
+        for s, v in zip(claim.states, np.array(claim.coordinates) @ refusal.z, strict=True)
+    )
     return f"{refusal} at {place}, where V = {refusal.value:.6g} (level {claim.level:.6g})."

@@ -16,11 +16,11 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from math import ceil, comb, inf, isfinite
+from math import ceil, comb, inf, isfinite, prod
 from typing import Any, NamedTuple
 
 import numpy as np
-from flint import arb, arb_series, ctx, fmpq
+from flint import arb, arb_series, ctx
 
 from flexhinf.certify.checker.residual import offset_of, parameter_corners, residual, rounded, series_of
 from flexhinf.certify.claim import Claim, Function
@@ -64,23 +64,10 @@ class TaylorTable:
         rows = np.array([(k, *b) for k in range(2, degree + 1) for b in monomials if sum(b) <= k])
         self._row = {tuple(row): i for i, row in enumerate(rows.tolist())}
         self._first = [int(np.searchsorted(rows[:, 0], k)) for k in range(2, degree + 1)]
-        self._order_rows(rows)
-        low: list[tuple[int, ...]] = [
-            (p, *b) for b in self.beta[: self._low].tolist() for p in range(highest)
-        ]
-        self.terms = np.array(low)  # exponents of s_0, s_1, … of each low term
-        total, mixed = self.terms.sum(1), (self.terms > 0).sum(1)
-        unit = np.eye(n, dtype=int)
-        self.linear, self.square = (np.array([low.index((*e,)) for e in m * unit]) for m in (1, 2))
-        self.pairs = np.flatnonzero((total == 2) & (mixed == 2))
-        self.in_pair = (self.terms[self.pairs] > 0).T.astype(float)
-        self.others, self.tail_powers = total > 2, self.beta[self._low :]
-
-    def _order_rows(self, rows: np.ndarray) -> None:
-        """Where rows go before each axis is shifted, so that a step of Horner's scheme is an operation on two slices;
-        and at last: to blocks of one β, of low |β| first, those with every k."""
+        # Where rows go before each axis is shifted, so that a step of Horner's scheme is an operation on two slices;
+        # and at last: to blocks of one β, of low |β| first, those with every k.
         self._gathers, self._sizes, place = [], [], np.arange(len(rows))
-        for axis in range(1, self.n):
+        for axis in range(1, n):
             rest = np.delete(rows, axis, 1)
             room = rows[:, 0] - rest[:, 1:].sum(1)  # highest exponent that the axis may have in this row
             order = np.lexsort((*rest.T[::-1], -room, rows[:, axis]))
@@ -94,8 +81,15 @@ class TaylorTable:
         self.beta, self.k = rows[starts, 1:], rows[:, 0]
         self._block = np.repeat(np.arange(len(starts)), np.diff(np.r_[starts, len(rows)]))
         self._low = int((self.beta.sum(1) <= 2).sum())
-        self._head = self._low * (self.degree - 1)
+        self._head = self._low * (degree - 1)
         self._starts = starts[self._low :] - self._head
+        low = [(p, *b) for b in self.beta[: self._low].tolist() for p in range(highest)]
+        self.terms, unit = np.array(low), np.eye(n, dtype=int)  # exponents of s_0, s_1, … of each low term
+        total, mixed = self.terms.sum(1), (self.terms > 0).sum(1)
+        self.linear, self.square = (np.array([low.index((*e,)) for e in m * unit]) for m in (1, 2))
+        self.pairs = np.flatnonzero((total == 2) & (mixed == 2))
+        self.in_pair = (self.terms[self.pairs] > 0).T.astype(float)
+        self.others, self.tail_powers = total > 2, self.beta[self._low :]
 
     def fill(self, polynomial: Any, face: int, sign: int) -> np.ndarray:
         """The correctly rounded rows (rows,) of an exact polynomial on the face z_f = sign · ρ."""
@@ -119,11 +113,8 @@ class TaylorTable:
                     size = sizes[p + 1]
                     c[begin[p] : begin[p] + size] += center[axis] * c[begin[p + 1] : begin[p + 1] + size]
         c = c[self._gathers[-1]]
-        scale = np.ones((len(self.beta), half.shape[1]))
-        for axis in range(self.n - 1):
-            scale *= powers(half[axis], self.degree + 1)[self.beta[:, axis]]
-        c *= scale[self._block, None]
-        return c
+        factors = (powers(half[axis], self.degree + 1)[self.beta[:, axis]] for axis in range(self.n - 1))
+        return c * prod(factors, start=np.ones((len(self.beta), half.shape[1])))[self._block, None]
 
     def on_interval(
         self, c: np.ndarray, interval: Any, weights: Any, lift: int = 0
@@ -135,9 +126,8 @@ class TaylorTable:
         binomial = np.array([[comb(int(k), p) for k in m] for p in range(self.highest)], dtype=float)
         lower = np.array([[max(int(k) - p, 0) for k in m] for p in range(self.highest)])
         at, width = powers(middle, self.degree + 2), powers(radius, self.highest)
-        taylor = binomial[..., None] * at[lower] * width[:, None]
         head = c[: self._head].reshape(self._low, self.degree - 1, *c.shape[1:])
-        parts = np.einsum("pkc,bkjc->jbpc", taylor, head)
+        parts = np.einsum("pkc,bkjc->jbpc", binomial[..., None] * at[lower] * width[:, None], head)
         low = np.einsum("j,jbpc->bpc", mid, parts).reshape(-1, len(end))
         spread = (
             np.einsum("j,jbpc->bpc", rad, np.abs(parts)).reshape(-1, len(end)) if rad.any() else 0.0 * low
@@ -147,10 +137,10 @@ class TaylorTable:
         size, tail = np.abs(signed), np.zeros((0, len(end)))
         if len(rest):
             tail = np.abs(np.add.reduceat(signed * at[k], self._starts, axis=0))
-        if len(rest) and rad.any():
-            beside = np.einsum("j,rjc->rc", rad, np.abs(rest))
-            tail += np.add.reduceat(beside * at[k], self._starts, axis=0)
-            size += beside
+            if rad.any():
+                beside = np.einsum("j,rjc->rc", rad, np.abs(rest))
+                tail += np.add.reduceat(beside * at[k], self._starts, axis=0)
+                size += beside
         size *= (powers(end, self.degree + 2) - at)[k]
         return CentredForm(low, spread, np.concatenate([tail, size.sum(0)[None]])), parts[:, 0, 0]
 
@@ -164,11 +154,7 @@ class TaylorTable:
 
 def powers(base: np.ndarray, count: int) -> np.ndarray:
     """1, base, base², … along a new first axis, by repeated multiplication."""
-    table = np.empty((count, *np.shape(base)))
-    table[0] = 1.0
-    for p in range(1, count):
-        table[p] = table[p - 1] * base
-    return table
+    return np.cumprod([np.ones_like(base), *[base] * (count - 1)], axis=0)
 
 
 def concave_bound(slope: np.ndarray, square: np.ndarray) -> np.ndarray:
@@ -192,28 +178,22 @@ class Quotient:
         for side in (1, -1):
             worst = 0.0
             for i in range(count + 1):
-                place = count + side * i
-                worst = max(worst, self._highest(arb(side * i) / GRID))
-                self._remainder[place] = worst if isfinite(worst) else inf
-                self._coefficients[place], self._error[place] = self._about(arb(side * i) / GRID)
+                place, s = count + side * i, arb(side * i) / GRID
+                series = self._series(s + arb(0, 1 / GRID), ORDER + 3)  # within one step of the grid
+                bound = float(abs(series[ORDER + 2]).upper()) * _UP
+                worst = max(worst, bound if isfinite(bound) else inf)
+                self._remainder[place] = worst
+                self._coefficients[place], self._error[place] = self._about(s)
 
     def _series(self, about: arb, terms: int) -> arb_series:
         return series_of(self._name, arb_series([self._offset + about, 1], prec=terms))
 
-    def _highest(self, about: arb) -> float:
-        """max |φ^(M+2)/(M+2)!| within one step of the grid."""
-        bound = float(abs(self._series(about + arb(0, 1 / GRID), ORDER + 3)[ORDER + 2]).upper()) * _UP
-        return bound if isfinite(bound) else inf
-
     def _about(self, s: arb) -> tuple[list[float], float]:
         """Doubles a_m of the Taylor polynomial about s, in powers of s, and their error where |s − s_i| ≤ 1."""
         series: Any = self._series(s, ORDER + 2)
-        if s == 0:
-            local = [series[m + 1] for m in range(ORDER + 1)]
-        else:
-            quotient = (series - self._series(arb(0), 1)[0]) / arb_series([s, 1], prec=ORDER + 2)
-            local = [quotient[m] for m in range(ORDER + 1)]
-        values, error = [], arb(0)
+        if s != 0:
+            series = (series - self._series(arb(0), 1)[0]) / arb_series([s, 1], prec=ORDER + 2)
+        local, values, error = [series[m + int(s == 0)] for m in range(ORDER + 1)], list[float](), arb(0)
         for m in range(ORDER + 1):
             exact = sum((local[j] * comb(j, m) * (-s) ** (j - m) for j in range(m, ORDER + 1)), arb(0))
             values.append(float(exact.mid()))
@@ -279,8 +259,9 @@ class Proof:
         self.mid = (low + high) / 2
         self.rad = np.where(low == high, 0.0, (high - low) / 2 * (1 + 4 * UNIT) + np.abs(self.mid) * 4 * UNIT)
         unit = [tuple(int(i == j) for j in range(self.n)) for i in range(self.n)]
-        slopes = [[float(rounded(s.to_dict().get(e, fmpq(0)))) for e in unit] for s in exact.arguments]
-        self.slopes = np.array(slopes).reshape(-1, self.n)  # ℓᵀT
+        self.slopes = np.array([[rounded(s[e]) for e in unit] for s in exact.arguments], dtype=float).reshape(
+            -1, self.n
+        )  # ℓᵀT
         reach = claim.reach * np.abs(self.slopes).sum(1) * 1.01 + 0.1
         with ctx.workprec(BITS):
             self.quotients = [Quotient(f, float(s)) for f, s in zip(claim.functions, reach, strict=True)]
@@ -295,10 +276,10 @@ class Proof:
 
     def parts(self, polynomial: Any) -> tuple[Any, Any]:
         """The part for tables and the part that is only bounded: by symmetry, the odd one."""
-        kept, left = {}, {}
-        for e, value in polynomial.to_dict().items():
-            (left if self.even and sum(map(int, e)) % 2 else kept)[e] = value
-        return polynomial.context().from_dict(kept), polynomial.context().from_dict(left)
+        odd = polynomial.context().from_dict(
+            {e: v for e, v in polynomial.to_dict().items() if self.even and sum(map(int, e)) % 2}
+        )
+        return polynomial - odd, odd
 
 
 def _degree(polynomials: list[Any]) -> int:
@@ -316,9 +297,10 @@ def _nearly_even(polynomial: Any, reach: float) -> bool:
 
 def _is_odd(function: Function) -> bool:
     """Whether φ(o + s) − φ(o) is odd in s."""
-    whole = {"sin": function.pi_halves % 2 == 0, "cos": function.pi_halves % 2 == 1}
-    other = function.name in ("tanh", "arctan") and function.pi_halves == 0
-    return function.offset == 0 and whole.get(function.name, other)
+    return function.offset == 0 and {
+        "sin": function.pi_halves % 2 == 0,
+        "cos": function.pi_halves % 2 == 1,
+    }.get(function.name, function.name in ("tanh", "arctan") and function.pi_halves == 0)
 
 
 class _Columns(NamedTuple):
@@ -352,7 +334,7 @@ class Face:
         for s, row in zip(exact.arguments, exact.factors, strict=True):
             pairs = [proof.parts(p) for p in row]
             self._factors.append(columns(proof.small, pairs, weight))
-            lifted = [[(a * s**m, b * s**m) for a, b in pairs] for m in range(ORDER + 1)]
+            lifted = ([(a * s**m, b * s**m) for a, b in pairs] for m in range(ORDER + 1))
             self._lifted.append([columns(proof.table, power, weight) for power in lifted])
 
     def bounds(self, t: np.ndarray, h: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Bounds:
@@ -399,8 +381,9 @@ class Face:
             form, _ = proof.small.on_interval(
                 self._shifted(proof.small, factor, t, h), interval, (proof.mid, proof.rad)
             )
-            size = (np.abs(form.low) + form.radius).sum(0) + form.tail.sum(0) + factor.error(end)
-            remainder += rest * size * _UP
+            remainder += (
+                rest * ((np.abs(form.low) + form.radius).sum(0) + form.tail.sum(0) + factor.error(end)) * _UP
+            )
         form, constants = proof.table.on_interval(
             proof.table.shifted(rows, t, h), interval, (proof.mid, proof.rad)
         )
@@ -411,7 +394,6 @@ class Face:
 
 
 def _interval(begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle, radius (rounded up) and end of an interval of ρ."""
     return (begin + end) / 2, (end - begin) / 2 * (1 + 8 * UNIT) + 8 * UNIT * end, end
 
 

@@ -13,11 +13,12 @@ import numpy as np
 from flint import arb, arb_series, fmpq, fmpq_mat
 
 from flexhinf.certify.checker.bounds import Bounds, CentredForm, TaylorTable
-from flexhinf.certify.checker.quadratic import Corner, corner_text
 from flexhinf.certify.checker.residual import (
+    Corner,
     Refusal,
     Residual,
     as_rational,
+    corner_text,
     form_of,
     offset_of,
     rounded,
@@ -43,8 +44,7 @@ def refuse(
     h, begin, end = cells[n - 1 : -2], cells[-2], cells[-1]
     edge, short = begin >= 1.0, end - begin < _SHORTEST
     narrow = (h.max(0) < _NARROWEST) | (h.min(0) < _EXACT) if n > 1 else np.ones(len(end), bool)
-    inside = bounds.value < bounds.level
-    allowance = bounds.remainder + bounds.rounding
+    inside, allowance = bounds.value < bounds.level, bounds.remainder + bounds.rounding
     positive = np.isfinite(allowance) & (bounds.constant > 1e3 * allowance) & (bounds.least_growth > 0)
     for refused, why in (
         (edge & undecided & (inside | narrow), "the level set reaches beyond the stated reach"),
@@ -61,19 +61,24 @@ def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.
     """The variable of each cell that adds most to its bound beyond the constant: 0 for ρ, i for the i-th of the t."""
     h, length, edge = cells[table.n - 1 : -2], cells[-1] - cells[-2], cells[-2] >= 1.0
     size = np.abs(form.low) + form.radius
-    score = np.abs(form.low[table.square]) + size[table.linear] / 4 + table.in_pair @ size[table.pairs]
-    score += (table.terms[table.others] > 0).T.astype(float) @ size[table.others]
-    tail = np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float)
-    score += tail @ form.tail[:-1]
+    spread = np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float)
+    score = (
+        np.abs(form.low[table.square])
+        + size[table.linear] / 4
+        + table.in_pair @ size[table.pairs]
+        + (table.terms[table.others] > 0).T.astype(float) @ size[table.others]
+        + spread @ form.tail[:-1]
+    )
     score[0] += form.tail[-1]
     axis = np.where(np.isfinite(score), score, 0.0).argmax(0)
-    if table.n == 1:
-        return axis
-    return np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
+    return (
+        axis
+        if table.n == 1
+        else np.where((axis == 0) & (length < _FLAT * h.max(0)) | edge, 1 + h.argmax(0), axis)
+    )
 
 
-_POINTS = 200  # along a ray at which r is looked at
-_NEAREST = 1e-6  # of them, relative to where the ray ends
+_POINTS, _NEAREST = 200, 1e-6  # along a ray at which r is looked at, and the first, relative to the last
 
 
 def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> None:
@@ -102,7 +107,6 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
 
 
 def _quotient(function: Any, s: fmpq) -> arb:
-    """S(s), its limit at 0."""
     if s == 0:
         return series_of(function.name, arb_series([offset_of(function), 1], prec=2))[1]
     ends = [

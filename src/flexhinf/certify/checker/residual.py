@@ -1,12 +1,20 @@
-"""The residual r of a claim in exact rationals: equation (3) as it stands, then in z (x = T z) and sorted."""
+"""The residual r of a claim in exact rationals: equation (3) as it stands, then in z (x = T z) and sorted.
+
+Claims in which r is a quadratic form for each value of the functions' quotients: definite matrices decide, in exact
+rationals and without cells.
+
+With V = zᵀWz and r(z, p) = −zᵀQ(S, p)z, S_j the quotients of the functions, r is affine in each S_j and convex in each
+power of a parameter (affine, but for |V_x g1|²). So Q ≻ 0 at the corners of the box of S and p gives r ≤ −ε|z|²
+wherever each S_j is in its range, and with W ≻ 0 the region is all of {V ≤ c}: docs/certificate.md, section 7.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from math import prod
-from typing import Any
+from math import ceil, isfinite, log2, prod
+from typing import Any, NamedTuple
 
 import numpy as np
 from flint import Ordering, arb, arb_series, fmpq, fmpq_mat, fmpq_mpoly_ctx
@@ -46,8 +54,7 @@ def series_of(name: str, argument: arb_series) -> arb_series:
     if name == "tanh":
         below = (2 * argument).exp() + 1
         return 1 - 2 / below if below[0] > 0 else arb_series([arb("nan")] * argument.prec, prec=argument.prec)
-    known = {"sin": argument.sin, "cos": argument.cos, "exp": argument.exp, "log": argument.log}
-    return (known | {"arctan": argument.atan})[name]()
+    return getattr(argument, "atan" if name == "arctan" else name)()
 
 
 def offset_of(function: Function) -> arb:
@@ -68,20 +75,17 @@ def matrix_of(rows: Iterable[Iterable[float]]) -> fmpq_mat:
 def form_of(polynomial: Any) -> fmpq_mat:
     """The symmetric matrix of a quadratic form."""
     n = polynomial.context().nvars()
-    rows = [[fmpq(0)] * n for _ in range(n)]
+    form = fmpq_mat(n, n)
     for powers, value in polynomial.to_dict().items():
         i, j = (k for k, e in enumerate(powers) for _ in range(int(e)))
-        rows[i][j] += value / 2
-        rows[j][i] += value / 2
-    return fmpq_mat(rows)
+        form[i, j] = form[j, i] = value if i == j else value / 2
+    return form
 
 
 def row_of(linear: Any) -> fmpq_mat:
     """The coefficients of a linear form."""
-    row = [fmpq(0)] * linear.context().nvars()
-    for powers, value in linear.to_dict().items():
-        row[[*map(int, powers)].index(1)] = value
-    return fmpq_mat([row])
+    n = linear.context().nvars()
+    return fmpq_mat([[linear[tuple(int(j == i) for j in range(n))] for i in range(n)]])
 
 
 def positive_definite(matrix: fmpq_mat) -> bool:
@@ -115,11 +119,11 @@ def residual(claim: Claim) -> Residual:
     n, free = len(claim.states), [p.name for p in claim.parameters if p.low < p.high]
     fixed = {p.name: as_rational(p.low) for p in claim.parameters if p.low == p.high}
     after, end = n + len(free), n + len(free) + len(claim.functions)
-    names = [
-        *(f"z{i + 1}" for i in range(n)),
-        *(f"p{i}" for i in range(n, after)),
-        *(f"S{i}" for i in range(after, end)),
-    ]
+    names = (
+        [f"z{i + 1}" for i in range(n)]
+        + [f"p{i}" for i in range(n, after)]
+        + [f"S{i}" for i in range(after, end)]
+    )
     ring = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
     gens = ring.gens()
 
@@ -153,9 +157,13 @@ def residual(claim: Claim) -> Residual:
     v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
     priced = [total(a * u for a, u in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
     half, gamma = fmpq(1, 2), as_rational(claim.gamma)
-    r = total(a * b for a, b in zip(v_x, f, strict=True)) + total(a * b for a, b in zip(v_g2, k, strict=True))
-    r += half * total(a * a for a in h) + half * total(a * b for a, b in zip(k, priced, strict=True))
-    r += half / gamma**2 * total(a * a for a in v_g1) + as_rational(claim.decay) * v
+    r = (
+        total(a * b for a, b in zip(v_x, f, strict=True))
+        + total(a * b for a, b in zip(v_g2, k, strict=True))
+        + half * (total(a * a for a in h) + total(a * b for a, b in zip(k, priced, strict=True)))
+        + half / gamma**2 * total(a * a for a in v_g1)
+        + as_rational(claim.decay) * v
+    )
 
     places = [*map(linear, claim.coordinates), *gens[n:]]
     r, v, *s = (q.compose(*places, ctx=ring) for q in (r, v, *s))
@@ -166,8 +174,9 @@ def residual(claim: Claim) -> Residual:
         part[e[after:].index(1) + 1 if any(e[after:]) else 0][e[:n]] = coefficient
     in_z = fmpq_mpoly_ctx.get(names[:n], Ordering.degrevlex)
     plain, *factors = map(list, zip(*(map(in_z.from_dict, part) for part in parts.values()), strict=True))
-    certain = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict())
-    gradient = certain and all(_opposite(a, b) for a, b in zip(priced, v_g2, strict=True))
+    gradient = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict()) and all(
+        _opposite(a, b) for a, b in zip(priced, v_g2, strict=True)
+    )
     v, *s = (in_z.from_dict({e[:n]: a for e, a in q.to_dict().items()}) for q in (v, *s))
     return Residual(v, _named(claim, free, parts), plain, factors, s, gradient)
 
@@ -187,8 +196,10 @@ def _opposite(first: Any, other: Any) -> bool:
     for powers, value in other.to_dict().items():
         degree = sum(map(int, powers))
         largest[degree] = max(largest.get(degree, fmpq(0)), abs(value))
-    rest = (first + other).to_dict().items()
-    return all(abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12) for p, v in rest)
+    return all(
+        abs(v) <= largest.get(sum(map(int, p)), fmpq(0)) * fmpq(1, 10**12)
+        for p, v in (first + other).to_dict().items()
+    )
 
 
 def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]]:
@@ -203,11 +214,124 @@ def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]
         for p in claim.parameters
         if p.name in used
     }
-    corners = itertools.product(*(sorted(set(ends)) for ends in box.values()))
-    return [dict(zip(box, map(as_rational, corner), strict=True)) for corner in corners]
+    return [
+        dict(zip(box, map(as_rational, corner), strict=True))
+        for corner in itertools.product(*(sorted(set(ends)) for ends in box.values()))
+    ]
 
 
 def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
     """Each product of parameters (columns) at the corners of the box (rows)."""
-    corners = box_corners(claim, products)
-    return [[prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products] for at in corners]
+    return [
+        [prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products]
+        for at in box_corners(claim, products)
+    ]
+
+
+_MOST_CORNERS, _MOST_FAILED = 2**15, 64  # that are looked at, and kept
+_GRID = 512  # pieces of an interval of length one
+_NEAR, _FARTHEST = 64, 10**6  # |ℓᵀx| of a function: in short pieces, and in ones that double
+
+
+class Corner(NamedTuple):
+    """Parameters, their products and quotients of functions at which r is not negative definite: −r = zᵀ`form`z."""
+
+    parameters: dict[str, fmpq]
+    weights: list[fmpq]
+    quotients: tuple[fmpq, ...]
+    form: fmpq_mat
+
+
+def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
+    """The number of corners, 0 where r is no quadratic form or the region is not within the reach; and of those that
+    fail the first few, the one with the smallest minor before the others."""
+    parts: list[tuple[Any, ...]] = list(
+        zip(exact.plain, *exact.factors, strict=True)
+    )  # by product of parameters
+    if any(sum(map(int, e)) != 2 for form in (exact.value, *itertools.chain(*parts)) for e in form.to_dict()):
+        return 0, []
+    value = form_of(exact.value)
+    if not positive_definite(value):
+        return 0, []
+    widest = value.inv() * as_rational(claim.level)  # wᵀ(widest)w is the largest |wᵀz|² where V ≤ c
+    known = [
+        quotient_range(function, (row * widest * row.transpose())[0, 0])
+        for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True)
+    ]
+    ranges, weights = [ends for ends in known if ends], parameter_corners(claim, exact.products)
+    if len(ranges) < len(known) or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
+        return 0, []
+    count, failed, forms = 0, list[tuple[fmpq, Corner]](), [list(map(form_of, row)) for row in parts]
+    for (parameters, products), ends in itertools.product(
+        zip(box_corners(claim, exact.products), weights), itertools.product(*ranges)
+    ):
+        terms = (
+            form * (weight * quotient)
+            for weight, row in zip(products, forms, strict=True)
+            for quotient, form in zip((fmpq(1), *ends), row, strict=True)
+        )
+        total = value * 0 - sum(terms, value * 0)
+        count += 1
+        least = min(leading_minors(total))
+        if not least > 0:
+            failed.append((least, Corner(parameters, products, ends, total)))
+            if len(failed) == _MOST_FAILED:
+                break
+    corners = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
+    return 0 if _farther(claim, widest) else count, corners
+
+
+def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:
+    return [i for i in range(widest.nrows()) if widest[i, i] > as_rational(claim.reach) ** 2]
+
+
+def check_reach(claim: Claim, exact: Residual) -> None:
+    """Raise a `Refusal` where V is a quadratic form and {V ≤ c} leaves the reach: no cell ends there."""
+    if any(sum(map(int, e)) != 2 for e in exact.value.to_dict()):
+        return
+    value = form_of(exact.value)
+    if positive_definite(value):
+        widest = value.inv() * as_rational(claim.level)
+        for i in _farther(claim, widest):
+            row = np.array([rounded(widest[j, i]) for j in range(widest.nrows())])
+            place = row / np.sqrt(row[i])  # where z_i is largest on {V = c}
+            raise Refusal("the level set reaches beyond the stated reach", place, claim.level)
+
+
+def corner_text(claim: Claim, corner: Corner) -> str:
+    """The text "a corner fails" with the values of its parameters."""
+    units = {p.name: p.unit for p in claim.parameters}
+    values = (f"{n} = {rounded(v):.6g} {units[n]}".rstrip() for n, v in corner.parameters.items())
+    return "a corner fails" + (f" ({', '.join(values)})" if corner.parameters else "")
+
+
+def quotient_range(function: Function, square: fmpq) -> tuple[fmpq, fmpq] | None:
+    """Rational bounds of S(s) = (φ(o + s) − φ(o))/s for s² ≤ `square`; None where φ is not analytic there.
+
+    On a piece about m of half width w, |S(s) − S(m)| ≤ w max |S′| ≤ w max |φ″|/2 between o and o + s, as in (5). Beyond
+    `_NEAR` the quotient itself is enclosed.
+    """
+    farthest = arb(square).sqrt().upper()
+    if not farthest <= _FARTHEST:
+        return None
+    offset, ends = offset_of(function), list[fmpq]()
+    start = series_of(function.name, arb_series([offset], prec=1))[0]
+    for side in (1, -1):
+        bend, pieces = arb(0), list[arb]()
+        for i in range(ceil(min(float(farthest), _NEAR) * _GRID) + 1):
+            middle, half = arb(side * (2 * i + 1)) / (2 * _GRID), arb(1) / (2 * _GRID)
+            bend = bend.max(
+                abs(series_of(function.name, arb_series([offset + middle + half * arb(0, 1), 1], prec=3))[2])
+            )
+            pieces.append(
+                (series_of(function.name, arb_series([offset + middle], prec=1))[0] - start) / middle
+                + bend * half * arb(0, 1)
+            )
+        for k in range(ceil(log2(max(float(farthest) / _NEAR, 1.0)))):
+            piece = arb(side * _NEAR * 2**k).union(arb(side * _NEAR * 2 ** (k + 1)))
+            pieces.append((series_of(function.name, arb_series([offset + piece], prec=1))[0] - start) / piece)
+        for enclosed in pieces:
+            if not isfinite(float(enclosed.rad())) or not enclosed.is_finite():
+                return None
+            ends += [enclosed.lower().fmpq(), enclosed.upper().fmpq()]
+    return min(ends), max(ends)

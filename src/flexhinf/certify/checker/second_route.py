@@ -67,8 +67,9 @@ def cell_holds(proof: Proof, cell: Cell, corner: int) -> bool:
         total += quotient * factor
         remainder += rest * _magnitude(factor)
     if cell.multiplier:
-        level = context.constant(as_rational(proof.claim.level))
-        total += as_rational(cell.multiplier) * (level - _on_face(exact.value, cell, places, 2))
+        total += as_rational(cell.multiplier) * (
+            context.constant(as_rational(proof.claim.level)) - _on_face(exact.value, cell, places, 2)
+        )
     bound = _upper(total, n) + remainder
     return bool(bound.is_finite() and bound < 0)
 
@@ -82,7 +83,6 @@ def cell_ended(proof: Proof, cell: Cell) -> bool:
 
 
 def _places(context: Any, cell: Cell, middle: fmpq, half: fmpq) -> list[Any]:
-    """ρ and t as polynomials of s."""
     boxes = [(middle, half), *zip(map(as_rational, cell.t), map(as_rational, cell.h), strict=True)]
     return [context.constant(m) + r * s for (m, r), s in zip(boxes, context.gens(), strict=True)]
 
@@ -105,8 +105,9 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
     offset, about = offset_of(function), arb(center)
     series = series_of(function.name, arb_series([offset + about, 1], prec=_ORDER + 2))
     if abs(about) > 2.0**-20:
-        start = series_of(function.name, arb_series([offset], prec=1))[0]
-        quotient = (series - start) / arb_series([about, 1], prec=_ORDER + 1)
+        quotient = (series - series_of(function.name, arb_series([offset], prec=1))[0]) / arb_series(
+            [about, 1], prec=_ORDER + 1
+        )
         local = [quotient[m] for m in range(_ORDER + 1)]
     else:  # S^(m)/m! = ∫ u^m φ^(m+1)(o + u s)/m! du, enclosed over all u at once
         series = series_of(function.name, arb_series([offset + about.union(arb(0)), 1], prec=_ORDER + 2))
@@ -121,8 +122,9 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
     worst = arb(0)
     for i in range(_PIECES):
         piece = (low + (high - low) * i / _PIECES).union(low + (high - low) * (i + 1) / _PIECES)
-        term = series_of(function.name, arb_series([offset + piece, 1], prec=_ORDER + 3))[_ORDER + 2]
-        worst = worst.max(abs(term))  # of a ball with nan, nan
+        worst = worst.max(
+            abs(series_of(function.name, arb_series([offset + piece, 1], prec=_ORDER + 3))[_ORDER + 2])
+        )  # of a ball with nan, nan
     return values, rest + worst * radius ** (_ORDER + 1)
 
 
@@ -133,12 +135,10 @@ def _magnitude(polynomial: Any) -> arb:
 def _upper(polynomial: Any, n: int) -> arb:
     """Bound (8): constant, slopes with their squares, pairs shared between squares, and the rest."""
     low = {e: v for e, v in polynomial.to_dict().items() if sum(e) <= 2}
-    unit = [tuple(int(i == j) for j in range(n)) for i in range(n)]
     total = low.get((0,) * n, fmpq(0)) + _magnitude(polynomial)
     total -= sum((abs(arb(value)) for value in low.values()), arb(0))
-    for i, e in enumerate(unit):
-        twice = tuple(2 * power for power in e)
-        slope, square = abs(arb(low.get(e, fmpq(0)))), arb(low.get(twice, fmpq(0)))
+    for i, e in enumerate([tuple(int(i == j) for j in range(n)) for i in range(n)]):
+        slope, square = abs(arb(low.get(e, fmpq(0)))), arb(low.get(tuple(2 * power for power in e), fmpq(0)))
         square += sum((abs(arb(v)) / 2 for f, v in low.items() if f[i] == 1 and sum(f) == 2), arb(0))
         if -2 * square > slope:
             total += slope * slope / (-4 * square)
@@ -150,8 +150,10 @@ def _upper(polynomial: Any, n: int) -> arb:
 # Cells that are accepted or finished ------------------------------------------------------------------
 def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
     """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
-    holds = cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners)
-    require(holds, f"rationals and balls do not confirm {cell}")
+    require(
+        cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners),
+        f"rationals and balls do not confirm {cell}",
+    )
 
 
 class Sample:

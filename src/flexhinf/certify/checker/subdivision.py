@@ -73,9 +73,13 @@ def _further(cells: np.ndarray) -> np.ndarray:
 def _cut(cells: np.ndarray, axis: np.ndarray) -> list[np.ndarray]:
     """What covers cells that were not accepted, whichever axes are chosen: the inner half of ρ, which its outer part
     follows, or both halves of a t_i; a `Refusal` where halves are not exact any more."""
-    short = (cells[-1] - cells[-2] < _SHORT) & (cells[-2] < 1.0)
-    narrow = (cells[len(cells) // 2 - 1 : -2] < _NARROW).any()
-    require(not (narrow or short.any()), "cells are too small to be cut")
+    require(
+        not (
+            (cells[len(cells) // 2 - 1 : -2] < _NARROW).any()
+            or ((cells[-1] - cells[-2] < _SHORT) & (cells[-2] < 1.0)).any()
+        ),
+        "cells are too small to be cut",
+    )
     axis = np.clip(axis, 0, len(cells) // 2 - 1)
     inner, first, second = cells[:, axis == 0], *(cells[:, axis > 0] for _ in range(2))
     inner[-1] = (inner[-2] + inner[-1]) / 2

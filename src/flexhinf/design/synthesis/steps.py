@@ -42,8 +42,7 @@ from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.robot import Robot
-from flexhinf.robot.kinematics import check_holding
-from flexhinf.robot.plausibility import check_delay, check_fast
+from flexhinf.robot.kinematics import check_delay, check_fast, check_holding
 
 Progress = Callable[[str], None]
 
