@@ -72,9 +72,9 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
 def test_a_film(
     design: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from flexhinf.pages import arm_picture
+    from flexhinf.pages import run as film
 
-    monkeypatch.setattr(arm_picture, "SHORTEST", 0.2)
+    monkeypatch.setattr(film, "SHORTEST", 0.2)
     assert main(["run", design, "--mujoco", "--no-realtime", "--record", "arm.gif"]) in (0, 1)
     assert (folder / "arm.gif").read_bytes().startswith(b"GIF89a")
     assert "arm.gif" in capsys.readouterr().out

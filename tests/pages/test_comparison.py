@@ -14,8 +14,7 @@ from flexhinf.design import Comparison
 from flexhinf.design.result import ComparedLaw
 from flexhinf.design.tuning import best_rival
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
-from flexhinf.pages.comparison import tuned_laws
-from flexhinf.pages.design.laws import METRICS, best_of, cell, metric_table
+from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table, tuned_laws
 from flexhinf.pages.files import comparison_numbers
 from flexhinf.report import to_json
 

@@ -17,10 +17,9 @@ from flexhinf.design import Specification
 from flexhinf.design.deployed_run import DeployedRun, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.export import RealTimeRun
-from flexhinf.pages import arm_picture, arm_picture as arm_film, run as module
-from flexhinf.pages.arm_picture import ArmFilm, magnification
+from flexhinf.pages import run as module
 from flexhinf.pages.design import step as arm_figure
-from flexhinf.pages.run import check_film, write_film
+from flexhinf.pages.run import ArmFilm, check_film, magnification, write_film
 
 pytest.importorskip("mujoco")
 
@@ -41,7 +40,7 @@ def made() -> tuple[DeployedRun, RealTimeRun]:
 def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
     film = ArmFilm.of(*made)
     assert film.factor > 1
-    assert np.abs(film.factor * film.windup).max() <= arm_film.WIDEST
+    assert np.abs(film.factor * film.windup).max() <= module.WIDEST
     np.testing.assert_array_equal(film.limits, [9.0, 9.0])
     np.testing.assert_array_equal(film.command[0], [0.4, 0.3])
     link, joint, motor = film.hands(0)[1]
@@ -56,7 +55,7 @@ def test_how_much_larger() -> None:
     assert magnification(np.full((3, 2), 0.001), turns, 1.0) == 200
     assert magnification(np.full((3, 2), 1.0), turns, 1.0) == 1
     assert magnification(np.array([[0.001, 0.01]]), slides, 0.5) == 5
-    assert magnification(np.zeros((3, 2)), turns, 1.0) == arm_film.FACTORS[-1]
+    assert magnification(np.zeros((3, 2)), turns, 1.0) == module.FACTORS[-1]
 
 
 @pytest.mark.slow
@@ -67,7 +66,7 @@ def test_the_film_is_played_slowly_and_ends_at_the_end(
     """0.3 s in at least `SHORTEST` seconds, here half of one; every picture differs from the first."""
     if ending == ".mp4" and module._encoder() is None:
         pytest.skip("no ffmpeg")
-    monkeypatch.setattr(arm_picture, "SHORTEST", 0.5)
+    monkeypatch.setattr(module, "SHORTEST", 0.5)
     path = write_film(*made, tmp_path / f"arm{ending}")
     if ending == ".gif":
         from PIL import Image
@@ -92,7 +91,7 @@ def test_an_encoder_that_fails_leaves_nothing(
     made: tuple[DeployedRun, RealTimeRun], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "_encoder", lambda: "false")
-    monkeypatch.setattr(arm_picture, "SHORTEST", 0.1)
+    monkeypatch.setattr(module, "SHORTEST", 0.1)
     with pytest.raises(InvalidInput, match=r"film(?s:.)*arm\.mp4"):
         write_film(*made, tmp_path / "arm.mp4")
     assert not list(tmp_path.iterdir())

@@ -22,10 +22,9 @@ from flexhinf.pages import design_page
 from flexhinf.pages.design.frequency import corner_rows, corner_table, corners_text, margin_table
 from flexhinf.pages.design.law import mode_table
 from flexhinf.pages.design.region import level_table, region, widest_step
-from flexhinf.pages.design.requirements import achieved_text, limit_text, requirement_table
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import joint_table, with_figures
+from flexhinf.pages.drawing import achieved_text, joint_table, limit_text, requirement_table, with_figures
 from flexhinf.pages.page import design_settings, remarks, title_of
 from flexhinf.report import Cell, Column, number
 

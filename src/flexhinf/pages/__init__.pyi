@@ -23,9 +23,9 @@ from .certificate import (
 from .comparison import (
     comparison_notes as comparison_notes,
     comparison_page as comparison_page,
+    comparison_tables as comparison_tables,
     comparison_verdict as comparison_verdict,
 )
-from .design.laws import comparison_tables as comparison_tables
 from .files import (
     comparison_files as comparison_files,
     design_files as design_files,

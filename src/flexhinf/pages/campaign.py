@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ from flexhinf.pages.campaign_parts import (
     worst_text,
     write_page,
 )
-from flexhinf.pages.drawing import DASHED, figure_block, legend_above
+from flexhinf.pages.drawing import DASHED, Line, Panel, draw_figure, figure_block, legend_above
 from flexhinf.report import (
     INK,
     SERIES,
@@ -75,11 +76,8 @@ PlantRun = Callable[[WorstCase, FoundPlant], Trajectory]
 #: What a level γ belongs to, by the claim of a `GainRow`.
 CLAIMS = {"designed": "designed for", "proved": "proved", "not claimed": "designed for another loop"}
 
-#: Failures that are listed, metrics whose sensitivity is drawn, and bars of each.
-FAILURES, RANKED, BARS = 20, 4, 8
-
-#: Half height of the panel close to the end, relative to the range of the signal.
-CLOSE = 0.12
+#: Metrics whose sensitivity is drawn, and bars of each.
+RANKED, BARS = 4, 8
 
 #: Lines of the runs that are compared in one panel.
 _BLACK: dict[str, Any] = {"color": INK, "dashes": (5.0, 1.5), "linewidth": 1.1}
@@ -115,10 +113,6 @@ def write_campaign(
             Section("Failures", _failures(judged), "failures"),
         )
     spread = f", spread {SPREAD[judged.method]}" if "method" in settings else ""
-    request = (
-        f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
-        f"noise and with {len(table.names('parameter'))} numbers of its own{spread}."
-    )
     case = next((worst for worst in cases if worst.metric == judged.main), next(iter(cases), None))
     search = "" if case is None else f" Search: {worst_text(case)}"
     groups: dict[str, list[Setting]] = {"Campaign": [], "Numbers that differ": [], "Design": [], "Robot": []}
@@ -133,23 +127,27 @@ def write_campaign(
         groups[heads.get(head, "Campaign")].append(
             Setting(name if head == "true robot " else name.removeprefix(head), value)
         )
-    page = Page(
-        journal.about.get("title", "Campaign"), request, f"{campaign_verdict(judged)}{search}",
-        tuple(section for section in parts if section.blocks),
-        Settings({name: group for name, group in groups.items() if group}),
-        Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
-        _statuses(judged, cases, gains),
+    write_page(
+        journal.folder, "report of the campaign",
+        Page(
+            journal.about.get("title", "Campaign"),
+            f"{judged.count} loops of {settings['duration']} s with the same controller, each with its own measurement "
+            f"noise and with {len(table.names('parameter'))} numbers of its own{spread}.",
+            f"{campaign_verdict(judged)}{search}",
+            tuple(section for section in parts if section.blocks),
+            Settings({name: group for name, group in groups.items() if group}),
+            Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
+            _statuses(judged, cases, gains),
+        ),
     )  # fmt: skip
-    write_page(journal.folder, "report of the campaign", page)
     return judged
 
 
 def _key_numbers(judged: CampaignJudgement) -> list[KeyNumber]:
-    unstable = judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
-    sure = f"95 %: {interval_text(judged.success)}" if judged.success else (
-        f"no interval: spread {SPREAD[judged.method]}")  # fmt: skip
+    unstable, sure = judged.of_status(UNSTABLE) + judged.of_status(DIVERGED), judged.success
+    how = f"95 %: {interval_text(sure)}" if sure else f"no interval: spread {SPREAD[judged.method]}"
     numbers = [
-        KeyNumber("success", percent_text(judged.rate), note=sure),
+        KeyNumber("success", percent_text(judged.rate), note=how),
         KeyNumber("unstable", unstable, f"of {judged.count}", unstable_text(judged)),
     ]
     for name in [n for n in judged.table.names("metric") if n in METRIC_LABELS or n.startswith("peak")][:4]:
@@ -190,21 +188,21 @@ def _success(judged: CampaignJudgement) -> list[Any]:
     ]  # fmt: skip
     interval = (
         "The interval of the rate is that of Clopper and Pearson, exact for independent samples."
-        if judged.success else
-        f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate is "
-        "known from this campaign alone (`--method random` has one)."
-    )  # fmt: skip
-    text = (
-        f"A sample is a success if its run reaches its end, is stable there, and keeps every requirement. {interval} "
-        "The rate is a statement about the sampled distribution, not a proof. A run is unstable if it diverges to "
-        "numbers that are not finite, or if, in the last third of the time in which command and disturbance stand "
-        "still, a joint still swings by more than the settling band of ±2 % of its step, by at least "
-        f"{100 * UNDAMPED:.0f} % of its swing in the second third, and either to and fro over the same positions or "
-        "further from the command than before."
+        if judged.success
+        else f"The samples are spread {SPREAD[judged.method]} and not independent: no confidence interval of the rate "
+        "is known from this campaign alone (`--method random` has one)."
     )
     rows = [(*row, percent_text(1.0 - row[-1] / judged.count)) for row in kept]
     return [
-        Paragraph(text),
+        Paragraph(
+            "A sample is a success if its run reaches its end, is stable there, and keeps every requirement. "
+            f"{interval} "
+            "The rate is a statement about the sampled distribution, not a proof. A run is unstable if it diverges to "
+            "numbers that are not finite, or if, in the last third of the time in which command and disturbance stand "
+            "still, a joint still swings by more than the settling band of ±2 % of its step, by at least "
+            f"{100 * UNDAMPED:.0f} % of its swing in the second third, and either to and fro over the same positions "
+            "or further from the command than before."
+        ),
         Table(("requirement", "limit", "failures", "keep it"), rows, "Requirements", "table-success"),
     ]
 
@@ -216,7 +214,7 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
         again = " This command, in the folder above, runs the worst one again:" if command else ""
         return [Paragraph(f"No sample fails.{again}"), *command]
     rows = []
-    for k in map(int, judged.failed[:FAILURES]):
+    for k in map(int, judged.failed[:20]):
         status = str(judged.column("status")[k])
         reasons = ["unstable to the end of the run"] if status == UNSTABLE else []
         reasons += [
@@ -230,7 +228,9 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
             reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
         rows.append((k, ", ".join(reasons), unbroken(sample_changes(judged, k)), f"`{replay} {k}`"))
     few = (
-        f" The {FAILURES} worst are listed; all are in samples.parquet." if judged.failures > FAILURES else ""
+        f" The {len(rows)} worst are listed; all are in samples.parquet."
+        if judged.failures > len(rows)
+        else ""
     )
     return [
         Paragraph(
@@ -247,7 +247,7 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
     rows, used = [], list[float]()
     for case in cases:
         own = [rule for rule in judged.requirements if rule.metric == case.metric]
-        shares = [case.found.value / rule.limit for rule in own if rule.at_most and rule.limit > 0.0]
+        shares = (case.found.value / rule.limit for rule in own if rule.at_most and rule.limit > 0.0)
         used.append(math.inf if case.found.status != COMPLETED else max(shares, default=-1.0))
         rows.append((
             metric_text(case.metric), plant_text(case, case.nominal),
@@ -260,24 +260,19 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
     every = f", the worst of all {1 << len(first.intervals)} corners" if first.all_corners else ""
     outside = (
         f" {first.outside} samples lie outside the box, since their distribution is not cut off; they are not compared."
-        if first.outside else ""
-    )  # fmt: skip
-    about = (
-        f"{first.starts} searches for each metric, by gradients from differences, begin at the worst samples{every} "
-        f"and random points of the box of tolerances: {sum(worst.runs for worst in cases)} runs in all, with the "
-        "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, not "
-        f"a proof.{outside}"
+        if first.outside
+        else ""
     )
-    numbers = []
-    for name in by_effect(case):
-        value, (low, high) = case.found.numbers[name], case.intervals[name]
-        place = "lowest" if value == low else "highest" if value == high else "inside"
-        change = percent_change(name, value, case.nominal.numbers[name]) or "–"
-        alone = value_text(case.alone[name], case.unit)
-        numbers.append((name.replace("_", " "), number(value, 6), case.units[name], change, place, alone))
+    varied = ((name, case.found.numbers[name], case.intervals[name]) for name in by_effect(case))
     metric, text = metric_text(case.metric), worst_text(case)
     return [
-        Paragraph(about),
+        Paragraph(
+            f"{first.starts} searches for each metric, by gradients from differences, begin at the worst "
+            f"samples{every} "
+            f"and random points of the box of tolerances: {sum(worst.runs for worst in cases)} runs in all, with the "
+            "measurement noise of the worst sample. What is found is a lower bound of the worst value inside the box, "
+            f"not a proof.{outside}"
+        ),
         Table(
             ("metric", "nominal", "worst sample", "worst found", "times", "limit", "searches that end there"), rows,
             "The worst robot inside the box of tolerances", "table-worst-case", stacks=True,
@@ -286,14 +281,23 @@ def _worst_case(judged: CampaignJudgement, cases: Sequence[WorstCase], runs: Pla
         Paragraph(f"{text[0].upper()}{text[1:]} This command, in the folder above, runs it again:"),
         Listing(replay_command(judged.table.journal.folder.name, f"--worst-case {case.metric}")),
         Table(
-            ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal"), numbers,
+            ("number", "value", "unit", "change", "in its interval", f"{metric} with it alone nominal"),
+            [
+                (
+                    name.replace("_", " "), number(value, 6), case.units[name],
+                    percent_change(name, value, case.nominal.numbers[name]) or "–",
+                    "lowest" if value == low else "highest" if value == high else "inside",
+                    value_text(case.alone[name], case.unit),
+                )
+                for name, value, (low, high) in varied
+            ],
             f"The robot with the worst {metric} found", "table-worst-numbers",
         ),
     ]  # fmt: skip
 
 
 def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) -> list[Any]:
-    """Figure of three runs with one noise: the tracked signal that differs most, its end, and such an input."""
+    # three runs with one noise: the tracked signal that differs most, its end, and such an input
     plants = {"worst found": case.found, f"sample {case.sample}": case.sampled, "nominal": case.nominal}
     trajectories = {name: runs(case, plant) for name, plant in plants.items() if plant.status == COMPLETED}
     names = [name.removeprefix(TRACE) for name in judged.table.names("trace")]
@@ -301,59 +305,73 @@ def _worst_figure(judged: CampaignJudgement, case: WorstCase, runs: PlantRun) ->
         return []
     worst, _, nominal = trajectories.values()
     signal = max(names, key=lambda name: float(np.abs(worst.tracked(name) - nominal.tracked(name)).max()))
-    moved = np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)
-    u = worst.names["input"][int(np.argmax(moved))]
-    labels = [
-        (name.replace("_", " "), dict(zip(worst.names[kind], worst.units[kind])).get(name, ""))
-        for name, kind in ((signal, "state"), (signal, "state"), (u, "input"))
+    u = worst.names["input"][
+        int(np.argmax(np.abs(worst.signals["input"] - nominal.signals["input"]).max(axis=0)))
     ]
-    figure, axes = new_figure(3, labels=labels)
-    for (name, run), style in zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0])):
-        for axis, values in zip(axes, (run.tracked(signal), run.tracked(signal), run.signal("input", u))):
-            axis.plot(run.time, values, label=name, **style)
-    _zoom(axes[1], nominal.tracked(signal)[-1], nominal.tracked(signal))
-    legend(axes[0])
-    caption = (
+
+    def panel(name: str, kind: str, read: Callable[[Trajectory], np.ndarray], **options: Any) -> Panel:
+        lines = [
+            Line(run.time, read(run), each, style)
+            for (each, run), style in zip(trajectories.items(), (_COLOURED[1], _BLACK, _COLOURED[0]))
+        ]
+        unit = dict(zip(worst.names[kind], worst.units[kind])).get(name, "")
+        return Panel(name.replace("_", " "), unit, lines, **options)
+
+    tracked = nominal.tracked(signal)
+    return [draw_figure(
+        "worst-case",
+        [
+            panel(signal, "state", lambda run: run.tracked(signal)),
+            panel(signal, "state", lambda run: run.tracked(signal), y=_close(tracked[-1], tracked)),
+            panel(u, "input", lambda run: run.signal("input", u)),
+        ],
         f"The robot with the worst {metric_text(case.metric)} that was found, the worst sample and the nominal robot, "
-        f"all with the noise of sample {case.sample}. Middle: {signal.replace('_', ' ')} close to where it ends."
-    )
-    return [figure_block("worst-case", figure, caption, "The worst run")]
+        f"all with the noise of sample {case.sample}. Middle: {signal.replace('_', ' ')} close to where it ends.",
+        "The worst run",
+    )]  # fmt: skip
 
 
-def _zoom(axis: Any, middle: float, values: np.ndarray) -> None:
-    half = CLOSE * float(np.ptp(values)) or 1e-3
-    axis.set_ylim(middle - half, middle + half)
+def _close(middle: float, values: np.ndarray) -> tuple[float, float]:
+    half = 0.12 * float(np.ptp(values)) or 1e-3
+    return middle - half, middle + half
 
 
 def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[Any]:
     if not gains.rows:
         return []
-    cells = [
-        (
-            "nominal" if row.robot == "nominal" else "worst found", row.loop, f"of the {row.pair}",
-            square_text(row.gain), square_text(row.gamma), share_text(row), CLAIMS[row.claim],
-        )
-        for row in gains.rows
-    ]  # fmt: skip
     worst = next((row for row in gains.rows if row.robot == "worst"), None)
     numbers = "" if worst is None else f" The worst robot found: {gain_changes(worst, judged.nominal)}."
-    text = (
-        "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², under "
-        "which V stays inside the sampled or proved level; inputs are held for a period. An attained gain is a lower "
-        "bound. A designed γ is that of the nominal robot with the true state; a proved one holds for the z, d, robots "
-        f"and level of its certificate, and for the loop with the true state alone.{numbers}"
-        f"{f' No γ is proved of this law: {gains.unproved}.' if gains.unproved else ''}"
-    )
-    figure, (axis,) = new_figure(1, labels=[(gains.rows[0].names[0].replace("_", " "), "")])
-    for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2])):
-        axis.plot(
-            row.times, np.array(row.disturbance)[:, 0], label=f"{row.robot}, {row.loop}, {row.pair}", **style
-        )
-    legend(axis)
-    columns = ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is")
     return [
-        Paragraph(text), Table(columns, cells, "Attained gains", "table-worst-disturbance", stacks=True),
-        figure_block("worst-disturbance", figure, "The first component of d.", "The worst disturbances found"),
+        Paragraph(
+            "Finite-energy disturbances from rest at the goal, found by power iteration on the gradient of ∫|z|², "
+            "under "
+            "which V stays inside the sampled or proved level; inputs are held for a period. An attained gain is a "
+            "lower "
+            "bound. A designed γ is that of the nominal robot with the true state; a proved one holds for the z, d, "
+            f"robots and level of its certificate, and for the loop with the true state alone.{numbers}"
+            f"{f' No γ is proved of this law: {gains.unproved}.' if gains.unproved else ''}"
+        ),
+        Table(
+            ("robot", "loop", "z and d", "attained ∫|z|²/∫|d|²", "γ²", "share", "γ is"),
+            [
+                (
+                    "nominal" if row.robot == "nominal" else "worst found", row.loop, f"of the {row.pair}",
+                    square_text(row.gain), square_text(row.gamma), share_text(row), CLAIMS[row.claim],
+                )
+                for row in gains.rows
+            ],
+            "Attained gains", "table-worst-disturbance", stacks=True,
+        ),
+        draw_figure(
+            "worst-disturbance",
+            [Panel(gains.rows[0].names[0].replace("_", " "), "", [
+                Line(
+                    np.array(row.times), np.array(row.disturbance)[:, 0], f"{row.robot}, {row.loop}, {row.pair}", style
+                )
+                for row, style in zip(gains.rows, (*_COLOURED[:2], _BLACK, _COLOURED[2]))
+            ], also=legend)],
+            "The first component of d.", "The worst disturbances found",
+        ),
         Paragraph("This command, in the folder above, runs the disturbances again:"),
         Listing(replay_command(judged.table.journal.folder.name, "--worst-case gain")),
     ]  # fmt: skip
@@ -361,7 +379,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
 
 # Signals and metrics -----------------------------------------------------------------------------------------
 def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
-    """Figure of the kept signals, and of the end of the one that differs most; the worst run is drawn apart."""
+    # the kept signals, and the end of the one that differs most; the worst run is drawn apart
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
     ended = np.all([np.isfinite(trace).all(axis=1) for trace in traces], axis=0)
@@ -387,7 +405,7 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         quantile_band(axis, time, traces[k][ended])
         if lines:
             axis.plot(time, lines[k], label=f"sample {worst}", **_BLACK)
-    _zoom(axes[-1], float(np.median(traces[close][ended, -1])), traces[close][ended])
+    axes[-1].set_ylim(*_close(float(np.median(traces[close][ended, -1])), traces[close][ended]))
     legend(axes[0])
     missing, kept = int((~ended).sum()), len(ended)
     some = f"the first {kept} samples." if judged.count > kept else f"{int(ended.sum())} samples."
@@ -395,28 +413,33 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
         f"All runs, 90 % of them, and their median, of {some}",
         f"{missing} that did not come to their end are left out." if missing else "",
         f"Dashed: the run with the worst {metric_text(judged.main)}, sample {worst}: {sample_changes(judged, worst)}."
-        if worst is not None and lines else "",
+        if worst is not None and lines
+        else "",
         f"Bottom: {labels[-1][0]} close to where it ends.",
-    ]  # fmt: skip
+    ]
     return [figure_block("signals", figure, caption, "Signals")]
 
 
 def _metrics(judged: CampaignJudgement) -> list[Any]:
     blocks = list[Any]()
-    columns = (
-        "", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst",
-    )  # fmt: skip
     for kind, title, anchor in (
         ("metric", "Metrics over all samples that have them", "table-metrics"),
         (PART, "Joint by joint", "table-joints"),
     ):
         names = [name for name in judged.table.names(kind) if judged.worst(name) is not None]
-        rows = []
-        for name in names:
-            cells = ["never" if np.isinf(x) else number(float(x), 3) for x in judged.quantiles(name)]
-            rows.append((metric_text(name), judged.table.unit(name), *cells, judged.worst(name)))
-        blocks += _histograms(judged, names) if kind == "metric" else []
-        blocks += [Table(columns, rows, title, anchor)] if rows else []
+        table = Table(
+            ("", "unit", "least", "5 % are below", "median", "95 % are below", "largest", "sample of the worst"),
+            [
+                (
+                    metric_text(name), judged.table.unit(name),
+                    *("never" if np.isinf(x) else number(float(x), 3) for x in judged.quantiles(name)),
+                    judged.worst(name),
+                )
+                for name in names
+            ],
+            title, anchor,
+        )  # fmt: skip
+        blocks += [*(_histograms(judged, names) if kind == "metric" else []), *([table] if names else [])]
     return blocks
 
 
@@ -434,25 +457,20 @@ def _histograms(judged: CampaignJudgement, names: Sequence[str]) -> list[Any]:
             if rule.metric == name and rule.limit < NO_LIMIT and most > 0.5 * abs(rule.limit):
                 axis.axvline(rule.limit, color=INK, linewidth=1.0, dashes=DASHED)
     missing = judged.of_status(DIVERGED) + judged.of_status(NOT_RUN)
-    caption = [
+    return [figure_block(
+        "metrics", figure,
         "How many samples have which value; dashed: a limit that is near or exceeded. Values that are never reached "
-        "are left out.",
-        f"{missing} samples without metrics are left out." if missing else "",
-    ]
-    return [figure_block("metrics", figure, caption, "Distribution of the metrics")]
+        f"are left out.{f' {missing} samples without metrics are left out.' if missing else ''}",
+        "Distribution of the metrics",
+    )]  # fmt: skip
 
 
 def _sensitivities(judged: CampaignJudgement) -> list[Any]:
-    sensitivities = {}
-    for name in judged.table.names("metric"):
-        sobol = judged.sensitivity(name) if len(sensitivities) < RANKED else None
-        sensitivities |= {} if sobol is None else {name: sobol}
+    ranked = ((name, judged.sensitivity(name)) for name in judged.table.names("metric"))
+    sensitivities = dict(islice(((name, sobol) for name, sobol in ranked if sobol is not None), RANKED))
     if not sensitivities:
-        return (
-            [Paragraph("The samples are too few to say which number matters: ten for each number, at least.")]
-            if judged.table.names("parameter")
-            else []
-        )
+        few = Paragraph("The samples are too few to say which number matters: ten for each number, at least.")
+        return [few] if judged.table.names("parameter") else []
     bars = min(BARS, max(len(sobol.names) for sobol in sensitivities.values()))
     figure, axes = small_panels(len(sensitivities), 0.9 + 0.2 * bars, columns=2, sharex=True)
     for axis, (name, sobol) in zip(axes, sensitivities.items()):
@@ -466,9 +484,14 @@ def _sensitivities(judged: CampaignJudgement) -> list[Any]:
     legend_above(figure, axes[0], 2)
     first = next(iter(sensitivities.values()))
     low = [metric_text(name) for name, sobol in sensitivities.items() if sobol.r_squared < 0.5]
-    notes = [Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []
-    caption = (
-        f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this surrogate, "
-        "not of the loop itself. R² is the fraction of the variance that it explains in samples left out of the fit."
-    )
-    return [*notes, figure_block("sensitivity", figure, caption, "Which number matters")]
+    return [
+        *([Note(f"The ranking says little for {', '.join(low)}: R² is less than half.")] if low else []),
+        figure_block(
+            "sensitivity",
+            figure,
+            f"Sobol indices by SciPy of {first.terms} in the numbers, fitted to {first.count} samples: of this "
+            "surrogate, not of the loop itself. R² is the fraction of the variance that it explains in samples left "
+            "out of the fit.",
+            "Which number matters",
+        ),
+    ]

@@ -70,19 +70,16 @@ NO_LIMIT = 1e8
 def metric_text(metric: str, unit: str = "") -> str:
     """Name of a metric in a sentence, with its unit in parentheses, and of a joint's metric with the joint."""
     whole = next((name for name in METRIC_LABELS if f"{metric}_".startswith(f"{name}_")), "")
-    joint = metric.removeprefix(whole).replace("_", " ")
-    text = f"{METRIC_LABELS.get(whole, '')}{joint}"
+    text = METRIC_LABELS.get(whole, "") + metric.removeprefix(whole).replace("_", " ")
     return f"{text} ({unit})" if unit else text
 
 
 def percent_text(fraction: float) -> str:
     """A fraction in per cent, with enough digits to distinguish it from 0 and 100 %."""
-    if fraction in (0.0, 1.0):
-        return f"{100 * fraction:.0f} %"
-    if fraction < 0.01:
+    if 0.0 < fraction < 0.01:
         return f"{number(100 * fraction, 2)} %"
-    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if fraction > 0.5 else 1
-    return f"{100 * fraction:.{digits}f} %"
+    digits = int(np.clip(np.ceil(-np.log10(1.0 - fraction)), 1, 6)) if 0.5 < fraction < 1.0 else 1
+    return f"{100 * fraction:.{0 if fraction in (0.0, 1.0) else digits}f} %"
 
 
 def interval_text(interval: Interval) -> str:
@@ -117,16 +114,14 @@ def _changes_text(
     others: str = "others by less",
     most: int = LISTED,
 ) -> str:
-    """The first numbers (name, value, nominal, unit) that are not nominal: ``stiffness −12 %, payload 1.2 kg``."""
+    # of each number name, value, nominal value and unit
     changes = [
         f"{name.replace('_', ' ')} {percent_change(name, value, nominal) or value_text(value, unit)}"
         for name, value, nominal, unit in numbers
         if value != nominal
     ]
-    return (
-        ", ".join([*changes[:most], *([others.format(len(changes) - most)] if len(changes) > most else [])])
-        or "nominal numbers"
-    )
+    changes[most:] = [others.format(len(changes) - most)] if len(changes) > most else []
+    return ", ".join(changes) or "nominal numbers"
 
 
 def sample_changes(judged: CampaignJudgement, sample: int) -> str:
@@ -156,12 +151,12 @@ def campaign_verdict(judged: CampaignJudgement) -> str:
     interval, unstable = judged.success, judged.of_status(UNSTABLE) + judged.of_status(DIVERGED)
     text = f"{judged.failures} of {judged.count} failed"
     text += f", {unstable} of them unstable ({unstable_text(judged)})" if unstable else ""
-    if interval is None:
-        text += f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
-    else:
-        text += f"; {interval_text(interval)} succeed with 95 % confidence"
-    worst = judged.worst_of_all
-    if worst is None:
+    text += (
+        f"; no confidence interval holds for samples spread {SPREAD[judged.method]}"
+        if interval is None
+        else f"; {interval_text(interval)} succeed with 95 % confidence"
+    )
+    if (worst := judged.worst_of_all) is None:
         return f"{text}."
     value = value_text(float(judged.column(judged.main)[worst]), judged.table.unit(judged.main))
     return f"{text}; worst {metric_text(judged.main)} {value}, at {sample_changes(judged, worst)} (sample {worst})."
@@ -200,9 +195,8 @@ def by_effect(case: WorstCase) -> list[str]:
 
 def missed_by(case: WorstCase, requirements: Sequence[Requirement]) -> list[Requirement]:
     """Requirements on the metric that the worst plant misses; all of them if its run does not come to its end."""
-    value = np.array([case.found.value])
-    done = case.found.status == COMPLETED
-    return [rule for rule in requirements if rule.metric == case.metric and not (done and rule.met(value)[0])]
+    own, done = [rule for rule in requirements if rule.metric == case.metric], case.found.status == COMPLETED
+    return [rule for rule in own if not (done and rule.met(np.array([case.found.value]))[0])]
 
 
 def gain_text(row: GainRow, nominal: Mapping[str, float]) -> str:
@@ -301,9 +295,11 @@ def histogram(
     time, spread = judged.table.journal.time, float(np.ptp(values))
     period = float(np.diff(time[:2])[0]) if time.size > 1 and unit == "s" else 0.0
     half = 0.5 * abs(float(values[0])) or 0.5
-    bins = [float(values[0]) - half, float(values[0]) + half]
-    if spread:
-        bins = histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
+    bins = (
+        histogram_bins(values, period if 10.0 * period < spread else 0.0).tolist()
+        if spread
+        else [float(values[0]) - half, float(values[0]) + half]
+    )
     axis.hist(values, bins=bins, color=SERIES[0], alpha=0.55)
     axis.grid(axis="x", visible=False)
     axis.set_xlabel(metric_text(name, unit), fontsize=8)
@@ -311,53 +307,47 @@ def histogram(
 
 
 # Two designs on the same samples ------------------------------------------------------------------------
-#: Metrics that are drawn, and points of a panel, at most.
-PANELS, POINTS = 6, 2000
-
-#: Probabilities below this are not told apart.
-LEAST_P = 1e-6
+#: Points of a panel, at most.
+POINTS = 2000
 
 
 def write_pair(result: PairResult) -> Path:
     """Write index.html of a comparison; returns its path."""
     settings, counts = result.judged[0].table.journal.settings, result.paired.success
-    request = (
-        f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} s: "
-        f"with the controller A of {result.names[0]} and with the controller B of {result.names[1]}."
-    )
     varied = [m for m in map(result.paired.metric, result.paired.metrics) if np.any(_finite(m) != 0.0)]
-    numbers = [
-        *(
-            KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")
-            for side, failures, only in zip("AB", counts.failures, (counts.only_a, counts.only_b))
-        ),
-        *(
-            KeyNumber(
-                metric_text(metric.name),
-                _signed(metric.median),
-                metric.unit,
-                f"median of B − A; {_interval_text(result, metric)}",
-            )
-            for metric in varied[:2]
-        ),
-    ]
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
-        blocks = [*_success(result), *_differences(result, varied[:PANELS]), *_extremes(result, varied)]
-    title = f"Two designs on the same robots “{result.pair.a.request.robot.name}”"
-    page = Page(
-        title, request, pair_verdict(result), (Section("A against B", blocks, "pair"),),
-        Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])), numbers,
+        blocks = [*_success(result), *_differences(result, varied[:6]), *_extremes(result, varied)]
+    return write_page(
+        result.folder, "report of the comparison",
+        Page(
+            f"Two designs on the same robots “{result.pair.a.request.robot.name}”",
+            f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} "
+            f"s: with the controller A of {result.names[0]} and with the controller B of {result.names[1]}.",
+            pair_verdict(result), (Section("A against B", blocks, "pair"),),
+            Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])),
+            [
+                *(
+                    KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")
+                    for side, failures, only in zip("AB", counts.failures, (counts.only_a, counts.only_b))
+                ),
+                *(
+                    KeyNumber(
+                        metric_text(metric.name), _signed(metric.median), metric.unit,
+                        f"median of B − A; {_interval_text(result, metric)}",
+                    )
+                    for metric in varied[:2]
+                ),
+            ],
+        ),
     )  # fmt: skip
-    return write_page(result.folder, "report of the comparison", page)
 
 
 # In words ----------------------------------------------------------------------------------------------------
 def pair_verdict(result: PairResult) -> str:
     """Failures of both designs with McNemar's test, and the medians of the main metric."""
     paired, counts = result.paired, result.paired.success
-    a, b = counts.failures
-    text = f"Of the same {paired.count} robots {a} fail with A, {b} with B"
+    text = "Of the same {} robots {} fail with A, {} with B".format(paired.count, *counts.failures)
     if counts.only_a + counts.only_b:
         test = f"; McNemar: {_p_text(counts.p_value)}" if _independent(result) else ""
         text += f" ({counts.only_a} with A alone, {counts.only_b} with B alone{test})"
@@ -374,7 +364,7 @@ def pair_verdict(result: PairResult) -> str:
 
 
 def _p_text(p: float) -> str:
-    return f"p < {number(LEAST_P, 1)}" if p < LEAST_P else f"p = {number(p, 2)}"
+    return f"p < {number(1e-6, 1)}" if p < 1e-6 else f"p = {number(p, 2)}"
 
 
 def _signed(value: float, unit: str = "") -> str:
@@ -395,7 +385,6 @@ def _interval_text(result: PairResult, metric: PairedMetric) -> str:
 
 
 def _span(metric: PairedMetric) -> str:
-    """Confidence interval of the median difference; empty where the pairs are too few."""
     return "" if np.isnan(metric.interval).any() else " to ".join(map(_signed, metric.interval))
 
 
@@ -406,9 +395,6 @@ def _finite(metric: PairedMetric) -> np.ndarray:
 # Blocks ------------------------------------------------------------------------------------------------------
 def _success(result: PairResult) -> list[Any]:
     differing = [(name.replace("_", " "), a, b) for name, a, b in result.pair.differences]
-    designs: Any = Note("The specifications do not differ: the controllers are two of the same design.")
-    if differing:
-        designs = Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs")
     tally, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
     limits = [
         f"{metric_text(requirement.metric)} {limit_text(requirement, first.table.unit(requirement.metric))}"
@@ -416,60 +402,62 @@ def _success(result: PairResult) -> list[Any]:
     ]
     test = (
         f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(tally.p_value)}."
-        if _independent(result) else
-        f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval holds "
-        "for them, and none is stated (`--method random` has them)."
-    )  # fmt: skip
-    text = (
-        "Robots, noise, sensors, motors and step are the same for both; the folders "
-        f"{FOLDERS[0]} and {FOLDERS[1]} have the report of each. A sample is a success if its run reaches its end, is "
-        f"stable there, and keeps the requirements: {'; '.join(limits) or 'there are none'}. {test}"
+        if _independent(result)
+        else f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval "
+        "holds for them, and none is stated (`--method random` has them)."
     )
-    rates = [
-        (f"{name}: {source}", percent_text(side.rate),
-         *(("–", "–") if side.success is None else map(percent_text, (side.success.low, side.success.high))))
-        for name, source, side in zip("AB", result.names, result.judged)
-    ]  # fmt: skip
-    pairs = [("A keeps them", tally.neither, tally.only_b), ("A fails", tally.only_a, tally.both_fail)]
     return [
-        designs,
-        Paragraph(text),
+        Table(("", "A", "B"), differing, "What differs in the specifications", "table-designs") if differing else
+        Note("The specifications do not differ: the controllers are two of the same design."),
+        Paragraph(
+            f"Robots, noise, sensors, motors and step are the same for both; the folders {FOLDERS[0]} and {FOLDERS[1]} "
+            "have the report of each. A sample is a success if its run reaches its end, is stable there, and keeps the "
+            f"requirements: {'; '.join(limits) or 'there are none'}. {test}"
+        ),
         *(
             [Note(f"B by itself requires {', '.join(own)}; here both are judged by the same requirements.")]
-            if own != result.pair.a.requirements
-            else []
+            if own != result.pair.a.requirements else []
         ),
-        Table(("", "B keeps them", "B fails"), pairs, "Pairs", "table-pairs"),
+        Table(
+            ("", "B keeps them", "B fails"),
+            [("A keeps them", tally.neither, tally.only_b), ("A fails", tally.only_a, tally.both_fail)],
+            "Pairs", "table-pairs",
+        ),
         Table(
             ("", "success", "95 %: from", "to"),
-            rates,
-            "Each by itself, by Clopper and Pearson",
-            "table-rates",
+            [
+                (f"{name}: {source}", percent_text(side.rate),
+                 *(("–", "–") if side.success is None else map(percent_text, (side.success.low, side.success.high))))
+                for name, source, side in zip("AB", result.names, result.judged)
+            ],
+            "Each by itself, by Clopper and Pearson", "table-rates",
         ),
-    ]
+    ]  # fmt: skip
 
 
 def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
-    """Table of the medians of A, B and B − A, and in how many pairs either is better; shorter in a terminal."""
-    rows, independent = [], _independent(result)
-    for metric in map(result.paired.metric, names):
-        if len(metric.pairs):
-            medians = (value_text(median, "") for median in metric.medians)
-            span = (_span(metric) or "too few") if independent else "–"
-            better = [
-                text
-                for share in metric.better
-                for text in (percent_text(share.rate), unbroken(interval_text(share)) if independent else "–")
-            ]
-            row = (*medians, _signed(metric.median), span, *better, len(metric.pairs))
-            rows.append((metric_text(metric.name), metric.unit, *row))
-    columns = (
-        "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
-        "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None), Column("B is better", brief=None),
-        Column("95 %", brief=None), Column("pairs", brief=None),
+    independent = _independent(result)
+    return Table(
+        (
+            "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
+            "95 %", Column("A is better", brief="A better"), Column("95 %", brief=None),
+            Column("B is better", brief=None), Column("95 %", brief=None), Column("pairs", brief=None),
+        ),
+        [
+            (
+                metric_text(metric.name), metric.unit, *(value_text(median, "") for median in metric.medians),
+                _signed(metric.median), (_span(metric) or "too few") if independent else "–",
+                *(
+                    text
+                    for share in metric.better
+                    for text in (percent_text(share.rate), unbroken(interval_text(share)) if independent else "–")
+                ),
+                len(metric.pairs),
+            )
+            for metric in map(result.paired.metric, names) if len(metric.pairs)
+        ],
+        "Paired differences", "table-differences", title=f"B − A on the same {result.paired.count} robots",
     )  # fmt: skip
-    title = f"B − A on the same {result.paired.count} robots"
-    return Table(columns, rows, "Paired differences", "table-differences", title=title)
 
 
 def pair_table(result: PairResult) -> Any:
@@ -481,15 +469,18 @@ def _differences(result: PairResult, metrics: Sequence[PairedMetric]) -> list[An
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
-        if _independent(result) else ""
-    )  # fmt: skip
-    text = (
-        "Better is the smaller value, or the larger one where a requirement states a least value; values that agree to "
-        f"four digits are equal.{intervals} A run that is unstable or does not reach its end is worse than all others; "
-        "pairs of two such runs are left out."
+        if _independent(result)
+        else ""
     )
     table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
-    blocks = [Paragraph(text), *([table] if table.rows else [])]
+    blocks = [
+        Paragraph(
+            "Better is the smaller value, or the larger one where a requirement states a least value; values that "
+            f"agree to four digits are equal.{intervals} A run that is unstable or does not reach its end is worse "
+            "than all others; pairs of two such runs are left out."
+        ),
+        *([table] if table.rows else []),
+    ]
     if not metrics:
         return [*blocks, Paragraph("No metric differs in any sample.")]
     histograms, bars = small_panels(len(metrics), 1.9)
@@ -510,39 +501,42 @@ def _differences(result: PairResult, metrics: Sequence[PairedMetric]) -> list[An
         label(cloud, "B" if k % 3 == 0 else "", "")
         for each in (axis, cloud):
             few_ticks(each, max(map(abs, each.get_xlim())))
-    caption = (
-        "How many pairs have which difference B − A: right of zero B has the larger value. Dashed: the median. "
-        "Differences that are not finite are left out."
-    )
     few = f" The first {POINTS} samples are drawn." if result.paired.count > POINTS else ""
-    points = f"A point for each robot; above the dashed line B has the larger value.{few}"
     return [
         *blocks,
-        figure_block("differences", histograms, caption, "Distribution of the differences"),
-        figure_block("samples", samples, points, "A against B"),
-    ]
+        figure_block(
+            "differences", histograms,
+            "How many pairs have which difference B − A: right of zero B has the larger value. Dashed: the median. "
+            "Differences that are not finite are left out.",
+            "Distribution of the differences",
+        ),
+        figure_block(
+            "samples", samples, f"A point for each robot; above the dashed line B has the larger value.{few}",
+            "A against B",
+        ),
+    ]  # fmt: skip
 
 
 def _extremes(result: PairResult, varied: Sequence[PairedMetric]) -> list[Any]:
     cases = [(m, who, sample) for m in varied for who, sample in zip("AB", m.extremes) if sample is not None]
     if not cases:
         return []
-    rows = [
-        (
-            f"{metric_text(m.name)}: {who} is better by most", sample,
-            *(value_text(float(x[sample]), m.unit) for x in (m.a, m.b)),
-            unbroken(sample_changes(result.judged[0], sample)),
-        )
-        for m, who, sample in cases
-    ]  # fmt: skip
     folder, first = result.folder.name, (result.paired.main, varied[0].name)
     again = dict.fromkeys(sample for m, _, sample in cases if m.name in first)
     lines = [replay_command(f"{folder}/{side}", f"--sample {sample}") for sample in again for side in FOLDERS]
-    columns = ("", "sample", "A", "B", "its numbers")
     return [
-        Table(columns, rows, "Largest differences each way", "table-extremes", stacks=True),
-        Paragraph(
-            f"These commands, beside the folder {folder}, run the first of them again, with A and with B:"
+        Table(
+            ("", "sample", "A", "B", "its numbers"),
+            [
+                (
+                    f"{metric_text(m.name)}: {who} is better by most", sample,
+                    *(value_text(float(x[sample]), m.unit) for x in (m.a, m.b)),
+                    unbroken(sample_changes(result.judged[0], sample)),
+                )
+                for m, who, sample in cases
+            ],
+            "Largest differences each way", "table-extremes", stacks=True,
         ),
+        Paragraph(f"These commands, beside the folder {folder}, run the first of them again, with A and with B:"),
         Listing("\n".join(lines)),
-    ]
+    ]  # fmt: skip

@@ -16,7 +16,16 @@ from flexhinf.certify.starts import Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
 from flexhinf.pages.design.region import RULES
-from flexhinf.pages.drawing import DASHED, figure_block, law_name, reference_line, thin
+from flexhinf.pages.drawing import (
+    DASHED,
+    Line,
+    Panel,
+    draw_figure,
+    figure_block,
+    law_name,
+    reference_line,
+    thin,
+)
 from flexhinf.report import (
     INK,
     MUTED,
@@ -43,11 +52,8 @@ from flexhinf.report import (
     number,
 )
 
-#: A run is drawn until |x1| has stayed below this share of the step, and half as long again.
-SETTLED, LONGER = 0.01, 1.5
-
-#: What ends a sampled level, in short.
-_LIMITS = {"inequality": "r = 0", "V stops increasing": "V grows no more"}
+#: Names of a peak input, by its unit.
+PEAKS = {"V": "peak voltage"}
 
 #: Signs of a page instead of those of a terminal.
 SIGNS = (
@@ -56,8 +62,6 @@ SIGNS = (
     ("e0'X e0", "e₀ᵀXe₀"), ("e0", "e₀"), (" - ", " − "), ("≤ -", "≤ −"), ("(-", "(−"),
     (", -", ", −"), ("pi", "π"), ("*", "·"), ("_", " "),
 )  # fmt: skip
-
-_FORMULA = re.compile(r"\w+ = ")  # R2, an input's law, V
 
 
 def certificate_page(
@@ -69,6 +73,13 @@ def certificate_page(
 ) -> Page:
     """The page of a certificate, with the proofs of all degrees and the command that makes it again."""
     claim = evidence.certificate
+    smaller = [
+        Note(f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}.")
+        for low, high in pairwise(laws)
+        if low.certificate is not None
+        and high.certificate is not None
+        and high.certificate.step_amplitude < low.certificate.step_amplitude
+    ]
     with house_style():  # once for all figures
         sections = [
             *_theorem(claim),
@@ -77,48 +88,57 @@ def certificate_page(
             Section("Steps inside the region", _steps(law, evidence), "steps"),
             Section("What disturbances may cost", _budget(evidence), "budget"),
             Section("The gain from both sides", _gain(evidence), "gain"),
-            Section("The law of each degree", [*_degree_notes(laws), _degree_table(laws)], "degrees"),
-            Section("How to check it", CHECK, "check"),
+            Section("The law of each degree", [*smaller, _degree_table(laws)], "degrees"),
+            Section(
+                "How to check it",
+                (
+                    Paragraph(
+                        "A second program, which shares no code with the search, proves the certificate's file again "
+                        "and says what it proved and what not:"
+                    ),
+                    Listing("flexhinf certify --check certificate.json"),
+                    Paragraph(
+                        "It trusts a bound of its own rounding in doubles, but for a random sample of cells; with "
+                        "`--every-cell` it proves all of them in exact rationals and balls too (minutes for V of "
+                        "degree 2, hours for degree 6)."
+                    ),
+                ),
+                "check",
+            ),
         ]
-    who = "all robots of the stated box of parameters" if _is_box(claim) else "the nominal robot"
+    who = (
+        "all robots of the stated box of parameters"
+        if any(p.low < p.high for p in claim.parameters)
+        else "the nominal robot"
+    )
     channels = ", ".join(d.name.replace("_", " ") for d in claim.disturbances)
     fed = "the true state or the observer's estimates" if claim.observer else "the true state"
-    reach = (
-        f", and steps of up to {_steps_text(claim)} stay in the region."
-        if claim.starts
-        else " in the region."
-    )
-    settings = [
-        Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
-        Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
-        *(
-            Setting(
-                p.name.replace("_", " "),
-                p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
-            )
-            for p in claim.parameters
-        ),
-        *(Setting(name, value) for name, value in claim.provenance.items()),
-    ]  # fmt: skip
+    reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
     beyond = ", beyond the budget" if claim.is_gradient_law else ""
     return Page(
         f"Certificate: {claim.about.split(',')[0]}",
         f"{claim.about}. For {who}, fed {fed} in continuous time; disturbances: {channels}.",
-        f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach}", sections,
-        Settings({"Certificate": settings}), Provenance(tuple(command), s.seed), _numbers(law, claim),
+        f"Proved: the gain is at most γ = {at_most(claim.gamma)}{reach} in the region.", sections,
+        Settings({"Certificate": [
+            Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
+            Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
+            *(
+                Setting(
+                    p.name.replace("_", " "),
+                    p.low if p.low == p.high else f"{number(p.low, 6)} to {number(p.high, 6)}", p.unit,
+                )
+                for p in claim.parameters
+            ),
+            *(Setting(name, value) for name, value in claim.provenance.items()),
+        ]}), Provenance(tuple(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
          Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
     )  # fmt: skip
 
 
 # Numbers --------------------------------------------------------------------------------------------------
-def _is_box(claim: Certificate) -> bool:
-    return any(p.low < p.high for p in claim.parameters)
-
-
 def _position(claim: Certificate) -> tuple[float, str]:
-    """Scale and unit of positions in figures: degrees for a joint that turns, else as they are."""
-    unit = claim.states[0].unit
+    unit = claim.states[0].unit  # of figures: degrees for a joint that turns
     return (180.0 / np.pi, "°") if unit == "rad" else (1.0, unit)
 
 
@@ -131,30 +151,29 @@ def _angle(claim: Certificate, value: float) -> str:
     )
 
 
-def _rule(rule: str) -> str:
-    return RULES.get(rule, rule)
-
-
 def _steps_text(claim: Certificate) -> str:
-    return " or ".join(f"{_angle(claim, s.amplitude)} ({_rule(s.rule)})" for s in claim.starts)
-
-
-def _peak(unit: str) -> str:
-    return "peak voltage" if unit == "V" else "peak input"
+    return " or ".join(f"{_angle(claim, s.amplitude)} ({RULES.get(s.rule, s.rule)})" for s in claim.starts)
 
 
 def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
-    attained = "" if gain is None else f"attained by a disturbance: {at_least(gain)}"
-    share = "" if sampled is None else f"{100 * claim.level / sampled:.1f} % of the sampled one"
     return [
-        *(KeyNumber("largest proved step", _angle(claim, s.amplitude), "", _rule(s.rule)) for s in claim.starts),
-        KeyNumber("gain, proved", f"≤ {at_most(claim.gamma)}", "", attained),
-        KeyNumber("level of V", at_least(claim.level), "", share),
+        *(
+            KeyNumber("largest proved step", _angle(claim, s.amplitude), "", RULES.get(s.rule, s.rule))
+            for s in claim.starts
+        ),
+        KeyNumber(
+            "gain, proved", f"≤ {at_most(claim.gamma)}", "",
+            "" if gain is None else f"attained by a disturbance: {at_least(gain)}",
+        ),
+        KeyNumber(
+            "level of V", at_least(claim.level), "",
+            "" if sampled is None else f"{100 * claim.level / sampled:.1f} % of the sampled one",
+        ),
         *(
             KeyNumber(
-                f"{_peak(effort)}, simulated", number(float(step.peak_input.max()), 3), effort,
-                f"nominal robot, {_rule(step.rule)}; not proved",
+                f"{PEAKS.get(effort, 'peak input')}, simulated", number(float(step.peak_input.max()), 3), effort,
+                f"nominal robot, {RULES.get(step.rule, step.rule)}; not proved",
             )
             for step in law.steps
         ),
@@ -163,7 +182,6 @@ def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
 
 # Theorem --------------------------------------------------------------------------------------------------
 def _theorem(claim: Certificate) -> list[Section]:
-    """Sections of the theorem, without its subject, which stands at the top of the page."""
     parts = dict(theorem_parts(claim, claim.stated))
     parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
     sections = []
@@ -175,12 +193,15 @@ def _theorem(claim: Certificate) -> list[Section]:
             title == "Hypotheses"
         ):  # equations in a table, R2, the law and V as they can be copied, then the rest
             rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
-            rest = [line for line in lines if not line.startswith("d/dt ")]
-            formulas = [line for line in rest if _FORMULA.match(line)]
-            others = [_set(line) for line in rest if not _FORMULA.match(line)]
-            rows = [(_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)) for name, rate in rates]
+            formulas = [line for line in lines if re.match(r"\w+ = ", line)]  # R2, an input's law, V
+            others = [_set(line) for line in lines if not re.match(r"\w+ = |d/dt ", line)]
             blocks = [
-                Paragraph(others[0]), Table(("state", "its rate"), rows, "", "table-plant", stacks=True),
+                Paragraph(others[0]),
+                Table(
+                    ("state", "its rate"),
+                    [(_set(name), _set(f"−{rate[1:]}" if rate[0] == "-" else rate)) for name, rate in rates],
+                    "", "table-plant", stacks=True,
+                ),
                 Bullets(tuple(others[1:])),
                 *(Listing("\n".join(wrap(line, 110, subsequent_indent="  "))) for line in formulas),
             ]  # fmt: skip
@@ -191,7 +212,6 @@ def _theorem(claim: Certificate) -> list[Section]:
 
 
 def _set(text: str) -> str:
-    """A sentence of the theorem with mathematical signs in place of plain text."""
     for plain, sign in SIGNS:
         text = text.replace(plain, sign)
     return text
@@ -208,53 +228,59 @@ def _starts(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
     lines = []
     for path, start, colour in zip(surface.paths, claim.starts, SERIES[2:]):
         lines += [
-            (scale * path[:, 0], path[:, 1], "-", {"color": colour, "label": f"starts: {_rule(start.rule)}"}),
+            (
+                scale * path[:, 0],
+                path[:, 1],
+                "-",
+                {"color": colour, "label": f"starts: {RULES.get(start.rule, start.rule)}"},
+            ),
             (scale * path[-1, 0], path[-1, 1], "o", {"color": colour, "markersize": 5}),
         ]
-    names = (
-        f"step to the goal ({unit})",
-        "integral of the error",
-        next(x.unit for x in claim.states if x.name.endswith("_integral")),
-    )
-    caption = "Equilibria at a distance from the goal (+), with each value of the integrator."
-    text += (
-        "with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
-    )
     return [
-        Paragraph(f"{text}and the input jumps."),
-        _slice(("starts", "Starts of steps"), claim, surface, scale, lines, names, caption),
+        Paragraph(
+            f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
+            "and the input jumps."
+        ),
+        _slice(
+            ("starts", "Starts of steps"), claim, surface, scale, lines,
+            (
+                f"step to the goal ({unit})", "integral of the error",
+                next(x.unit for x in claim.states if x.name.endswith("_integral")),
+            ),
+            "Equilibria at a distance from the goal (+), with each value of the integrator.",
+        ),
         *blocks,
-    ]
+    ]  # fmt: skip
 
 
 def _limit(evidence: Evidence) -> list[Any]:
     claim, plane, sampled = evidence.certificate, evidence.limit, evidence.certificate.sampled_level
     if plane is None:
         return [Paragraph("Sampling finds no point that limits the level.")]
-    points = [(0.0, 1.0, "D", {"color": INK, "label": f"limits the level: {_LIMITS[plane.limit]}"})]
+    limits = {"inequality": "r = 0", "V stops increasing": "V grows no more"}
+    points = [(0.0, 1.0, "D", {"color": INK, "label": f"limits the level: {limits[plane.limit]}"})]
+    other, across = "the largest proved start", "share of the largest proved start"
     if plane.moved is None:
-        other = "the largest proved start"
-        across = f"share of {other}"
         points.append((1.0, 0.0, "o", {"color": SERIES[2], "label": other}))
     else:
-        state = claim.states[plane.moved].name.replace("_", " ")
-        across = f"{state} ({claim.states[plane.moved].unit})"
-        other = f"the {state} with the other states where V₂ is smallest"
+        state, unit = claim.states[plane.moved].name.replace("_", " "), claim.states[plane.moved].unit
+        other, across = f"the {state} with the other states where V₂ is smallest", f"{state} ({unit})"
     share = "" if sampled is None else f", {number(100.0 * claim.level / sampled, 4)} % of the sampled level"
     where = ", ".join(
         f"{s.name.replace('_', ' ')} {number(float(v), 3)} {s.unit}".rstrip()
         for s, v in zip(claim.states, plane.point, strict=True)
     )
-    caption = f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}."
-    about = (
-        f"The proof covers all points of V ≤ c = {at_least(claim.level, 5)}{share}; sampling looks for points at which "
-        "the inequality fails, and so says how large a level can be at most."
-    )
-    names = (across, "share of the limiting point", "")
     return [
-        Paragraph(about),
-        _slice(("limit", "Where the level ends"), claim, plane, 1.0, points, names, caption, markersize=5),
-    ]
+        Paragraph(
+            f"The proof covers all points of V ≤ c = {at_least(claim.level, 5)}{share}; sampling looks for points at "
+            "which the inequality fails, and so says how large a level can be at most."
+        ),
+        _slice(
+            ("limit", "Where the level ends"), claim, plane, 1.0, points, (across, "share of the limiting point", ""),
+            f"The plane through the goal (+), {other}, and the point where the sampled level ends: deviation {where}.",
+            markersize=5,
+        ),
+    ]  # fmt: skip
 
 
 def _slice(
@@ -269,12 +295,11 @@ def _slice(
     inside = cut.rate[(cut.value <= claim.level) & (cut.rate < 0.0)]
     fast = float(np.quantile(inside, 0.15)) if inside.size else -1.0
     edges = [float(f"{share * fast:.1g}") for share in (1.0, 0.5, 0.2)]  # from the fastest to the slowest
-    bands = pairwise([-np.inf, *edges, 0.0])
     across = scale * cut.across
     rate = np.where(cut.value < 0.0, np.inf, np.nan_to_num(cut.rate, nan=edges[-1]))  # V = 0: the goal
     areas = [  # values, limits, colour, depth and name of what is filled
         (rate, [low, high], SERIES[0], depth, f"r/V < {number(high, 2)}/s" if high else "r < 0")
-        for (low, high), depth in zip(bands, np.linspace(0.62, 0.12, len(edges) + 1))
+        for (low, high), depth in zip(pairwise([-np.inf, *edges, 0.0]), np.linspace(0.62, 0.12, 4))
     ]
     if (rate > 0.0).any():
         areas.append((np.minimum(rate, 1e300), [0.0, np.inf], SERIES[1], 0.4, "r ≥ 0"))
@@ -296,12 +321,14 @@ def _slice(
     legend(axis)
     decays = " with the proved decay in r" if claim.decay else ""
     cross = f"r is negative wherever V ≤ c, least so at the cross, {number(worst, 2)}/s."
-    sentences = (
-        f"{caption} Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for;",
-        cross if worst < 0.0 else "see the cross.",
-        "" if (cut.residual <= 0.0).all() else "Where r ≥ 0 nothing is proved.",
+    unproved = "" if (cut.residual <= 0.0).all() else " Where r ≥ 0 nothing is proved."
+    return figure_block(
+        place[0],
+        figure,
+        f"{caption} Colours: r/V{decays}, the rate at which V falls beyond what the gain asks for; "
+        f"{cross if worst < 0.0 else 'see the cross.'}{unproved}",
+        place[1],
     )
-    return figure_block(place[0], figure, sentences, place[1])
 
 
 # Steps ----------------------------------------------------------------------------------------------------
@@ -326,7 +353,9 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
         for run, colour in zip(runs, SERIES[2:]):
             few = thin(run.time)
             time, state = run.time[few], run.state[few]
-            axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {_rule(run.rule)}")
+            axes[0].plot(
+                time, scale * state[:, 0], color=colour, label=f"starts: {RULES.get(run.rule, run.rule)}"
+            )
             if runs is law.steps:
                 axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
                 axes[2].plot(time, value(state) / claim.level, color=colour)
@@ -335,8 +364,9 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
                 axes[1].plot(time, np.linalg.norm(run.disturbance[few], axis=1), color=colour)
                 axes[2].plot(time, run.value[few] / claim.level, color=colour)
                 axes[2].plot(time, bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
-            moving = np.flatnonzero(np.abs(run.state[:, 0]) > SETTLED * np.abs(run.state[0, 0]))
-            ends.append(float(min(run.time[-1], LONGER * run.time[moving[-1]] if moving.size else np.inf)))
+            # until |x1| has stayed below a hundredth of the step, and half as long again
+            moving = np.flatnonzero(np.abs(run.state[:, 0]) > 0.01 * np.abs(run.state[0, 0]))
+            ends.append(float(min(run.time[-1], 1.5 * run.time[moving[-1]] if moving.size else np.inf)))
         axes[0].set_xlim(0.0, max(ends))
         axes[2].axhline(1.0, color=SERIES[0], dashes=DASHED, linewidth=1.2)
         reference_line(axes[0])
@@ -349,40 +379,39 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
 def _budget(evidence: Evidence) -> list[Any]:
     claim, square = evidence.certificate, _energy_unit(evidence.certificate).strip()
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
-    rows = []
-    for run in evidence.worst:
-        start, left = float(run.value[0]), claim.level - float(run.value[0])
-        rows.append((
-            _rule(run.rule), _angle(claim, run.amplitude), at_most(100.0 * start / claim.level, 3),
-            at_least(100.0 * left / claim.level, 3), at_least(2.0 * left / claim.gamma**2, 3),
-        ))  # fmt: skip
-    columns = (
-        "start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
-        Column("energy ∫|d|² allowed", square),
+    rows = [
+        (
+            RULES.get(run.rule, run.rule), _angle(claim, run.amplitude), at_most(100.0 * start / claim.level, 3),
+            at_least(100.0 * (claim.level - start) / claim.level, 3),
+            at_least(2.0 * (claim.level - start) / claim.gamma**2, 3),
+        )
+        for run, start in ((run, float(run.value[0])) for run in evidence.worst)
+    ]  # fmt: skip
+    table = Table(
+        (
+            "start of the integrator", "step", Column("V(x0)", "% of c"), Column("left for disturbances", "% of c"),
+            Column("energy ∫|d|² allowed", square),
+        ),
+        rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True,
     )  # fmt: skip
     energy = f"{at_least(2.0 * claim.level / claim.gamma**2, 3)} {square}".rstrip()
     last = (
         "Nothing is proved for disturbances that last for ever: no decay rate was asked for (`--decay 0.2`)."
-        if not claim.decay else
-        f"Disturbances that last: with the proved rate α = {number(claim.decay, 3)}/s the region is invariant for "
+        if not claim.decay
+        else f"Disturbances that last: with the proved rate α = {number(claim.decay, 3)}/s the region is invariant for "
         f"|d(t)| ≤ √(2αc)/γ = {at_least(persistent_bound(claim), 3)} {common_unit(claim.disturbances)} at all times."
-    )  # fmt: skip
+    )
     return [
         Paragraph(
             "From a start x0 inside, the region holds as long as V(x0) + ½γ²∫|d|² ≤ c. What is left of the level is "
             f"the energy ∫|d|² that disturbances may have{also if claim.is_gradient_law else '.'}"
         ),
-        *(
-            [Table(columns, rows, "Steps of 0.8 of the largest ones", "table-budget", stacks=True)]
-            if rows
-            else []
-        ),
+        *([table] if rows else []),
         Paragraph(f"From rest at the goal, disturbances may have an energy of {energy} in all. {last}"),
     ]
 
 
 def _energy_unit(claim: Certificate) -> str:
-    """Unit of ∫|d|², to stand behind a number."""
     unit = common_unit(claim.disturbances)
     return f" {unit}²·s" if unit.isalpha() else f" ({unit})²·s" if unit else ""
 
@@ -392,7 +421,7 @@ def _gain(evidence: Evidence) -> list[Any]:
     if attained is None:
         return [Paragraph("No disturbance was searched for, so the gain is bounded from above only.")]
     nominal, where = " on the nominal robot", ""
-    if not _is_box(claim):
+    if all(p.low == p.high for p in claim.parameters):
         share = number(100.0 * attained.largest_value / claim.level, 3)
         nominal, where = "", f" and V up to {share} % of the level"
     line, (axis,) = new_figure(1, height=1.5, across="√(∫|z|²/∫|d|²)")
@@ -404,13 +433,8 @@ def _gain(evidence: Evidence) -> list[Any]:
     axis.set(yticks=[], xlim=(0.0, 1.08 * claim.gamma))
     legend(axis)
     (scale, unit), run, few = _position(claim), attained.trajectory, thin(attained.times)
-    d = ("d", common_unit(claim.disturbances))
-    figure, axes = new_figure(2, height=4.6, labels=(d, ("position − goal", unit)))
-    for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES):
-        axes[0].plot(attained.times[few], column[few], color=colour, label=signal.name.replace("_", " "))
     moved = run.signals["state"][:, 0] - run.signals["state"][0, 0]
-    axes[1].plot(run.time[thin(run.time)], scale * moved[thin(run.time)], color=SERIES[2])
-    legend(axes[0])
+    position = Line(run.time[thin(run.time)], scale * moved[thin(run.time)], None, {"color": SERIES[2]})
     return [
         Paragraph(
             f"√(∫|z|²/∫|d|²) is proved to be at most γ = {at_most(claim.gamma, 5)}. A disturbance found by search "
@@ -419,18 +443,20 @@ def _gain(evidence: Evidence) -> list[Any]:
             "in the region lies between."
         ),
         figure_block(
-            "gain",
-            line,
-            "A disturbance was found that attains the lower end; none exceeds the upper one.",
-            "Gain",
+            "gain", line, "A disturbance was found that attains the lower end; none exceeds the upper one.", "Gain"
         ),
-        figure_block(
+        draw_figure(
             "attained",
-            figure,
-            "The disturbance found, from rest at the goal, and the position.",
-            "Attained gain",
+            (
+                Panel("d", common_unit(claim.disturbances), [
+                    Line(attained.times[few], column[few], signal.name.replace("_", " "), {"color": colour})
+                    for column, signal, colour in zip(attained.disturbance.T, claim.disturbances, SERIES)
+                ], also=legend),
+                Panel("position − goal", unit, [position]),
+            ),
+            "The disturbance found, from rest at the goal, and the position.", "Attained gain", 4.6,
         ),
-    ]
+    ]  # fmt: skip
 
 
 # Degrees and check ----------------------------------------------------------------------------------------
@@ -448,33 +474,36 @@ def _degree_table(laws: Sequence[CertifiedDegree]) -> Table:
         rows.append(
             (name, *proved, law.cpu_seconds, (law.reason if claim is None else "used" if law.used else ""))
         )
-    columns = (
-        "law", Column("proved level of V", brief="level of V", right=True), Column("of the sampled", "%", right=True),
-        "largest steps", Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
-    )  # fmt: skip
     whom = "all parameters within the tolerances" if any(law.box for law in laws) else "nominal parameters"
-    title = f"What is proved, with the true state fed back and {whom} (* used)"
-    return Table(columns, rows, "", "table-degrees", stacks=True, title=title)
+    return Table(
+        (
+            "law", Column("proved level of V", brief="level of V", right=True),
+            Column("of the sampled", "%", right=True), "largest steps",
+            Column("cells", right=True), Column("CPU", "s", 1), Column("remark", brief=None),
+        ),
+        rows, "", "table-degrees", stacks=True,
+        title=f"What is proved, with the true state fed back and {whom} (* used)",
+    )  # fmt: skip
 
 
 def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
     effort = claim.inputs[0].unit
-    inputs = [
-        [", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)]
-        for run in law.steps
-    ]
-    rows = [
-        (_rule(run.rule), _angle(claim, run.amplitude), run.overshoot_percent, *texts)
-        for run, texts in zip(law.steps, inputs)
-    ]
-    columns = (
-        Column("start of the integrator", brief="integrators start"),
-        Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
-        Column("first input", effort, right=True), Column(_peak(effort), effort, right=True),
+    return Table(
+        (
+            Column("start of the integrator", brief="integrators start"),
+            Column("largest proved step", brief="step", right=True), Column("overshoot", "%", 1),
+            Column("first input", effort, right=True), Column(PEAKS.get(effort, "peak input"), effort, right=True),
+        ),
+        [
+            (
+                RULES.get(run.rule, run.rule), _angle(claim, run.amplitude), run.overshoot_percent,
+                *(", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)),
+            )
+            for run in law.steps
+        ],
+        "Simulated, not proved: the nominal robot, undisturbed", "table-steps", stacks=True,
+        title=f"{law_name(law.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts",
     )  # fmt: skip
-    caption = "Simulated, not proved: the nominal robot, undisturbed"
-    title = f"{law_name(law.choice.degree)}: simulated, not proved: the nominal robot from the largest proved starts"
-    return Table(columns, rows, caption, "table-steps", stacks=True, title=title)
 
 
 def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
@@ -486,26 +515,3 @@ def certification_tables(laws: Sequence[CertifiedDegree]) -> list[Any]:
 def certification_notes(laws: Sequence[CertifiedDegree]) -> list[str]:
     """Notes that name the laws of which nothing is proved, and why."""
     return [f"{law_name(law.choice.degree)}: nothing is proved: {law.reason}" for law in laws if law.reason]
-
-
-def _degree_notes(laws: Sequence[CertifiedDegree]) -> list[Note]:
-    return [
-        Note(f"Degree {high.choice.degree} proves a smaller step than degree {low.choice.degree}.")
-        for low, high in pairwise(laws)
-        if low.certificate is not None
-        and high.certificate is not None
-        and high.certificate.step_amplitude < low.certificate.step_amplitude
-    ]
-
-
-CHECK = (
-    Paragraph(
-        "A second program, which shares no code with the search, proves the certificate's file again and says what it "
-        "proved and what not:"
-    ),
-    Listing("flexhinf certify --check certificate.json"),
-    Paragraph(
-        "It trusts a bound of its own rounding in doubles, but for a random sample of cells; with `--every-cell` it "
-        "proves all of them in exact rationals and balls too (minutes for V of degree 2, hours for degree 6)."
-    ),
-)

@@ -1,42 +1,48 @@
-"""The report of a comparison on one page, and its verdict: the best rival against nonlinear H∞, both tuned alike."""
+"""The report of a comparison on one page, and its verdict: the best rival against nonlinear H∞, both tuned alike; laws
+beside each other: the table of their metrics, their errors in the same runs, and input against deviation."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, is_hinf
-from flexhinf.design.result import Comparison
+from flexhinf.design.result import ComparedLaw, Comparison
 from flexhinf.design.tuning import (
     RATIOS,
     TunedLaw,
     best_rival,
+    pareto_front,
     ranked,
     unstable_corners,
 )
 from flexhinf.pages.design.frequency import Loop, frequency_figures
-from flexhinf.pages.design.laws import (
-    METRICS,
-    cell,
-    metric_table,
-    responses_figure,
-    trade_off_figure,
-    unit_of,
-)
-from flexhinf.pages.design.requirements import requirement_text
 from flexhinf.pages.drawing import (
     ESTIMATORS,
+    Line,
+    Panel,
     count_text,
+    figure_block,
+    finite,
+    framed,
     joint_count,
     law_name,
+    legend_above,
+    limit_text,
+    line_style,
+    panels,
     pose_text,
+    requirement_text,
+    thin,
     units_of,
 )
 from flexhinf.pages.page import comparison_settings, files_section
 from flexhinf.report import (
+    Cell,
     Column,
+    Figure,
     KeyNumber,
     Note,
     Page,
@@ -46,29 +52,17 @@ from flexhinf.report import (
     Settings,
     Status,
     Table,
+    house_style,
+    label,
     number,
 )
-
-#: Figures at the top of the page.
-KEYS = (
-    "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
-    "input_noise",
-)  # fmt: skip
-
-#: Laws in the frequency figures, the best by the criterion.
-CURVES = 4
+from flexhinf.report.blocks import WIDTH
 
 #: What a law needs of the state, in the order of the model.
 SIGNALS = ("link_position", "link_velocity", "motor_position", "motor_velocity")
 
-
-#: How the table of the criterion is read.
-RANKING = (
-    "The four columns of ratios are over those of the design as it is; the criterion is their geometric mean, and "
-    "less is better; differences of less than 10 % say nothing. Every law here keeps every limit. One with more "
-    "unstable corners of the tolerances than the design is not ranked; a law of which no tuning keeps every limit is "
-    "named with the reason below."
-)
+#: A hyphen at which no line breaks.
+NO_BREAK = "\u2011"
 
 #: Differences of the criterion smaller than this fraction say nothing: two searches of one law end so far apart.
 EQUAL = 0.1
@@ -96,9 +90,8 @@ def called(law: TunedLaw) -> str:
 
 
 def _whole(text: str) -> str:
-    """Replace the hyphens in names of laws by ones at which no line breaks."""
     for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
-        text = text.replace(name, name.replace("-", "\u2011"))
+        text = text.replace(name, name.replace("-", NO_BREAK))
     return text
 
 
@@ -155,43 +148,50 @@ def comparison_page(
     """The page of a comparison; parameters as for `flexhinf.pages.page.design_page`."""
     own, s, robot = comparison.own.evaluation, comparison.specification, comparison.robot
     assert own is not None
-    slides, degrees = robot.links.slides, s.in_degrees
-    way = f"{pose_text(own.setup.start, slides, degrees)} to {pose_text(own.setup.goal, slides, degrees)}"
-    intro = (
-        f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {way}. "
-        f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
-        f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
-        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
-        f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}"
+    start, goal = (
+        pose_text(pose, robot.links.slides, s.in_degrees) for pose in (own.setup.start, own.setup.goal)
     )
-    notes = (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))
-    limits = [
-        (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
-        for x in comparison.criterion.limits
-    ]
     trade_off = trade_off_figure(comparison, tuned_laws(comparison))
-    blocks: dict[tuple[str, str], Sequence[Any]] = {
+    sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in {
         ("criterion", "Laws by the criterion"): (
-            Table(("limit for every law", "value", "stated by"), limits, id="table-limits"), Paragraph(RANKING),
-            _ranking(comparison), *map(Note, notes),
+            Table(
+                ("limit for every law", "value", "stated by"),
+                [
+                    (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
+                    for x in comparison.criterion.limits
+                ],
+                id="table-limits",
+            ),
+            Paragraph(
+                "The four columns of ratios are over those of the design as it is; the criterion is their geometric "
+                "mean, and less is better; differences of less than 10 % say nothing. Every law here keeps every "
+                "limit. One with more unstable corners of the tolerances than the design is not ranked; a law of "
+                "which no tuning keeps every limit is named with the reason below."
+            ),
+            _ranking(comparison),
+            *map(Note, (*comparison_notes(comparison), *(" ".join(text.split()) for text in warnings))),
         ),
         ("trade-off", "Trade-off"): () if trade_off is None else (trade_off,),
         ("figures", "Figures of every law"): (metric_table(comparison, comparison.compared),),
         ("responses", "Step, load and move"): (responses_figure(comparison),),
         ("frequency", "Frequency responses"): _frequency(comparison),
         ("laws", "The laws and how they were tuned"): _laws(comparison),
-    }  # fmt: skip
-    sections = [Section(title, tuple(parts), anchor) for (anchor, title), parts in blocks.items() if parts]
+    }.items() if parts]  # fmt: skip
     missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
-    kept = ("met", f"The design meets {len(comparison.own.requirements)} requirements.")
-    sampled = Status(
-        "not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."
-    )
-    unmet = ("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
+    status = Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")
+    if missed:
+        status = Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
     return Page(
-        f"Control laws compared on {robot.name}", intro, _whole(comparison_verdict(comparison)),
+        f"Control laws compared on {robot.name}",
+        f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {start} to {goal}. "
+        f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
+        f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
+        f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "
+        f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}",
+        _whole(comparison_verdict(comparison)),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
-        Provenance(tuple(command), s.seed), _key_numbers(comparison), [Status(*(unmet if missed else kept)), sampled],
+        Provenance(tuple(command), s.seed), _key_numbers(comparison),
+        [status, Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop.")],
     )  # fmt: skip
 
 
@@ -221,65 +221,65 @@ def comparison_notes(comparison: Comparison) -> list[str]:
 def _ranking(comparison: Comparison) -> Table:
     laws = tuned_laws(comparison)
     first = {law.name for law in ranked(laws)} | {DESIGN}
-    rows = []
-    for law in sorted(laws, key=lambda law: (law.name not in first, law.cost)):
-        ratios, corners = comparison.criterion.ratios(law.metrics), law.evaluation.corners
-        values = (law.cost, *(ratios[name] for name in RATIOS))
-        rows.append((
-            _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
-            *(value if np.isfinite(value) else None for value in values),
-            "–" if corners is None else corners.unstable,
-            ", ".join(law.sensors).replace("_", " ") or "true state",
-            "yes" if law.name in first else "no: more unstable corners than the design",
-        ))  # fmt: skip
-    columns = (
-        "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
-        "ranked",
+    ordered = sorted(laws, key=lambda law: (law.name not in first, law.cost))
+    return Table(
+        (
+            "law", *(Column(name, "", 2) for name in ("criterion", *RATIOS.values())), "unstable corners", "measured",
+            "ranked",
+        ),
+        [
+            (
+                _whole(f"{law.name}, as it is" if law.name == DESIGN else law.name),
+                *finite([law.cost, *(ratios[name] for name in RATIOS)]),
+                "–" if law.evaluation.corners is None else law.evaluation.corners.unstable,
+                ", ".join(law.sensors).replace("_", " ") or "true state",
+                "yes" if law.name in first else "no: more unstable corners than the design",
+            )
+            for law, ratios in ((law, comparison.criterion.ratios(law.metrics)) for law in ordered)
+        ],
+        "", "table-criterion", stacks=True,
     )  # fmt: skip
-    return Table(columns, rows, "", "table-criterion", stacks=True)
 
 
 def _frequency(comparison: Comparison) -> list[Any]:
     laws = [law for law in tuned_laws(comparison) if not law.evaluation.linear_failure]
-    always = (DESIGN, NL_HINF)
-    chosen = [
-        *(law for law in laws if law.name in always),
-        *sorted((law for law in laws if law.name not in always), key=lambda law: law.cost)[: CURVES - 1],
-    ]
-    if not chosen:
-        return []
+    always = [law for law in laws if law.name in (DESIGN, NL_HINF)]  # and the best others by the criterion
+    others = sorted((law for law in laws if law.name not in (DESIGN, NL_HINF)), key=lambda law: law.cost)[:3]
     place = {row.name: k for k, row in enumerate(comparison.rows)}  # a law looks the same in every figure
-    loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in chosen]
+    loops = [Loop(law.name, law.evaluation.frequency_response, place[law.name]) for law in always + others]
     units = comparison.units()
-    return list(frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"]))
+    return frequency_figures(loops, comparison.robot.joint_names, units["torque"], units["position"])
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    rival, ours, numbers = best_rival(tuned_laws(comparison)), ours_of(comparison), []
-    for metric in (metric for key in KEYS for metric in METRICS if metric.key == key):
-        values = [None if law is None else law.evaluation.metrics.get(metric.key) for law in (ours, rival)]
-        mine, theirs = (cell(metric, value, comparison) for value in values)
-        note = "" if rival is None else f"{_whole(rival.name)}: {theirs}"
-        name = f"{_whole(called(ours))}: {metric.label}"
-        numbers += [] if values[0] is None else [KeyNumber(name, mine, unit_of(metric, comparison), note)]
+    rival, ours, metrics = (
+        best_rival(tuned_laws(comparison)),
+        ours_of(comparison),
+        {m.key: m for m in METRICS},
+    )
+    numbers = []
+    for key in (
+        "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
+        "input_noise",
+    ):  # fmt: skip
+        values = [None if law is None else law.evaluation.metrics.get(key) for law in (ours, rival)]
+        mine, theirs = (cell(metrics[key], value, comparison) for value in values)
+        if values[0] is not None:
+            name, unit = f"{_whole(called(ours))}: {metrics[key].label}", unit_of(metrics[key], comparison)
+            numbers.append(
+                KeyNumber(name, mine, unit, "" if rival is None else f"{_whole(rival.name)}: {theirs}")
+            )
     return numbers
 
 
 def _laws(comparison: Comparison) -> list[Any]:
-    text = (
-        "Every law but the design as it is, is tuned over all its parameters and the noise levels of its estimator, in "
-        "three rounds with as many candidates per parameter, with the sensors that its proponents would choose. The "
-        "step begins as it would be deployed: the input continues from what held the robot, by the integrals, and by a "
-        "bias that fades where a law has none. The move is followed in error coordinates, (x_d, u_d) from the elastic "
-        "inverse dynamics."
-    )
     rows = []
     for row in comparison.rows:
         tuned, kind = row.tuned, row.kind
-        labels, parts = {p.name: (p.label, p.unit) for p in kind.parameters}, []
-        for name, value in ({} if tuned is None else tuned.parameters).items():
-            what, unit = labels.get(name, (name.replace("_", " "), ""))
-            parts.append(f"{what} {number(value, 3)} {unit}".strip())
+        labels = {p.name: (p.label, p.unit) for p in kind.parameters}
+        stated = {} if tuned is None else tuned.parameters
+        named = ((*labels.get(name, (name.replace("_", " "), "")), value) for name, value in stated.items())
+        parts = [f"{what} {number(value, 3)} {unit}".strip() for what, unit, value in named]
         states = [] if row.evaluation is None else row.evaluation.needed_states
         own = [state for state in states if not state.endswith("_integral")]
         needs = [
@@ -291,10 +291,302 @@ def _laws(comparison: Comparison) -> list[Any]:
             _whole(row.name), kind.description,
             ", ".join(parts) or (f"not compared: {row.failure}" if row.failure else "–"),
             "–" if tuned is None or not tuned.candidates else str(tuned.candidates),
-            ", ".join(name.replace("_", " ") for name in (() if tuned is None else tuned.sensors)) or "–",
+            "–" if tuned is None else ", ".join(tuned.sensors).replace("_", " ") or "–",
             ", ".join(needs) or "–", kind.model, kind.source,
         ))  # fmt: skip
-    columns = (
-        "law", "what it is", "tuned", "candidates", "measured", "needs of the state", "knows", "source",
+    return [
+        Paragraph(
+            "Every law but the design as it is, is tuned over all its parameters and the noise levels of its "
+            "estimator, in three rounds with as many candidates per parameter, with the sensors that its proponents "
+            "would choose. The step begins as it would be deployed: the input continues from what held the robot, by "
+            "the integrals, and by a bias that fades where a law has none. The move is followed in error coordinates, "
+            "(x_d, u_d) from the elastic inverse dynamics."
+        ),
+        Table(
+            ("law", "what it is", "tuned", "candidates", "measured", "needs of the state", "knows", "source"),
+            rows,
+            stacks=True,
+        ),
+    ]
+
+
+class LawMetric(NamedTuple):
+    """A metric of a law, by its key of `LawEvaluation.metrics`.
+
+    `unit` "input" is V or N·m; shown in thousandths are "small input", "length" (of rad or m) and "ms" (of s).
+    `better`: −1 where less is better, 1 where more is, 0 for neither. `least`: the smallest difference that counts, in
+    the unit of the value. `brief`: whether a terminal shows it too.
+    """
+
+    key: str
+    group: str
+    label: str
+    unit: str
+    better: int = -1
+    least: float = 0.0
+    brief: bool = True
+
+
+STEP, LOAD, MOVE, SAMPLES, LINEAR, COST = "step", "load", "move", "samples", "linear", "cost"
+
+#: In the order of the table.
+METRICS = (
+    LawMetric("step_peak_input", STEP, "peak input", "input"),
+    LawMetric("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
+    LawMetric("step_settling_s", STEP, "settling time", "s", least=0.01),
+    LawMetric("step_remaining", STEP, "remaining error", "length", least=1e-4),
+    LawMetric("load_deviation", LOAD, "largest deviation", "length"),
+    LawMetric("load_recovery_s", LOAD, "recovered after", "s", least=0.01),
+    LawMetric("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
+    LawMetric("move_error", MOVE, "largest error", "length", least=1e-4),
+    LawMetric("move_remaining", MOVE, "remaining error", "length", least=1e-4, brief=False),
+    LawMetric("move_peak_input", MOVE, "peak input", "input"),
+    LawMetric("drawn_unsettled", SAMPLES, "steps not settled", "", least=0.5),
+    LawMetric("drawn_overshoot_percent", SAMPLES, "median overshoot", "%", least=0.5, brief=False),
+    LawMetric("drawn_worst_overshoot_percent", SAMPLES, "worst overshoot", "%", least=0.5),
+    LawMetric("drawn_settling_s", SAMPLES, "median settling time", "s", least=0.01, brief=False),
+    LawMetric("drawn_worst_settling_s", SAMPLES, "worst settling time", "s", least=0.01),
+    LawMetric("drawn_worst_peak_input", SAMPLES, "worst peak input", "input", brief=False),
+    LawMetric("drawn_move_error", SAMPLES, "median move error", "length", least=1e-4, brief=False),
+    LawMetric("drawn_worst_move_error", SAMPLES, "worst move error", "length", least=1e-4),
+    LawMetric("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
+    LawMetric("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
+    LawMetric("gain_margin", LINEAR, "gain margin, ×", "", 1, 0.01),
+    LawMetric("delay_margin_s", LINEAR, "delay margin", "ms", 1),
+    LawMetric("damping", LINEAR, "smallest damping ratio", "", 1, 0.0005),
+    LawMetric("input_noise", LINEAR, "input noise, rms", "small input"),
+    LawMetric("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
+    LawMetric("operations", COST, "operations per sample", ""),
+)
+
+#: Groups of metrics, with their titles where there is little room.
+GROUPS = {
+    STEP: "step as deployed", LOAD: "torque on the links", MOVE: "planned move", SAMPLES: "sampled robots",
+    LINEAR: "running loop, linearised", COST: "cost",
+}  # fmt: skip
+
+
+def _titles(comparison: Comparison) -> dict[str, str]:
+    s, synthesis, runs = comparison.specification, comparison.synthesis, comparison.scenario
+    loads = ", ".join(number(float(value), 3) for value in runs.load)
+    slides = comparison.robot.links.slides
+    start, goal = (pose_text(pose, slides, s.in_degrees) for pose in (synthesis.start, synthesis.goal))
+    moved = "the same way" if s.move is None else "the stated waypoints"
+    return {
+        STEP: f"Step {start} → {goal} as the controller is deployed, the run of flexhinf design",
+        LOAD: f"Torque of {loads} {comparison.units()['torque']} on the links, at the goal",
+        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
+        SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
+        LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
+        COST: "Cost",
+    }
+
+
+def unit_of(metric: LawMetric, comparison: Comparison) -> str:
+    """Unit of a metric as it is printed."""
+    units, own = comparison.units(), comparison.own.evaluation
+    if metric.key == "drawn_unsettled":
+        return f"of {len(comparison.scenario.robots)}"
+    if metric.key == "unstable_corners" and own is not None and own.corners is not None:
+        return f"of {own.corners.count}"
+    return {"input": units["input"], "small input": f"m{units['input']}", "length": units["error"]}.get(
+        metric.unit, metric.unit
+    )
+
+
+def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
+    """Value of a metric as text, without its unit."""
+    if value is None:
+        return "–"
+    if np.isinf(value):
+        if "settling" in metric.key:
+            return f"> {comparison.scenario.step_duration:g}"
+        return "never" if metric.key == "load_recovery_s" else "∞" if metric.better > 0 else "diverges"
+    if metric.unit in ("length", "ms", "small input"):
+        value *= 1e3
+    if metric.unit == "%":
+        return number(value, decimals=1)
+    if abs(value) >= 1e3 or (not metric.unit and value == round(value)):
+        return number(round(value))
+    if 0.0 < abs(value) < 1e-2:
+        return number(value, 2)
+    return number(
+        value, decimals=min(max(2 - (0 if value == 0.0 else int(np.floor(np.log10(abs(value))))), 0), 3)
+    )
+
+
+def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ...]:
+    """Which values are the best or as good; none where all are alike."""
+    known, best = [value for value in values if value is not None], [False for _ in values]
+    if metric.better and len(known) > 1:
+        top = min(known) if metric.better < 0 else max(known)
+        width = (
+            max(0.005 * abs(top), metric.least) if np.isfinite(top) else 0.0
+        )  # within which both are as good
+        best = [value is not None and (value == top or abs(value - top) <= width) for value in values]
+    return tuple(tied and sum(best) < len(known) for tied in best)
+
+
+def metric_table(
+    comparison: Comparison, laws: Sequence[ComparedLaw], short: bool = False, title: str = ""
+) -> Table:
+    """Metrics of some laws, each with an evaluation: one column for each law; the best of a row is that of all laws.
+    `short` and `title` are for a terminal."""
+    own = comparison.own.evaluation
+    assert own is not None
+    costs = (law.tuned.cost if law.tuned else np.nan for law in laws)
+    rows: list[Any] = [
+        "criterion" if short else "Criterion and limits",
+        ("criterion, design = 1", *(number(c, 3) if np.isfinite(c) else "diverges" for c in costs)),
+    ]
+    judged = [{(line.what, line.where): line for line in law.requirements} for law in laws]
+    for key, first in {key: line for law in judged for key, line in law.items()}.items():
+        sampled = ", sampled" if "robots sampled" in first.where else ""
+        name = f"{first.what} {limit_text(first.converted(units_of(own).degrees))}{sampled}"
+        rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
+    for group, heading in (GROUPS if short else _titles(comparison)).items():
+        entries = []
+        for metric in (metric for metric in METRICS if metric.group == group and (metric.brief or not short)):
+            values = {law.name: law.metrics.get(metric.key) for law in comparison.compared}
+            if set(values.values()) == {None}:
+                continue
+            best = dict(zip(values, best_of(metric, list(values.values()))))
+            cells = (
+                Cell(cell(metric, values[law.name], comparison), "best" if best[law.name] else "")
+                for law in laws
+            )
+            entries.append((", ".join(filter(None, (metric.label, unit_of(metric, comparison)))), *cells))
+        rows += [heading, *entries] if entries else []
+    return Table(
+        ("", *(Column(law.name.replace("-", NO_BREAK), brief=law.name, right=True) for law in laws)), rows,
+        "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good", "figures-of-merit",
+        title=title,
     )  # fmt: skip
-    return [Paragraph(text), Table(columns, rows, stacks=True)]
+
+
+def comparison_tables(comparison: Comparison, width: int = WIDTH) -> list[Any]:
+    """Tables for a terminal of `width` columns, as many laws as fit, the design's own in each; * marks the best."""
+    from rich.console import Console
+
+    first, parts, legend = comparison.tuned_design, [], "* best of its row, or as good as the best"
+    title = f"{comparison.robot.name}: laws in the same runs; {legend}"
+    order = sorted(comparison.compared, key=lambda law: law.tuned.cost if law.tuned else np.inf)
+    part, table = [first], metric_table(comparison, [first], True, title).terminal(wide=True)
+    for law in (law for law in order if law is not first):
+        wider = metric_table(comparison, [*part, law], True, title).terminal(wide=True)
+        if len(part) > 1 and Console(width=10 * width).measure(wider).maximum > width:
+            parts.append(table)
+            part, title = [first], legend
+            wider = metric_table(comparison, [first, law], True, title).terminal(wide=True)
+        part, table = [*part, law], wider
+    return [*parts, table]
+
+
+#: Times (N,) and errors (N, n) of every law, by name.
+Errors = dict[str, tuple[np.ndarray, np.ndarray]]
+
+
+def _joint_and_limits(errors: Errors, span: tuple[float, float]) -> tuple[int, tuple[float, float]]:
+    """Joint where the median law has the largest error, root mean square, and there the limits of the vertical axis:
+    all of what most laws do in a span of time."""
+    squares = (np.where(np.isfinite(error), error, np.nan) ** 2 for _, error in errors.values())
+    joint = int(np.argmax(np.median([np.sqrt(np.nanmean(each, axis=0)) for each in squares], axis=0)))
+    ends = []
+    for time, values in errors.values():
+        error = values[:, joint]
+        visible = error[(time >= span[0]) & (time <= span[1]) & np.isfinite(error)]
+        ends.append((float(visible.min(initial=0.0)), float(visible.max(initial=0.0))))
+    low, high = np.array(ends).T
+    most = 2.5 * float(np.median(high - low))  # lines of the other laws may leave the panel
+    return joint, framed(np.clip([low.min(), high.max()], -most, most))
+
+
+@house_style()
+def responses_figure(comparison: Comparison) -> Figure:
+    """Errors of one joint in step, load and move: one row for each kind of laws, nonlinear H∞ in all."""
+    own, joints, thick = comparison.own.evaluation, comparison.robot.joint_names, comparison.tuned_design
+    assert own is not None
+    duration, angles, small = comparison.scenario.step_duration, units_of(own), comparison.units()["error"]
+    settled = [row.metrics.get("step_settling_s") for row in comparison.compared]
+    last = max((value for value in settled if value is not None and np.isfinite(value)), default=duration)
+    end = min(duration, max(1.3 * last, 0.1 * duration))  # some time after the last law has settled
+    steps, loaded, moves = Errors(), Errors(), Errors()
+    for name, e in ((row.name, row.evaluation) for row in comparison.compared if row.evaluation is not None):
+        at, load = e.load_response.at, e.load_response.response
+        steps[name] = e.step.run.time, angles.scale * (e.step.positions - e.step.goal)
+        loaded[name] = load.run.time - at, 1e3 * (load.positions - load.goal)
+        moves[name] = e.move.response.run.time, 1e3 * e.move.error
+    others = [row for row in comparison.compared if row is not thick]
+    groups = list(dict.fromkeys(row.kind.group for row in others)) or [comparison.own.kind.group]
+    styles = {row.name: line_style(k) for k, row in enumerate(comparison.rows)}
+    figure, grid = panels(len(groups), 3, 0.6 + 2.25 * len(groups), 9.6, sharex="col", sharey="col")
+    columns = (
+        ("step", "position − goal", angles.angle, steps, (0.0, end), "time (s)"),
+        ("load", "position − goal", small, loaded, (-0.05 * end, end), "time after the load (s)"),
+        ("move", "position − plan", small, moves, (0.0, float(own.move.response.run.time[-1])), "time (s)"),
+    )
+    where = []
+    for k, (run, quantity, unit, errors, span, across) in enumerate(columns):
+        joint, limits = _joint_and_limits(errors, span)
+        where.append(f"{run}: {joints[joint]}")
+        for axes, group in zip(grid, groups):
+            lines = []
+            for name in (thick.name, *(row.name for row in others if row.kind.group == group)):
+                time, error = errors[name]
+                width, order = (2.2, 2.5) if name == thick.name else (1.2, 3.0)
+                style, few = {**styles[name], "linewidth": width, "zorder": order}, thin(time, 600)
+                lines.append(Line(time[few], error[few, joint], name, style))
+            Panel(quantity, unit, lines, (0.0,)).draw(axes[k])
+            if not k:
+                axes[0].set_title(group)
+        grid[0][k].set(xlim=span, ylim=limits)
+        grid[-1][k].set_xlabel(across)
+    for axes in grid:
+        axes[2].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.6)
+    which = f" Joints, where the errors are largest: {', '.join(where)}."
+    return figure_block(
+        "laws", figure,
+        "True link positions in the nonlinear loop with estimator and measurement noise. Left: the step. Middle: the "
+        f"torque on the links at the goal. Right: the planned move. {thick.name} is in every row (thick)."
+        f"{which if len(joints) > 1 else ''}",
+        "Laws in the same runs",
+    )  # fmt: skip
+
+
+@house_style()
+def trade_off_figure(comparison: Comparison, laws: Sequence[TunedLaw]) -> Figure | None:
+    """Peak input against load deviation: a point for each law, and the curve of what its tuning reaches.
+
+    None where fewer than two laws have finite figures.
+    """
+    finite = [law for law in laws if np.isfinite([law.metrics.peak_input, law.metrics.load_deviation]).all()]
+    if len(finite) < 2:
+        return None
+    from matplotlib.ticker import FuncFormatter
+
+    points = np.array([(law.metrics.peak_input, 1e3 * law.metrics.load_deviation) for law in finite])
+    figure, ((axis,),) = panels(1, 1, 5.0)
+    place, units = {row.name: k for k, row in enumerate(comparison.rows)}, comparison.units()
+    for law, point in zip(finite, points):
+        k, own = place[law.name], law.name == NL_HINF
+        style, marker = line_style(k), "*" if own else "os^Dv<>"[k % 7]
+        front = pareto_front((*law.tried, law.metrics), comparison.criterion)
+        curve = np.array([[m.peak_input, 1e3 * m.load_deviation] for m in front]).reshape(-1, 2)
+        axis.plot(*curve.T, **{**style, "linewidth": 1.0, "alpha": 0.7})
+        axis.plot(
+            *point[:, None], marker, label=law.name, color=style["color"], markersize=13.0 if own else 6.5,
+            linestyle="none", zorder=4.0,
+        )  # fmt: skip
+    axis.set(xscale="log", yscale="log", xlabel=f"peak input of the step ({units['input']})")
+    legend_above(figure, axis, 5, columnspacing=1.2)
+    for ruler, limit, values in zip((axis.xaxis, axis.yaxis), (axis.set_xlim, axis.set_ylim), points.T):
+        ruler.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if f"{x:.0e}"[0] in "2357" else ""))
+        ruler.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        limit(max(0.7 * values.min(), values.max() / 30.0), 1.4 * values.max())
+    label(axis, "largest deviation under the load", units["error"])
+    return figure_block(
+        "trade-off", figure,
+        "Peak input against load deviation; down and to the left is better. A marker is the law as it was tuned; a "
+        "line joins the best candidates of its tuning that keep the limits of the linear loop.",
+        "Trade-off",
+    )  # fmt: skip

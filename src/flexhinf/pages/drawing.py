@@ -1,5 +1,5 @@
 """Common parts of pages: blocks of a section, figures over time with a line for each joint, units, and numbers,
-poses and robots as text."""
+poses and robots as text; the tables of the requirements and of the inputs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import Response
+from flexhinf.design.result import Design
+from flexhinf.design.specification import TOLERANCE
 from flexhinf.plant import Plant
 from flexhinf.report import (
     INK,
@@ -19,9 +23,11 @@ from flexhinf.report import (
     SERIES,
     WIDTH,
     Block,
+    Cell,
     Column,
     Figure,
     Note,
+    Paragraph,
     Table,
     figure_to_svg,
     house_style,
@@ -54,8 +60,8 @@ DASHED = (6.0, 3.0)
 
 def line_style(place: int) -> dict[str, Any]:
     """Colour of one joint or law among several; lines are dashed once the colours are used up."""
-    style = {"color": SERIES[place % len(SERIES)], "linewidth": 1.5}
-    return style if place < len(SERIES) else {**style, "dashes": (4.0, 2.0)}
+    dashed = {} if place < len(SERIES) else {"dashes": (4.0, 2.0)}
+    return {"color": SERIES[place % len(SERIES)], "linewidth": 1.5, **dashed}
 
 
 def thin(time: np.ndarray, points: int = POINTS) -> slice:
@@ -129,6 +135,8 @@ def draw_figure(
 ) -> Figure:
     """Draw panels as a figure of a page, with a legend of the first that has more than one name: stacked over one
     horizontal axis, or, with a number of `columns` for the legend above them, side by side."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     rows, side = (1, len(parts)) if columns else (len(parts), 1)
     figure, grid = panels(rows, side, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows), sharex=not columns)
     axes = [axis for row in grid for axis in row]
@@ -136,8 +144,13 @@ def draw_figure(
         panel.draw(axis)
         if columns or axis is axes[-1]:
             axis.set_xlabel(panel.across)
-            if panel.log:
-                _frequency_axis(axis)
+            if panel.log:  # powers of ten as plain numbers, marks at 2 and 5
+                # Matplotlib's own labels start its reader of formulas, a quarter of a second; a mark takes 1 ms
+                axis.set_xscale("log")
+                axis.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
+                axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
+                axis.xaxis.set_minor_formatter(NullFormatter())
     if not columns:
         figure.align_ylabels(axes)
     named = (
@@ -183,21 +196,6 @@ def joint_panel(
 
 
 @house_style()
-def _frequency_axis(axes: Axes) -> None:
-    """A logarithmic horizontal axis: powers of ten as plain numbers, marks at 2 and 5.
-
-    Matplotlib's own labels start its reader of formulas, a quarter of a second; every mark takes a millisecond.
-    """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-@house_style()
 def panels(
     rows: int, columns: int, height: float, width: float = WIDTH, **options: Any
 ) -> tuple[Canvas, list[list[Axes]]]:
@@ -210,8 +208,10 @@ def panels(
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:
     """Add the legend of one panel above all of them."""
-    where = {"loc": "outside upper left", "ncols": columns, "frameon": False, **options}
-    figure.legend(*axes.get_legend_handles_labels(), **where)
+    figure.legend(
+        *axes.get_legend_handles_labels(),
+        **{"loc": "outside upper left", "ncols": columns, "frameon": False, **options},
+    )
 
 
 def figure_block(name: str, figure: Canvas, sentences: str | Iterable[str], title: str) -> Figure:
@@ -225,17 +225,12 @@ def with_figures(blocks: Blocks) -> list[Block]:
     return list(filter(None, (block() if callable(block) else block for block in blocks)))
 
 
-LAW_NAMES = {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}
-
 ESTIMATORS = {
     "ukf": "the unscented Kalman filter",
     "ekf": "the extended Kalman filter",
     "observer": "the output-injection observer",
     "none": "the true state fed back",
 }
-
-#: Joints up to which a pose is also written in degrees.
-FEW_JOINTS = 3
 
 #: Changes of a robot within its tolerances that are listed, the largest first.
 LISTED = 6
@@ -268,13 +263,16 @@ class Units:
         def units(names: Iterable[str]) -> str:
             return " or ".join(dict.fromkeys(plant.unit(name) for name in names))
 
-        kinds = ("link_position", "link_torque", "joint_torque")
-        position, load, spring = (units(signal_names(kind, joints)) for kind in kinds)
+        position, load, spring = (
+            units(signal_names(kind, joints)) for kind in ("link_position", "link_torque", "joint_torque")
+        )
         speed = " or ".join(f"{each}/s" for each in position.split(" or "))
         thousandths = " or ".join("mrad" if each == "rad" else "mm" for each in position.split(" or "))
-        display = (False, position, speed, 1.0, (thousandths, 1e3))
-        if degrees and position == "rad":
-            display = (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
+        display = (
+            (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
+            if degrees and position == "rad"
+            else (False, position, speed, 1.0, (thousandths, 1e3))
+        )
         return Units(position, speed, load, spring, units(plant.inputs), *display)
 
     def small_text(self, value: float, digits: int) -> str:
@@ -290,7 +288,9 @@ def units_of(e: LawEvaluation) -> Units:
 
 def law_name(degree: int) -> str:
     """Name of the law that belongs to a V of this degree."""
-    return LAW_NAMES.get(degree, f"degree {degree - 1}")
+    return {2: "linear", 3: "quadratic", 4: "cubic", 5: "quartic", 6: "quintic"}.get(
+        degree, f"degree {degree - 1}"
+    )
 
 
 def joint_count(count: int) -> str:
@@ -316,11 +316,10 @@ def listed(texts: Sequence[str]) -> str:
 def range_text(values: Any, digits: int = 3) -> str:
     """Range of some numbers as text, or their common value."""
     ordered = sorted(np.ravel(np.asarray(list(values), dtype=float)).tolist())
-    ends = dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))
-    return " to ".join(ends) or "–"
+    return " to ".join(dict.fromkeys(number(value, digits) for value in (*ordered[:1], *ordered[-1:]))) or "–"
 
 
-def limit_text(limits: np.ndarray) -> str:
+def effort_text(limits: np.ndarray) -> str:
     """Limits ± of several joints: ``±60``, or ``±87, ±87, ±12``."""
     texts = [f"±{limit:g}" if math.isfinite(limit) else "none" for limit in limits.tolist()]
     return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
@@ -331,22 +330,17 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
     texts = []
     for value, sliding in zip(values, slides, strict=True):
         text, turned = number(float(value) + 0.0), f"{number(math.degrees(value) + 0.0, 3)}°"
-        if sliding:
-            text = f"{text} m"
-        elif degrees:
-            text = turned
-        elif len(slides) <= FEW_JOINTS:
-            text = f"{text} rad = {turned}" if value else "0"
-        texts.append(text)
+        angle = (
+            turned if degrees else (f"{text} rad = {turned}" if value else "0") if len(slides) <= 3 else text
+        )  # with few joints both units
+        texts.append(f"{text} m" if sliding else angle)
     return ", ".join(texts) if len(texts) == 1 else f"({', '.join(texts)})"
 
 
 def amplitude_text(amplitude: float, unit: str, most: float = math.inf) -> str:
     """A step from one equilibrium to another, rad with degrees beside, or m; at most what the joints' limits allow."""
-    if math.isnan(amplitude):
-        return "–"
-    if math.isinf(amplitude):
-        return "any looked at"
+    if not math.isfinite(amplitude):
+        return "–" if math.isnan(amplitude) else "any looked at"
     step = min(amplitude, most)
     degrees = f" ({math.degrees(step):.3g}°)" if unit == "rad" else ""
     return f"{step:.3g} {unit}{degrees}{', all that the joint limits allow' if step < amplitude else ''}"
@@ -378,13 +372,15 @@ def changes_text(values: Mapping[str, Any], robot: Robot, extras: Sequence[str])
         if name in off or abs(new - old) <= 1e-11 * abs(old):
             continue
         change = 100.0 * (new / old - 1.0) if old else math.inf
-        text = f"{'' if change < 0 else '+'}{number(change, 2 if abs(change) < 100.0 else 3)} %"
-        if "payload_mass" in name or not old:
-            text = f"{number(new, 2)} {robot[name].unit}".strip()
+        text = (
+            f"{number(new, 2)} {robot[name].unit}".strip()
+            if "payload_mass" in name or not old
+            else f"{'' if change < 0 else '+'}{number(change, 2 if abs(change) < 100.0 else 3)} %"
+        )
         changes.append((change, f"{name.replace('_', ' ')} {text}"))
-    texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))[:LISTED]]
-    others = ["others by less"] if len(changes) > LISTED else []
-    return ", ".join([*texts, *others]) or "the nominal robot"
+    texts = [text for _, text in sorted(changes, key=lambda change: -abs(change[0]))]
+    texts[LISTED:] = ["others by less"] if len(changes) > LISTED else []
+    return ", ".join(texts) or "the nominal robot"
 
 
 def finite(value: Any) -> Any:
@@ -396,10 +392,6 @@ def finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-#: What is code already, or an option of the command line.
-_OPTION = re.compile(r"`[^`]*`|--[a-z]+(?:-[a-z]+)*")
 
 
 def joint_table(
@@ -419,4 +411,112 @@ def joint_table(
 
 def note(text: str) -> Note:
     """A remark that the reader must not miss, options of the command line set as code."""
-    return Note(_OPTION.sub(lambda match: f"`{match[0].strip('`')}`", text))
+    option = r"`[^`]*`|--[a-z]+(?:-[a-z]+)*"  # or what is code already
+    return Note(re.sub(option, lambda match: f"`{match[0].strip('`')}`", text))
+
+
+# Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
+def requirements(design: Design) -> Blocks:
+    """Table of the requirements, those that are not met first, and of the inputs."""
+    yield requirement_table(
+        design.requirements,
+        units_of(design.evaluation).degrees,
+        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
+    )
+    if design.design_problem.target is None:
+        yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
+    limits, rows = design.setup.limits, []
+    several, limited = len(design.setup.joints) > 1, limits.limits_effort
+    for row in input_rows(design):
+        limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
+        known = np.isfinite(row["value"])
+        more = ([row["joint"] or "–"] if several else []) + (
+            [100.0 * row["value"] / limit if known and np.isfinite(limit) else None] if limited else []
+        )
+        rows.append((row["what"], f"{number(row['value'], 3)} {row['unit']}" if known else "diverges", *more))
+    bound = (
+        f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}" if limited else ""
+    )
+    yield Table(
+        (
+            "in", "input nearest its limit" if len(set(limits.effort.tolist())) > 1 else "largest input",
+            *(["joint"] if several else []),
+            *([Column("of its limit", "%", 1, brief=None)] if limited else []),
+        ),
+        rows, f"Inputs of the motors{bound}", "table-cost", title="Inputs of the motors",
+    )  # fmt: skip
+
+
+def limit_text(line: Requirement) -> str:
+    """The limit with its sign and unit, for example ``≤ 60 V``."""
+    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text}"
+
+
+def achieved_text(line: Requirement) -> str:
+    """The achieved value with its unit and the joint of the worst value."""
+    if np.isinf(line.found):
+        return "diverges" if line.at_most else "unlimited"
+    places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
+    where = f" ({', '.join(filter(None, places))})" if any(places) else ""
+    return f"{number(line.found, 3)}{line.unit_text}{where}"
+
+
+def requirement_text(line: Requirement) -> str:
+    """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
+    limit = f"{'at most' if line.at_most else 'at least'} {limit_text(line).split(' ', 1)[1]}"
+    return f"{line.what} {achieved_text(line)} ({limit}; {line.where})"
+
+
+def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
+    """Requirements grouped by where they hold; those that are not met, and their groups, first."""
+    groups: dict[str, list[Requirement]] = {}
+    for line in sorted(lines, key=lambda line: line.met):
+        groups.setdefault(line.where, []).append(line.converted(degrees))
+    rows: list[Any] = []
+    for where, group in groups.items():
+        rows.append(where)
+        for line in group:
+            judged = Cell(line.judgement, {"met": "green", "NOT MET": "red"}.get(line.judgement, "yellow"))
+            source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
+            limit = limit_text(line)
+            if source == "default":
+                source, limit = "our default", f"{limit}*"
+            rows.append((line.what, limit, achieved_text(line), judged, line.criterion, source))
+    return Table(
+        (
+            "requirement", Column("required", right=True), Column("achieved", right=True), "met",
+            Column("criterion", brief=None), Column("stated by", brief=None),
+        ),
+        rows,
+        f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it, the accuracy of the searches, counts as "
+        "met, and the line says so. * our default",
+        "table-specification", stacks=True, title=title,
+    )  # fmt: skip
+
+
+def input_rows(design: Design) -> list[dict[str, Any]]:
+    """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
+    e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
+    runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
+        ("equilibrium at the start", setup.equilibrium(design.start)[1]),
+        ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
+        ("step, nominal robot", e.step),
+        (
+            f"step, worst of {0 if samples is None else len(samples)} sampled robots",
+            samples.inputs if samples is not None and len(samples) else None,
+        ),
+        ("step on MuJoCo's plant", design.mujoco),
+        ("planned move with feedforward", e.move.response),
+        ("load response: torques on the links", e.load_response.response),
+        ("sensor noise in equilibrium (rms)", e.input_noises),
+    )
+    rows, effort = [], setup.limits.effort
+    for what, run in ((what, run) for what, run in runs if run is not None):
+        inputs = run.inputs if isinstance(run, Response) else np.asarray(run, dtype=float)
+        cut = " (until it diverged)" if isinstance(run, Response) and run.diverged_at is not None else ""
+        sizes = np.abs(inputs).reshape(-1, len(setup.joints)).max(axis=0)
+        worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
+        value, unit = float(sizes[worst]), setup.model.unit(setup.model.inputs[worst])
+        joint = setup.joints[worst] if np.isfinite(value) else ""
+        rows.append({"what": f"{what}{cut}", "value": value, "joint": joint, "unit": unit})
+    return rows

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,10 +21,12 @@ from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
-from flexhinf.pages.design.requirements import input_rows
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
-from flexhinf.pages.drawing import finite
+from flexhinf.pages.drawing import (
+    finite,
+    input_rows,
+)
 from flexhinf.pages.page import design_page, notes, verdict
 from flexhinf.report import to_json, write
 
@@ -85,17 +88,14 @@ def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
-    """Content of the files that functions write; what cannot be written, as a law that is code, is left out."""
     contents: dict[str, str | bytes] = {}
     with TemporaryDirectory() as folder:
         for name, save in files.items():
             path = Path(folder) / name
             path.parent.mkdir(parents=True, exist_ok=True)
-            try:
+            with suppress(InvalidInput):  # what cannot be written, as a law that is code, is left out
                 save(path)
-            except InvalidInput:
-                continue
-            contents[name] = path.read_bytes()
+                contents[name] = path.read_bytes()
     return contents
 
 
@@ -112,19 +112,13 @@ MODE = "name joint damping frequency_Hz=frequency real=eigenvalue.real imaginary
 MARGINS = """stable delay_margin_s delay_frequency peak_sensitivity sensitivity_frequency peak_complementary
     complementary_frequency disk_margin disk_frequency noise_to_input peak_noise_to_input bandwidth damping
     damping_frequency"""
-REQUIREMENT = (
-    """what found unit at_most where criterion stated_by joint met within_tolerance asked=limit at_s=at"""
-)
 NOISE = """motor_velocities=levels.motor_velocities link_velocities=levels.link_velocities peak_sensitivity gain_margin
     damping compliance input_noise noises missed unstable_corners=unstable"""
-TRY = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
-    nominal_damping=behaviour.nominal_damping gamma_star=design.gamma_star"""
 SAMPLES = (
     "diverged unsettled worst slowest overshoot_percent=overshoot settling_time_s=settling peak_input=peak"
 )
 BUDGET = """part=name added spent=budget.total start=budget.start level=budget.level left=budget.left
     kept=budget.kept"""
-LIMIT = "figure=metric value at_least=least from=origin"
 RUNS = "step load=load_response.response move=move.response"
 RUN = "diverged_at_s=diverged_at joints=metrics"
 DISTURBED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
@@ -142,7 +136,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         "verdict": verdict(design),
         "met": design.met,
         "status": _picked(design.status, "not_met not_proved risky"),
-        "specification": [_requirement(line) for line in design.requirements],
+        "specification": _requirements(design.requirements),
         "notes": notes(design),
         **_picked(design, "gamma_star gamma degree=chosen.degree states=problem.state_names"),
         **_picked(design.problem, "operating_point operating_input"),
@@ -226,8 +220,9 @@ def design_numbers(design: Design) -> dict[str, Any]:
     return finite(numbers)
 
 
-def _requirement(line: Requirement) -> dict[str, Any]:
-    return {**_picked(line, REQUIREMENT), "asked_for": line.stated_by not in ("default", ROBOT)}
+def _requirements(lines: Iterable[Requirement]) -> list[dict[str, Any]]:
+    keys = "what found unit at_most where criterion stated_by joint met within_tolerance asked=limit at_s=at"
+    return [{**_picked(x, keys), "asked_for": x.stated_by not in ("default", ROBOT)} for x in lines]
 
 
 def _margins(m: Margins) -> dict[str, Any]:
@@ -238,29 +233,35 @@ def _margins(m: Margins) -> dict[str, Any]:
 def _weights(design: Design) -> dict[str, Any]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
-    gained = whole and {
-        **_picked(whole, "better count corner frequency damping links motors fraction"),
-        "figures": [{"what": w, "damped": d, "robust": r} for w, _, d, r in whole_loop_rows(whole)],
-    }
+    tried = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
+        nominal_damping=behaviour.nominal_damping gamma_star=design.gamma_star"""
     return {
         **_picked(problem, "preset source"),
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
         "effort": design.problem.r2,
         "wanted": target and _picked(target, "bandwidth damping"),
         "tries": [
-            {**_picked(c, TRY), "used": search is not None and c is search.chosen}
+            {**_picked(c, tried), "used": search is not None and c is search.chosen}
             for c in (search.candidates if search else ())
         ],
         "robust": r and {**vars(r), "share": r.fraction},
-        "whole_loop": gained,
+        "whole_loop": (
+            whole
+            and {
+                **_picked(whole, "better count corner frequency damping links motors fraction"),
+                "figures": [{"what": w, "damped": d, "robust": r} for w, _, d, r in whole_loop_rows(whole)],
+            }
+        ),
     }
 
 
 def _estimator_noise(design: Design) -> dict[str, Any]:
     search, tried = design.noise_search, []
     if search is not None:
-        others = (candidate for candidate in search.trade_off if not is_used(search, candidate))
-        tried = sorted([*others, search.chosen], key=lambda candidate: candidate.input_noise)
+        tried = sorted(
+            [*(candidate for candidate in search.trade_off if not is_used(search, candidate)), search.chosen],
+            key=lambda candidate: candidate.input_noise,
+        )
     return {
         **_picked(design.setup.process_noise, "all_states link_velocities motor_velocities source"),
         "count": 0 if search is None else search.count,
@@ -279,7 +280,9 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "unit": comparison.units()["input"],
         "tune": {
             **_picked(criterion, "mode criterion=text"),
-            "limits": [_picked(limit, LIMIT) for limit in criterion.limits],
+            "limits": [
+                _picked(limit, "figure=metric value at_least=least from=origin") for limit in criterion.limits
+            ],
         },
         "best_rival": None if rival is None else rival.name,
         "design": {
@@ -316,7 +319,7 @@ def _law(row: ComparedLaw) -> dict[str, Any]:
         "figure_joints": {} if e is None else {key: worst.joint for key, worst in e.worst.items()},
         "infinite": [key for key, value in metrics.items() if value is not None and np.isinf(value)],
         "needs": [] if e is None else list(e.needed_states),
-        "specification": [_requirement(line) for line in row.requirements],
+        "specification": _requirements(row.requirements),
         "corners": None if e is None or e.corners is None else e.corners.count,
         "joints": e and _picked(e, "step=step.metrics load=load_response.metrics move=move.metrics"),
     }

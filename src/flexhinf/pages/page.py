@@ -19,17 +19,18 @@ from flexhinf.design.result import Comparison, Design, Status as Judged
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
-from flexhinf.pages.design import frequency, law, region, requirements, runs, step, weights
+from flexhinf.pages.design import frequency, law, region, runs, step, weights
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
     Blocks,
+    effort_text,
     in_joint,
     joint_count,
     law_name,
-    limit_text,
     note,
     pose_text,
     range_text,
+    requirements,
     rounded,
     units_of,
     with_figures,
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
 #: Sections in the order of the page: anchor, title, and the function of their blocks, notes first; none where it does
 #: not apply.
 PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
-    ("specification", "Requirements", requirements.requirements),
+    ("specification", "Requirements", requirements),
     ("step", "Step response", step.step),
     ("draws", "Step response of robots within their tolerances", step.samples),
     ("load", "Load response", runs.load),
@@ -104,18 +105,16 @@ def design_page(
                 blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
             if not all(isinstance(block, Note) for block in blocks):
                 sections.append(Section(title, tuple(blocks), anchor))
-    if files:
-        sections.append(files_section(files))
     return Page(
         title_of(design),
         f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
         f"{extras} Step from {start} to {goal}.",
         _headline(design),
-        tuple(sections),
+        (*sections, *([files_section(files)] if files else [])),
         Settings(design_settings(design.synthesis, design.evaluation)),
         Provenance(tuple(command), s.seed),
         _key_numbers(design),
-        status_lines(design.status, design.requirements),
+        _status_lines(design.status, design.requirements),
     )
 
 
@@ -136,29 +135,30 @@ def notes(design: Design) -> list[str]:
     return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
-def status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
-    """Entries for what is not met, not proved and risky; one for what is met where nothing is missed."""
-    met = [f"{len(lines)} of {len(lines)} requirements"]
-    if not any(line.stated_by != "default" for line in lines):
-        met[0] += ", all of them our defaults"
+def _status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
+    ours = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
+    met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
     if not any(line.what.startswith("damping") for line in lines):
         met.append("neither bandwidth nor damping is required")
-    kinds = {
-        "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
-        "not met": status.not_met,
-        "risky": status.risky,
-        "not proved": status.not_proved,
-    }
-    texts = {kind: "; ".join(part.rstrip(".") for part in parts) for kind, parts in kinds.items()}
-    return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts.items() if text]
+    texts = (
+        (kind, "; ".join(part.rstrip(".") for part in parts))
+        for kind, parts in {
+            "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
+            "not met": status.not_met,
+            "risky": status.risky,
+            "not proved": status.not_proved,
+        }.items()
+    )
+    return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text]
 
 
 def verdict(design: Design) -> str:
     """The status and what the loop does, in one paragraph for a terminal."""
     status, step_proof = design.status, design.step_proof
     if not step_proof.proved:  # the headline says it in a sentence
-        left = tuple(text for text in status.not_proved if text not in step_proof.missing)
-        status = replace(status, not_proved=left)
+        status = replace(
+            status, not_proved=tuple(text for text in status.not_proved if text not in step_proof.missing)
+        )
     parts = [status.line, _headline(design)]
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(design)}.")
@@ -250,11 +250,12 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
 # For a terminal of 80 columns --------------------------------------------------------------------------
 def design_tables(design: Design) -> list[Terminal]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
-    tables = (
-        block for _, _, part in PARTS for block in part(design) if isinstance(block, Table) and block.title
-    )
-    short = (law.mode_table(design, brief=True) if table.id == "table-modes" else table for table in tables)
-    return [table.terminal() for table in short]
+    return [
+        (law.mode_table(design, brief=True) if table.id == "table-modes" else table).terminal()
+        for _, _, part in PARTS
+        for table in part(design)
+        if isinstance(table, Table) and table.title
+    ]
 
 
 def robots_table() -> Terminal:
@@ -265,8 +266,8 @@ def robots_table() -> Terminal:
         assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
         numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
-    columns = ("name", "joints", "drive", "numbers", "")
-    return Table(columns, rows, "Robots that come with flexhinf: flexhinf design NAME").terminal()
+    title = "Robots that come with flexhinf: flexhinf design NAME"
+    return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
 
 
 #: Name, value, unit and source.
@@ -295,12 +296,7 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
         ("shared limit", criterion.mode, "", "option --tune"),
         ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
         ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
-        (
-            "load begins at",
-            "a tenth of its run",
-            "",
-            f"{runs.load_duration:g} s long, in equilibrium at the goal",
-        ),
+        ("load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s, in equilibrium at the goal"),
         ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]
@@ -311,27 +307,30 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Se
     """Settings of a design in groups, in the order in which the design uses them."""
     robot = e.setup.robot
     spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
-    groups: dict[str, Rows] = {
-        "Robot": [
-            ("joints", list(robot.joint_names), "", robot.name),
-            *(
-                (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
-                for p in robot.parameters
-            ),
-        ],
-        "Synthesis": _synthesis(synthesis, e),
-        "Estimator": _estimator(e),
-        "Simulation": _simulation(e),
+    return {
+        name: [Setting(*row) for row in rows]
+        for name, rows in {
+            "Robot": [
+                ("joints", list(robot.joint_names), "", robot.name),
+                *(
+                    (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
+                    for p in robot.parameters
+                ),
+            ],
+            "Synthesis": _synthesis(synthesis, e),
+            "Estimator": _estimator(e),
+            "Simulation": _simulation(e),
+        }.items()
     }
-    return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
 
 
 def _source(s: Specification, name: str, otherwise: str = "") -> str:
-    """Source of a setting: the option of the field, its default, or `otherwise`."""
-    option = f"--{name.replace('_', '-')}"
-    if otherwise:
-        return otherwise if getattr(s, name) is None else f"option {option}"
-    return f"{'default of' if getattr(s, name) == getattr(Specification(), name) else 'option'} {option}"
+    option, value = f"--{name.replace('_', '-')}", getattr(s, name)
+    if otherwise and value is None:
+        return otherwise
+    return (
+        f"{'default of' if not otherwise and value == getattr(Specification(), name) else 'option'} {option}"
+    )
 
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
@@ -375,7 +374,7 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
 
 def _position_unit(e: LawEvaluation) -> str:
     units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
-    return units[0] if len(set(units)) == 1 else ", ".join(units)
+    return ", ".join(units[:1] if len(set(units)) == 1 else units)
 
 
 def _estimator(e: LawEvaluation) -> Rows:
@@ -383,8 +382,10 @@ def _estimator(e: LawEvaluation) -> Rows:
     own: Rows = [("estimator", s.estimator, "", _source(s, "estimator"))]
     if s.estimator == "none":
         return [*own, ("fed back", "the true state", "", "option --estimator none")]
-    both = (noise.link_velocities, noise.motor_velocities)
-    links, motors = (list(levels) if isinstance(levels, tuple) else levels for levels in both)
+    links, motors = (
+        list(levels) if isinstance(levels, tuple) else levels
+        for levels in (noise.link_velocities, noise.motor_velocities)
+    )
     initial = "stationary covariance of the filter in equilibrium at the goal"
     return [
         *own,
@@ -414,15 +415,16 @@ def _simulation(e: LawEvaluation) -> Rows:
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
     bounds, sources = (limits.saturation, limits.speed), (limits.saturation_source, limits.speed_source)
-    inputs, speeds = (limit_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
     steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
     position, units = _position_unit(e), units_of(e)
-    command = "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name
     rows: Rows = [
         ("start pose", e.setup.start, position, _source(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
-        ("command", command, "", _source(s, "shaping")),
+        ("command",
+        "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
+        "", _source(s, "shaping")),
         ("move", runs.plan.name, "", _source(s, "move", "ours: the way of the step")),
         ("true plant", f"nominal numbers{extras}", "", _source(s, "extras")),
         ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
@@ -452,9 +454,10 @@ def files_section(files: Sequence[str]) -> Section:
     grouped: dict[tuple[str, str], list[str]] = {}
     for name in sorted(files):
         path = PurePath(name)
-        meanings = (text for key, text in MEANING if key in (name, path.suffix, path.stem))
         folder, _, file = name.rpartition("/")
-        grouped.setdefault((folder, next(meanings, "")), []).append(file)
+        grouped.setdefault(
+            (folder, next((text for key, text in MEANING if key in (name, path.suffix, path.stem)), "")), []
+        ).append(file)
     rows = [
         (f"`{folder}{'/' if folder else ''}{'`, `'.join(names)}`", meaning)
         for (folder, meaning), names in grouped.items()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import count
 from typing import Any
 
@@ -99,9 +99,8 @@ FIRST_PART = 6.0
 # Drawings ----------------------------------------------------------------------------------------------
 def positions(run: Trajectory) -> tuple[np.ndarray, np.ndarray | None]:
     """Link position as measured and as estimated, degrees; None for the estimate if the true state is fed back."""
-    same = run.names["output"] == run.names["estimate"]
     measured, estimate = (np.degrees(run.signal(kind, "link_position")) for kind in ("output", "estimate"))
-    return measured, None if same else estimate
+    return measured, None if (run.names["output"] == run.names["estimate"]) else estimate
 
 
 def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float | None = None) -> str:
@@ -115,7 +114,7 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
         if step is not None:
             settling_band(axes, float(command[-1]), step)
     for law, run in runs.items():
-        signals: Any = (run.signal("input", "motor_voltage"),) if voltage else positions(run)
+        signals = (run.signal("input", "motor_voltage"), None) if voltage else positions(run)
         time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
     legend(axes)
     return figure_to_svg(figure)
@@ -123,8 +122,9 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
 
 def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     """Draw link position, its error enlarged from the disturbance on, and torque; a colour per place of the torque."""
-    labels = (("link position", "°"), ("link − command", "°"), ("disturbance torque", "N·m"))
-    figure, (position, error, torque) = new_figure(3, height=6.6, labels=labels)
+    figure, (position, error, torque) = new_figure(
+        3, height=6.6, labels=(("link position", "°"), ("link − command", "°"), ("disturbance torque", "N·m"))
+    )
     longest = max(runs.values(), key=lambda run: len(run.time))
     command = np.degrees(longest.signal("reference", "link_position"))
     reference_line(position, longest.time, command)
@@ -147,15 +147,14 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
 # Many plants -------------------------------------------------------------------------------------------
 def worst_runs(runs: Sequence[ToleranceRun]) -> dict[str, int]:
     """Indices of the runs that overshoot most and settle last, or end farthest; one that diverged is the worst."""
-    ranked = {
-        "largest overshoot": ("overshoot_percent",),
-        "settles last": ("settling_time_s", "steady_state_error"),
+    ranks = {
+        name: [[math.inf if run.metrics[key] is None else run.metrics[key] for key in keys] for run in runs]
+        for name, keys in {
+            "largest overshoot": ("overshoot_percent",),
+            "settles last": ("settling_time_s", "steady_state_error"),
+        }.items()
     }
-    worst = {}
-    for name, metrics in ranked.items():
-        ranks = [[math.inf if run.metrics[m] is None else run.metrics[m] for m in metrics] for run in runs]
-        worst[name] = max(range(len(runs)), key=ranks.__getitem__)
-    return worst
+    return {name: max(range(len(runs)), key=each.__getitem__) for name, each in ranks.items()}
 
 
 @house_style()
@@ -183,25 +182,20 @@ def draw_sampled(runs: Sequence[ToleranceRun], kind: str) -> str:
 
 
 def _worst_table(runs: Sequence[ToleranceRun]) -> Table:
-    rows = []
-    for name, k in worst_runs(runs).items():
-        overshoot, settling, error = (
-            runs[k].metrics[key] for key in ("overshoot_percent", "settling_time_s", "steady_state_error")
-        )
-        rows.append(
-            (name, overshoot, settling, error and math.degrees(error), runs[k].changes.replace("-", "−"))
-        )
-    columns = (
-        "run", Column("overshoot", "%", 2), Column("settling", "s", 2),
-        Column("largest error in the last 3 s", "°", 3), "changes of the plant",
-    )  # fmt: skip
-    return Table(
-        columns,
-        rows,
+    return Table.of(
+        (
+            Column("run", key="run"), Column("overshoot", "%", 2, key="overshoot_percent"),
+            Column("settling", "s", 2, key="settling_time_s"),
+            Column("largest error in the last 3 s", "°", 3, key="steady_state_error", scale=math.degrees(1.0)),
+            Column("changes of the plant", key="changes"),
+        ),
+        [
+            {**runs[k].metrics, "run": name, "changes": runs[k].changes.replace("-", "−")}
+            for name, k in worst_runs(runs).items()
+        ],
         "The worst runs of Figures 9 and 10, of the true link; – where a run diverged or did not settle.",
-        "table-worst-runs",
-        stacks=True,
-    )
+        "table-worst-runs", stacks=True,
+    )  # fmt: skip
 
 
 #: Title, caption, and drawing as SVG, by the figure's number in the paper.
@@ -267,8 +261,9 @@ FIGURES: dict[str, tuple[str, str | Callable[[PaperSetup], str], Callable[[Paper
 # Figures of the evidence -----------------------------------------------------------------------------
 @house_style()
 def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
-    energy = "energy of the disturbance, ∫|d|² (rad² s)"
-    figure, (axes,) = new_figure(height=3.0, labels=[("attained gain", "")], across=energy)
+    figure, (axes,) = new_figure(
+        height=3.0, labels=[("attained gain", "")], across="energy of the disturbance, ∫|d|² (rad² s)"
+    )
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
     for inside, fill in ((True, SERIES[0]), (False, "none")):
@@ -293,9 +288,12 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     if not study.estimated:
         return None
     corners, q = study.count("corner"), setup.settings.process_noise
-    labels = [(f"unstable corners at {name_goal(goal)}", "") for goal in GOALS]
-    swept = "q, variance added at each sample (rad² or rad²/s²)"
-    figure, goals = new_figure(len(GOALS), height=5.2, labels=labels, across=swept)
+    figure, goals = new_figure(
+        len(GOALS),
+        height=5.2,
+        labels=[(f"unstable corners at {name_goal(goal)}", "") for goal in GOALS],
+        across="q, variance added at each sample (rad² or rad²/s²)",
+    )
     for axes, goal in zip(goals, GOALS, strict=True):
         for form, colour, marker in zip(FORMS, SERIES, "os^D", strict=False):
             counts = [unstable_of(rates, "corner") for rates in study.of_form(form, goal)]
@@ -314,26 +312,7 @@ def _unstable_figure(setup: PaperSetup, study: ToleranceStudy) -> Figure | None:
     )
 
 
-#: What is drawn of a claim's finding, by the claim.
-EVIDENCE_FIGURES: dict[str, Callable[[PaperSetup, Any], Figure | None]] = {
-    "gain-attained": _gain_figure,
-    "withstands-tolerances": _unstable_figure,
-}
-
-
 # Page ------------------------------------------------------------------------------------------------
-OURS = (
-    "The paper does not ask this. It is not counted among its claims. What repairs the claims that fail, and what H∞ "
-    "buys against a nonlinear LQR, is computed in docs/paper_studies.md at the default settings."
-)
-
-VERDICT_TEXT = (
-    "Each claim has a criterion, fixed before the result, a verdict computed from it, and the numbers behind it "
-    "under “Evidence”; another option may turn a verdict. Nothing here is proved: stable or unstable is by the "
-    "growth rates of the linear loop, the rest by runs and searches."
-)
-
-
 def paper_files(reproduction: Reproduction) -> dict[str, str]:
     """Files of the report: index.html, metrics.json, and every figure of the paper."""
     plots = {number: draw(reproduction.setup) for number, (_, _, draw) in FIGURES.items()}
@@ -354,32 +333,18 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
         if number == "09":
             figures.append(_numbered(_worst_table(setup.sampled_plants), counters))
 
-    def evidence(claims: Sequence[Claim]) -> list[Claim]:
-        """The claims with their tables and figures, those that fail first."""
+    def evidence(claims: Sequence[Claim]) -> list[Claim]:  # those that fail first
         numbered = []
+        draw: Any = {"gain-attained": _gain_figure, "withstands-tolerances": _unstable_figure}
         for claim in by_verdict(claims):
-            figure = EVIDENCE_FIGURES.get(claim.id, lambda *_: None)(setup, claim.data)
-            blocks: Any = (*claim.blocks, *([] if figure is None else [figure]))
+            blocks: Any = filter(
+                None, (*claim.blocks, draw[claim.id](setup, claim.data) if claim.id in draw else None)
+            )
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 
     paper, ours = evidence(claims), evidence(reproduction.questions)
-    gain = ", ".join(f"{k:.4g}" for k in setup.linear.law_data)
-    law = (
-        f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; "
-        f"its linear part is u = ({gain}) · (x1, x2, x3, x4, x5)."
-    )
-    instead = (
-        Table(
-            ("where", "printed", "taken"),
-            MISPRINTS,
-            "Misprints of the paper.",
-            "table-misprints",
-            stacks=True,
-        ),
-        Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
-    )
-    kind = setup.settings.estimator
+    gain, kind = ", ".join(f"{k:.4g}" for k in setup.linear.law_data), setup.settings.estimator
     return Page(
         "Nonlinear H∞ control of a flexible joint, reproduced",
         "Elsa & Akbari (2014): the single-link arm of Sec. 6, its Figures 3–12 and its claims, computed again from its "
@@ -387,17 +352,40 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
         f"says. The law acts on {'the true state' if kind == 'none' else f'the estimate of the {kind.upper()}'}.",
         summary(claims),
         (
-            Section("Verdict per claim", (Paragraph(VERDICT_TEXT), Claims(claims)), "claims"),
+            Section("Verdict per claim", (
+                Paragraph(
+                    "Each claim has a criterion, fixed before the result, a verdict computed from it, and the numbers "
+                    "behind it under “Evidence”; another option may turn a verdict. Nothing here is proved: stable or "
+                    "unstable is by the growth rates of the linear loop, the rest by runs and searches."
+                ),
+                Claims(claims),
+            ), "claims"),
             Section("Figures 3–12", tuple(figures), "figures"),
             Section("Evidence, claim by claim", paper, "evidence"),
-            Section("Our own question", (Paragraph(OURS), *ours), "ours"),
-            Section("What was taken instead", instead, "instead"),
-            Section("The law", (Paragraph(law), Listing(setup.nonlinear.report())), "law"),
+            Section("Our own question", (
+                Paragraph(
+                    "The paper does not ask this. It is not counted among its claims. What repairs the claims that "
+                    "fail, and what H∞ buys against a nonlinear LQR, is computed in docs/paper_studies.md at the "
+                    "default settings."
+                ),
+                *ours,
+            ), "ours"),
+            Section("What was taken instead", (
+                Table(
+                    ("where", "printed", "taken"), MISPRINTS, "Misprints of the paper.", "table-misprints", stacks=True,
+                ),
+                Table(("not given", "chosen"), OPEN, "What the paper does not give.", "table-open", stacks=True),
+            ), "instead"),
+            Section("The law", (
+                Paragraph(
+                    f"V of degree {setup.settings.degree} solves Eq. (8) at γ = {setup.gamma:.4f}; its linear part is "
+                    f"u = ({gain}) · (x1, x2, x3, x4, x5)."
+                ),
+                Listing(setup.nonlinear.report()),
+            ), "law"),
         ),
-        Settings(_settings(setup)),
-        Provenance(reproduction.command, setup.settings.seed),
-        _key_numbers(setup),
-    )
+        Settings(_settings(setup)), Provenance(reproduction.command, setup.settings.seed), _key_numbers(setup),
+    )  # fmt: skip
 
 
 def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> Figure | Table:
@@ -409,13 +397,10 @@ def _numbered(block: Figure | Table, counters: Mapping[str, Iterator[int]]) -> F
 
 
 def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
+    ratio = f"{setup.settings.gamma_ratio:g} γ*; the paper gives none"
     numbers = [
         KeyNumber("γ* of the paper's problem", f"{setup.gamma_star:.4f}", note="the smallest feasible one"),
-        KeyNumber(
-            "γ of the paper's law here",
-            f"{setup.gamma:.4f}",
-            note=f"{setup.settings.gamma_ratio:g} γ*; the paper gives none",
-        ),
+        KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
         ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
@@ -428,15 +413,16 @@ def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
 def _settings(setup: PaperSetup) -> dict[str, list[Setting]]:
     s, steps = setup.settings, [setup.loop(setup.nonlinear, coil, None).sub_steps for coil in (False, True)]
     units = {"period": "s", "process_noise": "q of Rᵛ = q I", "measurement_noise": "rad²"}
-    options = [
-        (
-            field.name.replace("_", " "), getattr(s, field.name), units.get(field.name, ""),
-            f"{'default' if getattr(s, field.name) == field.default else 'option'} {option_name(field.name)}",
-        )
-        for field in fields(PaperSettings)
-    ]  # fmt: skip
     rows = {
-        "Options": options,
+        "Options": [
+            (
+                name.replace("_", " "),
+                value,
+                units.get(name, ""),
+                f"{'default' if value == getattr(PaperSettings, name) else 'option'} {option_name(name)}",
+            )
+            for name, value in vars(s).items()
+        ],
         "Arm": [
             (p.name.replace("_", " "), f"{p.value:g} ± {p.tolerance:g} %", p.unit, p.source)
             for p in setup.arm.parameters

@@ -1,15 +1,21 @@
-"""Report of a run of a deployed controller: deadlines and requirements; its film as GIF or MP4."""
+"""Report of a run of a deployed controller: deadlines and requirements; its film as GIF or MP4.
+
+The pictures of a film: what stands still is drawn once, a frame draws what moves on top of it.
+
+A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -20,11 +26,26 @@ from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
 from flexhinf.export.run_log import check_place
 from flexhinf.files import write_file
-from flexhinf.pages.arm_picture import ArmFilm, frames
-from flexhinf.pages.design.requirements import requirement_table
-from flexhinf.pages.drawing import Units, count_text, rounded, settling_text
-from flexhinf.report import Column, Table, number
+from flexhinf.pages.design.step import viewing_plane
+from flexhinf.pages.drawing import (
+    DOTTED,
+    Units,
+    count_text,
+    framed,
+    line_style,
+    requirement_table,
+    rounded,
+    settling_text,
+)
+from flexhinf.report import GRID, INK, MUTED, SERIES, Column, Table, house_style, number
+from flexhinf.robot import Robot
+from flexhinf.robot.kinematics import skeleton
+from flexhinf.robot.signals import signal_names
 from flexhinf.validation import checked_path
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 #: By ending: frames per second and pixels of an inch, of a picture of 12.8 by 7.2 inches.
 FORMATS = {".mp4": (30, 100), ".gif": (20, 75)}
@@ -35,10 +56,13 @@ LISTED = 5
 #: A run that takes this many times its own time did not keep up, beyond single late samples.
 SLOW = 1.01
 
-#: Rows of the table of times: what, and the array of `Timing`.
+#: Rows of the table of times: what, and the array of `Timing`; in real time, and else.
 ROWS = {
-    "lateness of the beginning": "woken", "step of the controller": "computed", "input is there": "ready",
-    "simulated robot is done": "over",
+    True: {
+        "lateness of the beginning": "woken", "step of the controller": "computed", "input is there": "ready",
+        "simulated robot is done": "over",
+    },
+    False: {"step of the controller": "computed", "whole sample": "over"},
 }  # fmt: skip
 
 
@@ -59,9 +83,7 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     if tables or len(timing.time):
         rows = [
             (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
-            for name, field in (
-                ROWS if timing.real_time else {"step of the controller": "computed", "whole sample": "over"}
-            ).items()
+            for name, field in ROWS[timing.real_time].items()
         ]
         columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
         tables.append(Table(columns, rows, f"Times in µs; the period has {number(1e6 * timing.period)} µs"))
@@ -72,9 +94,10 @@ def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
     (small, factor), response = units.small, prepared.response(run)
     rows, title = response.metrics, "Joints"
     columns = (
-        Column("settled after", key="settled", right=True), Column("overshoot", "%", digits=3, key="overshoot_percent"),
+        Column("settled after", key="settled", right=True),
+        Column("overshoot", "%", digits=3, key="overshoot_percent"),
         Column("end error", small, digits=3, key="steady_state_error", scale=factor),
-    )  # fmt: skip
+    )
     if prepared.plan is not None:
         rows, title = Move.along(prepared.plan, response).metrics, f"Joints: distance from the move, {small}"
         errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
@@ -110,9 +133,11 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
         error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
         return f"{text} The move was followed within {named(error, worst.joint)} and needed at most {effort}."
     settling, overshoot = response.settling, response.overshoot
-    settled = f"did not settle ({settling.joint})"
-    if np.isfinite(settling.value):
-        settled = f"settled in {named(settling_text(settling.value), settling.joint)}"
+    settled = (
+        f"settled in {named(settling_text(settling.value), settling.joint)}"
+        if np.isfinite(settling.value)
+        else f"did not settle ({settling.joint})"
+    )
     over = named(f"{number(overshoot.value, 2)} %", overshoot.joint)
     return f"{text} The step {settled}, overshot by {over} and needed at most {effort}."
 
@@ -235,3 +260,282 @@ def _encoder() -> str | None:
         return imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError):
         return None
+
+
+#: Wind-ups are drawn larger by one of these factors, so that none is drawn as more than this angle, rad, or as more
+#: than this part of the robot's size where a joint slides.
+FACTORS, WIDEST, FARTHEST = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.3, 0.15
+
+
+def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
+    """Factor by which wind-ups (N, n), rad or m, are enlarged: the largest of `FACTORS` with which all stay small
+    enough for a robot of this size, m."""
+    largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
+    return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmFilm:
+    """Data of a run for its film: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and
+    command in rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
+
+    robot: Robot
+    title: str
+    time: np.ndarray
+    links: np.ndarray
+    motors: np.ndarray
+    command: np.ndarray
+    inputs: np.ndarray
+    limits: np.ndarray
+    unit: str
+    windup: np.ndarray  # motor minus link (N, n)
+    factor: int  # by which wind-ups are drawn larger
+    slides: np.ndarray  # whether each joint slides (n,)
+    extent: np.ndarray  # points of the arm (K, 3) at some poses of the run and at its commands
+    size: float  # of the space that the arm takes, m
+    plane: np.ndarray  # two directions (3, 2) to project on
+    names: tuple[str, str]  # of these
+    position_unit: str  # of what `shown` gives
+
+    @staticmethod
+    def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
+        """The film of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
+        robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
+        state, inputs = trajectory.signals["state"], trajectory.signals["input"]
+        bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
+        kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
+        if not kept.stop:
+            raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
+        commanded = trajectory.names.get("reference", ())
+        columns = [
+            trajectory.signal("reference", name) if name in commanded else np.full(len(state), goal)
+            for name, goal in zip(signal_names("link_position", robot.joint_names), prepared.goal)
+        ]
+        links, command = state[kept, :n], np.stack(columns, axis=1)[kept]
+        motors = robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
+        rows = np.linspace(0, kept.stop - 1, min(kept.stop, 40)).astype(int)
+        extent = np.concatenate(
+            [line for pose in [*links[rows], *command[rows[[0, -1]]]] for line in skeleton(robot, pose)]
+        )
+        size, slides = float(np.ptp(extent, axis=0).max()), np.array(robot.links.slides, dtype=bool)
+        if size < 1e-9:
+            raise InvalidInput(
+                "The arm cannot be drawn: its links have no length.",
+                f"expected a robot with joints or centres of mass apart, got {robot.name!r}",
+                "the run without --record",
+            )
+        right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), extent, size)
+        return ArmFilm(
+            robot, f"{robot.name}: {'step' if prepared.plan is None else 'move'}", trajectory.time[kept], links, motors,
+            command, inputs[kept], np.maximum(*np.abs(run.input_range)),
+            " or ".join(dict.fromkeys(trajectory.units["input"])), motors - links,
+            magnification(motors - links, slides, size), slides, extent, size, np.column_stack([right, up]), names,
+            " or ".join(unit for unit, there in (("°", ~slides), ("mm", slides)) if there.any()),
+        )  # fmt: skip
+
+    def arm(self, pose: np.ndarray) -> list[np.ndarray]:
+        """The links at a pose (n,), as lines on the picture."""
+        return [line @ self.plane for line in skeleton(self.robot, pose)]
+
+    def hands(self, k: int) -> list[np.ndarray]:
+        """For each joint three points at sample k: on its link, the joint, and on its motor's hand."""
+        hands, own = [], self.arm(self.links[k])
+        for j, turned in enumerate(self.factor * self.windup[k]):
+            pose = self.links[k].copy()
+            pose[j] += turned
+            motor = self.arm(pose)[j]
+            # a motor's hand is a part of its link
+            ends = [line[0] + 0.62 * (line[1] - line[0]) for line in (own[j], motor)]
+            hands.append(np.array([ends[0], motor[0], ends[1]]))
+        return hands
+
+    def in_plot_units(self, values: np.ndarray) -> np.ndarray:
+        """Convert positions (…, n) from rad and m to degrees and mm."""
+        return values * np.where(self.slides, 1e3, np.degrees(1.0))
+
+
+#: A film lasts so many seconds; a run that is shorter or longer is played more slowly or faster, and the title says so.
+SHORTEST, LONGEST = 3.0, 60.0
+
+#: With more joints than these, lines show how far the links are from their command, which would else be flat.
+MANY = 3
+
+#: Place of the arm on the picture: left, bottom, width, height, as parts of it; and its width and height, inches.
+PLACE, PICTURE = (0.07, 0.085, 0.435, 0.76), (12.8, 7.2)
+
+#: Where the bar of an input is zero, and its length on either side, as parts of the table's width.
+ZERO, BAR = 0.75, 0.13
+
+#: What moves in a part of the picture, in the order of drawing, and the function that moves it to a sample.
+Moving = tuple[list[Any], Callable[[int], None]]
+
+
+def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
+    """Pictures (height, width, 3) of bytes, `rate` of them a second, with `resolution` pixels to an inch of `PICTURE`;
+    the last one is the end of the run. What stands still is drawn once."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    length, n = float(film.time[-1]), len(film.slides)
+    played = min(max(length, SHORTEST), LONGEST)
+    slowness, speed = played / length if length else 1.0, "in real time"
+    if abs(slowness - 1.0) >= 1e-6:
+        speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
+    springs = (
+        f"wind-up of the springs drawn {film.factor} times larger"
+        if film.factor > 1
+        else "springs drawn as they are"
+    )
+    rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
+    low, high = 0.10 + rows, 0.86
+    middle = low + 0.42 * (high - low)
+    positions = (
+        ("links minus their command", film.links - film.command, None)
+        if n > MANY
+        else (
+            f"{'position' if film.slides.any() else 'angle'} of the links",
+            film.links,
+            film.in_plot_units(film.command),
+        )
+    )
+    with house_style():
+        figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
+        canvas = FigureCanvasAgg(figure)
+        figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
+        figure.text(0.035, 0.905, f"{springs}; played {speed}", fontsize=10.5, color=MUTED, va="center")
+        clock = figure.text(0.965, 0.935, "", ha="right", va="center", family="DejaVu Sans Mono", fontsize=20)
+        arm = _draw_arm(figure.add_axes(PLACE), film)
+        above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
+        below = figure.add_axes((0.575, low + 0.035, 0.39, middle - low - 0.04))
+        lines = (
+            _draw_lines(above, film, *positions),
+            _draw_lines(below, film, "wind-up of the springs", film.windup),
+        )
+        above.set_xticklabels([])
+        below.set_xlabel("time (s)")
+        parts = (arm, *lines, _draw_table(figure.add_axes((0.575, 0.035, 0.39, rows)), film))
+        moving = [clock, *(artist for artists, _ in parts for artist in artists)]
+        for artist in moving:
+            artist.set_animated(True)
+        canvas.draw()
+        still, renderer = canvas.copy_from_bbox(figure.bbox), canvas.get_renderer()
+        for k in (
+            np.linspace(0, len(film.time) - 1, max(2, round(played * rate))).round().astype(int).tolist()
+        ):
+            canvas.restore_region(still)
+            clock.set_text(f"{film.time[k]:6.2f} s")
+            for _, move in parts:
+                move(k)
+            for artist in moving:
+                artist.draw(renderer)
+            yield np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
+    flat = film.extent @ film.plane
+    middle, reach = 0.5 * (flat.max(axis=0) + flat.min(axis=0)), np.ptp(flat, axis=0)
+    box = np.array(PLACE[2:]) * PICTURE
+    half = 0.5 * max((reach + 0.2 * film.size) / box) * box  # as much to the inch in both directions
+    (left, low), (right, high) = middle - half, middle + half
+    axes.set(facecolor="#fbfcfd", xlim=(left, right), ylim=(low, high))
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0, labelsize=8)
+    axes.set_xlabel(f"{film.names[0]} (m)", fontsize=9)
+    axes.set_ylabel(f"{film.names[1]} (m)", fontsize=9)
+    first, dashes = film.arm(film.links[0]), (0, (3.0, 1.6))
+    axes.plot(*first[0][0], "s", color=MUTED, markersize=15, zorder=1, alpha=0.5)
+
+    def line(colour: str, width: float, zorder: int, **style: Any) -> Any:
+        return axes.plot([], [], color=colour, linewidth=width, zorder=zorder, **style)[0]
+
+    goal = [line(SERIES[2], 2.2, 2, alpha=0.55, linestyle=dashes) for _ in first]
+    (aim,) = axes.plot([], [], "o", color=SERIES[2], markersize=17, mfc="none", mew=2.2, zorder=2)
+    trail = line(SERIES[0], 1.4, 2, alpha=0.35)
+    fan = {"color": SERIES[1], "alpha": 0.25, "zorder": 3, "lw": 0}
+    fans = [axes.fill([0, 0, 0], [0, 0, 0], **fan)[0] for _ in first]
+    links = [line(SERIES[0], width, 4, alpha=0.9) for width in np.linspace(9.0, 5.0, len(first)).tolist()]
+    motors = [line(SERIES[1], 2.6, 5) for _ in first]
+    (joints,) = axes.plot([], [], "o", color=INK, markersize=7, mfc="white", mew=1.8, zorder=6)
+    for name, colour, width, style in (
+        ("link", SERIES[0], 5.0, "-"), ("motor, behind its spring", SERIES[1], 2.6, "-"),
+        ("command", SERIES[2], 2.2, dashes),
+    ):  # fmt: skip
+        axes.plot([], [], color=colour, linewidth=width, linestyle=style, label=name)
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.01, 0.995), ncols=3, fontsize=9.5, handlelength=1.8)
+
+    def move(k: int) -> None:
+        own, wanted = film.arm(film.links[k]), film.arm(film.command[k])
+        for artist, points in zip((*links, *goal), (*own, *wanted), strict=True):
+            artist.set_data(*points.T)
+        for fan, motor, points in zip(fans, motors, film.hands(k), strict=True):
+            fan.set_xy(points)
+            motor.set_data(*points[1:].T)
+        joints.set_data(*np.array([points[0] for points in own]).T)
+        aim.set_data(*wanted[-1][-1:].T)
+        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(
+            int
+        )  # of a second
+        trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
+
+    return [*goal, aim, trail, *fans, *links, *motors, joints], move
+
+
+def _draw_lines(
+    axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
+) -> Moving:
+    values, few = film.in_plot_units(positions), max(1, len(film.time) // 800)
+    artists, single = [], values.shape[1] == 1
+    for j, column in enumerate(values.T):
+        style = line_style(j)
+        if single:
+            style["color"] = SERIES[0 if command is not None else 1]
+        axes.plot(film.time[::few], column[::few], **{**style, "alpha": 0.22})
+        artists += axes.plot([], [], **{**style, "linewidth": 2.0})
+        artists += axes.plot([], [], "o", color=style["color"], markersize=4.5)
+        if command is not None:
+            dotted = {"color": SERIES[2] if single else style["color"], "linewidth": 1.2, "linestyle": DOTTED}
+            axes.plot(film.time[::few], command[::few, j], **dotted)
+    axes.set_title(f"{quantity} ({film.position_unit})", fontsize=10.5)
+    axes.set_xlim(0.0, max(float(film.time[-1]), 1e-9))
+    axes.set_ylim(*framed(values if command is None else np.concatenate([values, command]), 0.1))
+    axes.tick_params(labelsize=8.5)
+
+    def move(k: int) -> None:
+        for line, dot, column in zip(artists[::2], artists[1::2], values.T, strict=True):
+            line.set_data(film.time[: k + 1 : few], column[: k + 1 : few])
+            dot.set_data(film.time[k : k + 1], column[k : k + 1])
+
+    return artists, move
+
+
+def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
+    n, peaks = len(film.slides), np.abs(film.inputs).max(axis=0)
+    full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
+    axes.set_axis_off()
+    axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))
+    most = "limit" if np.isfinite(film.limits).all() else "peak"
+    heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {most}")
+    places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
+    for head, x, side in zip(heads, places, sides, strict=True):
+        axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
+    rows: list[tuple[Any, ...]] = []
+    for j, name in enumerate(film.robot.joint_names):
+        colour = SERIES[0] if n == 1 else line_style(j)["color"]
+        short = name if len(name) <= 14 else f"{name[:13]}…"
+        axes.text(0.0, j, short, va="center", fontsize=9.5, weight="bold", color=colour)
+        axes.barh(j, 2.0 * BAR, 0.5, ZERO - BAR, color=GRID, zorder=1)
+        axes.plot([ZERO, ZERO], [j - 0.32, j + 0.32], color=MUTED, linewidth=1.0, zorder=3)
+        (bar,) = axes.barh(j, 0.0, 0.5, ZERO, color=SERIES[3], zorder=2)
+        texts = (axes.text(x, j, "", ha="right", va="center", fontsize=9.5) for x in (*places[1:4], 1.0))
+        rows.append((bar, *texts))
+
+    def move(k: int) -> None:
+        columns = [film.in_plot_units(values[k]) for values in (film.links, film.motors, film.windup)]
+        for j, (bar, *texts, last) in enumerate(rows):
+            unit, u = " mm" if film.slides[j] else "°", float(film.inputs[k, j])
+            for text, values, decimals in zip(texts, columns, (2, 2, 3), strict=True):
+                text.set_text(f"{number(float(values[j]), decimals=decimals)}{unit}")
+            bar.set_width(BAR * float(np.clip(u / full[j], -1.0, 1.0)))
+            last.set_text(number(u, decimals=2 if full[j] < 100.0 else 1))
+
+    return [artist for row in rows for artist in row], move

@@ -58,8 +58,6 @@ WRONG, RECONSTRUCTED_FROM, RECONSTRUCTED_FRACTION = math.radians(5.0), 1.0, 0.02
 
 #: Length of a filter trial, s, and how many runs; a difference below MATTERS (relative) is a tie whatever its interval.
 DURATION, RUNS, MATTERS = 4.0, 200, 0.01
-#: Pairs of closed loops with the same noise.
-LOOPS = 10
 #: Standard deviations of a far start, rad and rad/s.
 FAR = (0.5, 1.0, 0.5, 1.0)
 
@@ -70,9 +68,10 @@ def _is_bounded(setup: PaperSetup) -> Finding:
     largest = np.zeros(setup.model.n)
     for name, (command, disturbance) in COMMANDS.items():
         loop = setup.loop(setup.nonlinear, estimator=setup.estimator("ukf"))
-        ensemble = loop.ensemble(command, disturbance, setup.deviation(loop), LONG)
         errors = []  # largest of each state, in the middle and in the last third
-        for run in ensemble.trajectories([{}] * count, [setup.seed(k) for k in range(count)]):
+        for run in loop.ensemble(command, disturbance, setup.deviation(loop), LONG).trajectories(
+            [{}] * count, [setup.seed(k) for k in range(count)]
+        ):
             if run.diverged_at is None:
                 error, last = np.abs(run.signals["estimate"] - run.signals["state"]), run.time >= 2 * LONG / 3
                 errors.append((error[(run.time >= LONG / 3) & ~last].max(axis=0), error[last].max(axis=0)))
@@ -83,17 +82,19 @@ def _is_bounded(setup: PaperSetup) -> Finding:
         states = [None] * setup.model.n if worst is None else worst.tolist()
         rows.append((name, count, *states, max(ratios, default=None)))
         largest = largest if worst is None else np.maximum(largest, worst)
-    evidence = (
-        f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
-        f"more than a factor of {GROWS:g}."
-    )
-    numbers = {"runs": count * len(COMMANDS), "diverged": diverged, "grown": grown}
     names = (Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states)
-    table = Table(
-        ("command", "runs", *names, Column("last over middle third", "", 2)), rows,
-        "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.", "table-bounded",
+    return Finding(
+        not (grown or diverged),
+        f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
+        f"more than a factor of {GROWS:g}.",
+        Table(
+            ("command", "runs", *names, Column("last over middle third", "", 2)), rows,
+            "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.", "table-bounded",
+        ),
+        {
+            "runs": count * len(COMMANDS), "diverged": diverged, "grown": grown, "largest_error": largest.tolist(),
+        },
     )  # fmt: skip
-    return Finding(not (grown or diverged), evidence, table, {**numbers, "largest_error": largest.tolist()})
 
 
 # Reconstruction ------------------------------------------------------------------------------------------
@@ -111,16 +112,20 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
-    errors = (Column(name, "rad or rad/s") for name in ("RMS error", "range in the run"))
     variance = number(setup.settings.measurement_noise)
-    table = Table(
-        ("state", *errors, Column("error / range", "%", 3)), rows,
-        f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².", "table-reconstruction",
-    )  # fmt: skip
     return Finding(
         largest <= RECONSTRUCTED_FRACTION,
         f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
-        table,
+        Table(
+            (
+                "state",
+                *(Column(name, "rad or rad/s") for name in ("RMS error", "range in the run")),
+                Column("error / range", "%", 3),
+            ),
+            rows,
+            f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².",
+            "table-reconstruction",
+        ),
     )
 
 
@@ -175,16 +180,18 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
         summaries = []
         for filter, kernel in zip(filters, kernels, strict=True):
             recorded = np.zeros((steps, n + 1))
-            arrays = {
-                **data,
-                "noises": np.concatenate(
-                    [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
-                ),
-                "x": initial * normal[0, :n],
-                "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
-                "recorded": recorded.ravel(),
-            }
-            kernel.run(arrays, {"steps": steps})
+            kernel.run(
+                {
+                    **data,
+                    "noises": np.concatenate(
+                        [v.ravel() for v in (filter.process_noise, filter.measurement_noise)]
+                    ),
+                    "x": initial * normal[0, :n],
+                    "belief": np.concatenate([np.ravel(part) for part in filter.initial]),
+                    "recorded": recorded.ravel(),
+                },
+                {"steps": steps},
+            )
             errors = recorded[:, :n]
             summaries.append(np.concatenate([(errors**2).mean(0), errors.mean(0), [recorded[:, n].mean()]]))
         return summaries
@@ -244,7 +251,6 @@ class Outcome(NamedTuple):
 
 
 def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
-    """Compare the scores of both filters on the same data; NaN with fewer than two pairs."""
     kept, nan = np.isfinite(ukf.squared).all(axis=1) & np.isfinite(ekf.squared).all(axis=1), math.nan
     pairs = int(kept.sum())
     if pairs < 2:
@@ -254,12 +260,17 @@ def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
     bias = [float(np.abs(s.mean[kept].mean(axis=0) / scale).max()) for s in (ukf, ekf)]
     gap, nees = own - other, [float(s.nees[kept].mean()) for s in (ukf, ekf)]
     difference, half = float(gap.mean()), 1.96 * float(gap.std(ddof=1)) / math.sqrt(pairs)
-    verdict = "better" if difference < 0.0 else "worse"
-    if not math.isfinite(difference):
-        verdict = "unknown"
-    elif abs(difference) <= half or abs(difference) < MATTERS:
-        verdict = "tie"
-    return Outcome(pairs, difference, half, (bias[0], bias[1]), (nees[0], nees[1]), verdict)
+    close = abs(difference) <= half or abs(difference) < MATTERS
+    verdict = "tie" if close else "better" if difference < 0.0 else "worse"
+    verdict = verdict if math.isfinite(difference) else "unknown"
+    return Outcome(
+        pairs,
+        difference,
+        half,
+        (bias[0], bias[1]),
+        (nees[0], nees[1]),
+        verdict if math.isfinite(difference) else "unknown",
+    )
 
 
 def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
@@ -302,14 +313,13 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         times = np.arange(max(2, round(DURATION / trial.period))) * trial.period
         volts = np.interp(times, step.time, step.signals["input"][:, 0])
         volts = np.clip(np.nan_to_num(volts), -100.0, 100.0)  # of a step that diverged
-        runs = affordable(RUNS, trial.period, DURATION)
-        return _outcome(*run_trial(trial, volts[:, None], runs, setup.settings.seed))
+        return _outcome(
+            *run_trial(trial, volts[:, None], affordable(RUNS, trial.period, DURATION), setup.settings.seed)
+        )
 
     own, others = ({trial: outcome(trial) for trial in trials} for trials in _trials(setup))
     verdicts = {result.verdict for result in own.values()}
-    verdict: bool | Verdict = "not judged" if verdicts == {"unknown"} else "ties"
-    if "worse" in verdicts or verdicts == {"better"}:
-        verdict = "worse" not in verdicts
+    judged: Verdict = "not judged" if verdicts == {"unknown"} else "ties"
     largest = max((abs(p.difference) for p in own.values() if p.verdict != "unknown"), default=math.nan)
     wins = [
         f"{trial.name} ({100 * p.difference:+.1g} ± {100 * p.half:.1g} %, NEES {p.nees[0]:.1f} against {p.nees[1]:.1f} "
@@ -318,29 +328,30 @@ def _beats_ekf(setup: PaperSetup) -> Finding:
         if p.verdict == "better"
     ]
     won = f"other sensors: {'; '.join(wins)}" if wins else "no other sensor tried"
-    evidence = (
-        f"With the link position measured the RMS errors differ by at most {number(100 * largest, 1)} %. "
-        f"{_closed_loops(setup)} The UKF wins with {won}."
-    )
     trials, rows = {}, []
     for trial, p in (own | others).items():
         trials[trial.name] = [known(v) for v in (p.difference, p.half, *p.nees)]
-        values = (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees)
-        rows.append((trial.name, p.pairs, *map(known, values), p.verdict))
-    table = Table(
-        ("trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
-         Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
-         Column("NEES EKF", "", 2), "UKF is"),
-        rows,
-        "UKF against an EKF with exact Jacobians on the same data, matched noises, open loop on the voltage of the "
-        "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4.",
-        "table-ukf-ekf",
+        values = map(known, (100.0 * p.difference, 100.0 * p.half, *p.bias, *p.nees))
+        rows.append((trial.name, p.pairs, *values, p.verdict))
+    return Finding(
+        False if "worse" in verdicts else verdicts == {"better"} or judged,
+        f"With the link position measured the RMS errors differ by at most {number(100 * largest, 1)} %. "
+        f"{_closed_loops(setup)} The UKF wins with {won}.",
+        Table(
+            ("trial", "pairs", Column("UKF − EKF", "% of RMS error"), Column("± (95 %)", "%"),
+             Column("bias UKF", "of RMS", 3), Column("bias EKF", "of RMS", 3), Column("NEES UKF", "", 2),
+             Column("NEES EKF", "", 2), "UKF is"),
+            rows,
+            "UKF against an EKF with exact Jacobians on the same data, matched noises, open loop on the voltage of the "
+            "180° step; the link position measured unless another sensor is named. NEES of a right covariance is 4.",
+            "table-ukf-ekf",
+        ),
+        {"largest_difference": known(largest), "trials": trials},
     )  # fmt: skip
-    return Finding(verdict, evidence, table, {"largest_difference": known(largest), "trials": trials})
 
 
 def _closed_loops(setup: PaperSetup) -> str:
-    count, gaps, law = affordable(LOOPS, setup.settings.period), [], setup.nonlinear
+    count, gaps, law = affordable(10, setup.settings.period), [], setup.nonlinear
     for k in range(count):
         runs = [
             setup.run(law, Step(math.pi), 8.0, estimator=estimator, seed=setup.seed(k))

@@ -132,9 +132,10 @@ class PaperSetup:
         s, kind = self.settings, self.settings.estimator if kind is None else kind
         if kind == "none":
             return None
-        start = np.zeros(self.model.n) if mean is None else mean
-        build = UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter
-        return build(self.model, s.period, s.process_noise, s.measurement_noise, start, covariance, **options)
+        mean = np.zeros(self.model.n) if mean is None else mean
+        return (UnscentedKalmanFilter if kind == "ukf" else ExtendedKalmanFilter)(
+            self.model, s.period, s.process_noise, s.measurement_noise, mean, covariance, **options
+        )
 
     def seed(self, k: int) -> int:
         """Seed of the k-th of several runs (k < 1000): no two settings share one."""
@@ -149,8 +150,8 @@ class PaperSetup:
     # Runs -------------------------------------------------------------------------------------------------------
     def loop(self, law: Law, inductance: bool = False, estimator: Any = "settings") -> Loop:
         """A loop around the true plant; "settings" is the estimator of the settings."""
-        chosen = self.estimator() if isinstance(estimator, str) else estimator
-        return Loop(self.true_plants[inductance], Controller(law, chosen, self.settings.period))
+        estimator = self.estimator() if isinstance(estimator, str) else estimator
+        return Loop(self.true_plants[inductance], Controller(law, estimator, self.settings.period))
 
     def deviation(self, loop: Loop) -> float | None:
         """Standard deviation of the simulated measurement noise, rad; None where the true state is fed back."""
@@ -176,9 +177,11 @@ class PaperSetup:
     def runs(self, figure: str) -> dict[str, Trajectory]:
         """Runs of Figs. 3, 5, 7 ("03" …) by the name of the law, and of 11 and 12 by where the torque acts."""
         if figure not in self._runs:
-            laws = {"nonlinear": self.nonlinear, "linear": self.linear}
             self._runs[figure] = (
-                {name: self.run(law, *COMMANDS[figure]) for name, law in laws.items()}
+                {
+                    name: self.run(law, *COMMANDS[figure])
+                    for name, law in {"nonlinear": self.nonlinear, "linear": self.linear}.items()
+                }
                 if figure in COMMANDS
                 else {c: self.load_response(self.nonlinear, LOADS[figure], c) for c in CHANNELS}
             )
@@ -190,17 +193,16 @@ class PaperSetup:
         population, period, plants = self.population, self.settings.period, range(SAMPLED_PLANTS)
         kept = np.arange(0, round(LONG / period) + 1, max(1, round(LONG / period / KEPT)))
         names, loop = ("output.link_position", "estimate.link_position"), self.loop(self.nonlinear, True)
-        ensemble = loop.ensemble(
+        batch = loop.ensemble(
             Step(math.pi / 2), None, self.deviation(loop), LONG, kept=names, instants=kept
-        )
-        batch = ensemble.run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
+        ).run([dict(population.values[k]) for k in plants], [self.seed(k) for k in plants])
         runs = []
         for k in plants:
             whole = ~np.isnan(batch.kept[k]).any(axis=1)
             diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
-            output, estimate = np.degrees(batch.kept[k, whole].T)
+            time, (output, estimate) = period * kept[whole], np.degrees(batch.kept[k, whole].T)
             metrics, changes = batch.metrics_of(k), population.describe(k)
-            runs.append(ToleranceRun(metrics, diverged_at, period * kept[whole], output, estimate, changes))
+            runs.append(ToleranceRun(metrics, diverged_at, time, output, estimate, changes))
         return runs
 
     def load_response(
@@ -235,18 +237,12 @@ def load_numbers(run: Trajectory) -> dict[str, Any]:
 def _step_numbers(run: Trajectory) -> dict[str, Any]:
     m = run.metrics()
     return {
-        "overshoot_percent": m["overshoot_percent"],
-        "settling_time_s": m["settling_time_s"],
-        "rise_time_s": m["rise_time_s"],
+        **{key: m[key] for key in ("overshoot_percent", "settling_time_s", "rise_time_s")},
         "steady_state_error_rad": m["steady_state_error"],
         "peak_control_V": m["peak_input"],
         "estimation_rmse": m["estimation_rmse"],
         **({} if run.diverged_at is None else {"diverged_at_s": run.diverged_at}),
     }
-
-
-def _peak_numbers(run: Trajectory) -> dict[str, Any]:
-    return {"peak_control_V": run.metrics()["peak_input"]}
 
 
 def _spread(values: Iterable[float | None]) -> list[float | None]:
@@ -257,8 +253,11 @@ def _spread(values: Iterable[float | None]) -> list[float | None]:
 
 #: By the figure's number in the paper: whose runs, and what is read off each; of Figs. 9 and 10 off all plants.
 _READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
-    "03": ("03", _step_numbers), "04": ("03", _peak_numbers), "05": ("05", _step_numbers),
-    "06": ("05", _peak_numbers), "07": ("07", tracking_numbers), "08": ("07", _peak_numbers),
+    "03": ("03", _step_numbers), "05": ("05", _step_numbers), "07": ("07", tracking_numbers),
+    **{
+        drawn: (runs, lambda run: {"peak_control_V": run.metrics()["peak_input"]})
+        for drawn, runs in (("04", "03"), ("06", "05"), ("08", "07"))
+    },
     "11": ("11", load_numbers), "12": ("12", load_numbers),
 }  # fmt: skip
 
@@ -279,7 +278,7 @@ def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
     plants = setup.sampled_plants
     metrics, whole = [run.metrics for run in plants], [run for run in plants if run.diverged_at is None]
     errors = zip(*(run.metrics["estimation_rmse"] for run in whole), strict=True)
-    estimated = {"estimation_rmse": [_spread(state) for state in errors]} if figure == "10" else {}
+    estimated = {"estimation_rmse": [_spread(state) for state in errors]}
     numbers = {
         "plants": len(plants),
         "overshoot_percent": _spread(m["overshoot_percent"] for m in metrics),
@@ -288,7 +287,7 @@ def figure_numbers(setup: PaperSetup, figure: str) -> dict[str, dict[str, Any]]:
         "unsettled": sum(m["settling_time_s"] is None for m in metrics),
         "diverged": len(plants) - len(whole),
     }
-    return {"nonlinear": {**numbers, **estimated}}
+    return {"nonlinear": {**numbers, **(estimated if figure == "10" else {})}}
 
 
 def known(value: float) -> float | None:

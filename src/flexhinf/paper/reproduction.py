@@ -21,9 +21,6 @@ CLAIMS = (*STEPS_AND_TRACKING, COIL, GAIN, TOLERANCES, *TORQUES, *UKF, ABOUT_THE
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
 
-#: The pages that show a reproduction; they are loaded when its files are asked for.
-PAGES = "flexhinf.pages.paper"
-
 
 @dataclass(frozen=True, eq=False)
 class Reproduction:
@@ -39,7 +36,7 @@ class Reproduction:
     @cached_property
     def files(self) -> dict[str, str]:
         """Files of the report: index.html, figure_03.svg … figure_12.svg, metrics.json."""
-        return import_module(PAGES).paper_files(self)
+        return import_module("flexhinf.pages.paper").paper_files(self)
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
@@ -79,14 +76,12 @@ def reproduce(
     """
     begin = progress or (lambda text: None)
     begin("synthesis")
-    setup, figures, judged = PaperSetup(settings), dict[str, dict[str, Any]](), list[Claim]()
+    setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
+    judged: dict[bool, list[Claim]] = {False: [], True: []}  # by whether the question is ours
     for figure in FIGURE_NUMBERS:
         begin(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
     for claim in CLAIMS:
         begin(f"claim: {claim.id.replace('-', ' ')}")
-        judged.append(claim.judged(setup))
-    claims, questions = (
-        tuple(result for result, claim in zip(judged, CLAIMS) if claim.ours == ours) for ours in (False, True)
-    )
-    return Reproduction(setup, figures, claims, questions, tuple(command))
+        judged[claim.ours].append(claim.judged(setup))
+    return Reproduction(setup, figures, tuple(judged[False]), tuple(judged[True]), tuple(command))

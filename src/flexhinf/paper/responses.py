@@ -55,7 +55,6 @@ TRACKING_LIMIT = math.radians(9.0)
 OVERSHOOT = ("overshoot_percent", Column("overshoot", "%", 2))
 SETTLING = ("settling_time_s", Column("settling", "s", 2))
 RISE = ("rise_time_s", Column("rise 10–90 %", "s", 2))
-PEAK = ("peak_input", Column("peak", "V", 1))
 
 LAWS = {"nonlinear": "NL-H∞", "linear": "L-H∞"}
 SAME_LAW = "At this degree both are the same law."
@@ -96,7 +95,7 @@ def _or_infinite(value: float | None) -> float:
 
 
 def _steps_table(runs: dict[tuple[str, str], Trajectory], caption: str, anchor: str) -> Table:
-    read = (OVERSHOOT, SETTLING, RISE, PEAK)
+    read = (OVERSHOOT, SETTLING, RISE, ("peak_input", Column("peak", "V", 1)))
     rows = [(*names, *(run.metrics()[key] for key, _ in read)) for names, run in runs.items()]
     return Table(("step", "law", *(column for _, column in read)), rows, caption, anchor)
 
@@ -122,8 +121,9 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
             for law, name in LAWS.items():
                 solution = setup.law(degree=2 if law == "linear" else setup.settings.degree, pose=pose)
                 loop, period = setup.loop(solution, inductance=True), setup.settings.period
-                controller = Controller(solution, loop.controller.estimator, period, start="bumpless")
-                run = Loop(loop.true_plant, controller).run(
+                run = Loop(
+                    loop.true_plant, Controller(solution, loop.controller.estimator, period, start="bumpless")
+                ).run(
                     Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, volts
                 )
                 runs.append(run)
@@ -145,13 +145,15 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
 def _tracks_sine(setup: PaperSetup) -> Finding:
     errors = {name: tracking_numbers(run) for name, run in setup.runs("07").items()}
     degree, weights = setup.settings.degree, {"link_position": 60.0, "link_position_integral": 300.0}
-    others = {
-        "NL-H∞ (degree 6)": setup.law(weights, degree=6),
-        "nonlinear LQR (γ = ∞)": solve_hji(setup.problem, gamma=math.inf, degree=degree),
-        "LQR + gravity compensation": GravityCompensatedLQR.design(setup.problem),
-    }
     laws = {"L-H∞ (degree 2)": errors["linear"], f"NL-H∞ (degree {degree})": errors["nonlinear"]}
-    laws |= {name: tracking_numbers(setup.run(law, SINE, TRACKING_DURATION)) for name, law in others.items()}
+    laws |= {
+        name: tracking_numbers(setup.run(law, SINE, TRACKING_DURATION))
+        for name, law in {
+            "NL-H∞ (degree 6)": setup.law(weights, degree=6),
+            "nonlinear LQR (γ = ∞)": solve_hji(setup.problem, gamma=math.inf, degree=degree),
+            "LQR + gravity compensation": GravityCompensatedLQR.design(setup.problem),
+        }.items()
+    }
     keys = ("largest_error_rad", "tracking_rmse_rad")
     table = Table(
         ("law", Column(f"largest error after {TRACKING_FROM:g} s", "°", 2),
@@ -163,10 +165,13 @@ def _tracks_sine(setup: PaperSetup) -> Finding:
     if largest is None:
         return Finding(False, "The run diverged in 40 s.", table)
     rival = "diverges" if linear is None else f"reaches {math.degrees(linear):.1f}°"
-    text = f"Largest error after {TRACKING_FROM:g} s: {math.degrees(largest):.1f}°; the linear law {rival}."
-    if linear is not None and linear < largest:
-        text += " The nonlinear terms act on x1, not on the error: the order of the steps is reversed."
-    return Finding(largest <= TRACKING_LIMIT, text, table)
+    why = " The nonlinear terms act on x1, not on the error: the order of the steps is reversed."
+    return Finding(
+        largest <= TRACKING_LIMIT,
+        f"Largest error after {TRACKING_FROM:g} s: {math.degrees(largest):.1f}°; the linear law {rival}."
+        f"{why if linear is not None and linear < largest else ''}",
+        table,
+    )
 
 
 # Weights -------------------------------------------------------------------------------------------------
@@ -191,8 +196,10 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
         return all(b < a for column in values for a, b in pairwise(column))
 
     def ends(metric: str, digits: int) -> list[str]:  # with the smallest and with the largest weight
-        pairs = [[run[goal][metric] for run in (runs[0], runs[-1])] for goal in GOALS]
-        return [" to ".join("none" if x is None else f"{x:.{digits}f}" for x in pair) for pair in pairs]
+        return [
+            " to ".join("none" if x is None else f"{x:.{digits}f}" for x in pair)
+            for pair in [[run[goal][metric] for run in (runs[0], runs[-1])] for goal in GOALS]
+        ]
 
     columns = [Column("weight of x1", "", 0), Column("weight of x5", "", 0)]
     columns += [Column(f"{name_goal(g)} {c.name}", c.unit, c.decimals) for g in GOALS for _, c in read]
@@ -200,16 +207,15 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
     anchor = "table-link-weight" if of_link else "table-integral-weight"
     table = Table(columns, rows, f"The weight of {varied} varied.", anchor)
     over, rise = ends("overshoot_percent", 1), ends("rise_time_s", 2)
-    text = f"From a weight of {weights[0]:g} to {weights[-1]:g} the "
-    if of_link:
-        text += f"overshoot goes from {over[0]} % at 90° and from {over[1]} % at 180°."
-        return Finding(falls("overshoot_percent"), text, table)
-    settles = "falls too" if falls("settling_time_s") else "does not fall steadily"
-    text += (
-        f"rise time goes from {rise[0]} s at 90° and from {rise[1]} s at 180°. The settling time (±2 %) "
-        f"{settles}. The overshoot goes from {over[0]} % and {over[1]} %."
-    )
-    return Finding(falls("rise_time_s"), text, table)
+    text = f"overshoot goes from {over[0]} % at 90° and from {over[1]} % at 180°."
+    if not of_link:
+        settles = "falls too" if falls("settling_time_s") else "does not fall steadily"
+        text = (
+            f"rise time goes from {rise[0]} s at 90° and from {rise[1]} s at 180°. The settling time (±2 %) "
+            f"{settles}. The overshoot goes from {over[0]} % and {over[1]} %."
+        )
+    judged = falls("overshoot_percent" if of_link else "rise_time_s")
+    return Finding(judged, f"From a weight of {weights[0]:g} to {weights[-1]:g} the {text}", table)
 
 
 STEPS_AND_TRACKING = (
@@ -270,15 +276,9 @@ ABOUT_THE_GOAL = PaperClaim(
 
 #: Horizon, s: disturbances die out well before, and the response with them.
 HORIZON = 20.0
-#: Inside this |x1|, rad, gains are judged: the paper's largest command.
-RANGE = math.pi
-#: Turns of the search for each energy.
-TURNS = 12
 #: ∫|d|² of the worst disturbances searched for, rad² s.
 ENERGIES = (1e-4, 0.1, 1.0, 3.0, 10.0, 20.0, 30.0, 60.0, 100.0)
 
-#: Largest deviation that a sinusoidal torque may cause, rad: 20 % of the command.
-LIMIT = 0.20 * math.pi / 2
 #: Frequencies of the torque that are shown, Hz; one of them is judged.
 FREQUENCIES = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
 
@@ -306,11 +306,15 @@ class GainRuns:
 
     def attained(self, disturbance: Signal) -> RunGain:
         """The gain under a disturbance, held between samples."""
-        d = np.asarray(disturbance(self.search.runs.times), dtype=float)
-        attained, reach = self.search.runs.attained(d[:, None]), math.inf
+        attained, reach = (
+            self.search.runs.attained(np.asarray(disturbance(self.search.runs.times), dtype=float)[:, None]),
+            math.inf,
+        )
         if not np.isinf(attained.gain):
             reach = float(np.abs(attained.trajectory.signals["state"][:, 0]).max())
-        return RunGain(attained.gain, attained.energy, reach, reach <= RANGE)
+        return RunGain(
+            attained.gain, attained.energy, reach, reach <= math.pi
+        )  # judged up to the largest command
 
     def searched(self) -> dict[str, RunGain]:
         """The worst disturbance found for each energy, each search begun from the last, up to where the loop
@@ -318,7 +322,7 @@ class GainRuns:
         gains: dict[str, RunGain] = {}
         d: Any = self.search.small()[1]  # the worst sinusoid of small motions, (N, 1)
         for energy in ENERGIES:
-            d, name = self.search.ascend(d, energy, TURNS), f"worst found, ∫|d|² = {energy:g}"
+            d, name = self.search.ascend(d, energy, turns=12), f"worst found, ∫|d|² = {energy:g}"
             if d is None:
                 gains[name] = RunGain(math.inf, energy, math.inf, False)
                 break
@@ -328,18 +332,16 @@ class GainRuns:
 
 def stated_disturbances() -> dict[str, Signal]:
     """Pulses and decaying sines, small and large, by name."""
-    pulses = ((10, 0.5), (10, 2.0), (90, 0.5), (90, 2.0), (180, 0.5))
-    sines = ((10, 0.25), (10, 0.5), (90, 0.25), (90, 0.5), (90, 1.0))
     return {
         f"pulse of {degrees}°, {seconds:g} s": lambda t, d=degrees, s=seconds: np.where(
             t < s, math.radians(d), 0.0
         )
-        for degrees, seconds in pulses
+        for degrees, seconds in ((10, 0.5), (10, 2.0), (90, 0.5), (90, 2.0), (180, 0.5))
     } | {
         f"sine of {degrees}°, {hertz:g} Hz, decaying in 3 s": lambda t, d=degrees, f=hertz: (
             math.radians(d) * np.exp(-t / 3.0) * np.sin(2.0 * math.pi * f * t)
         )
-        for degrees, hertz in sines
+        for degrees, hertz in ((10, 0.25), (10, 0.5), (90, 0.25), (90, 0.5), (90, 1.0))
     }
 
 
@@ -352,16 +354,8 @@ def attained_gain(setup: PaperSetup) -> Finding:
     tame, largest = (
         max((run.gain for run in group.values() if run.inside), default=math.inf) for group in (stated, gains)
     )
-    best = known(largest)
-    numbers = {
-        "largest_gain": best,
-        "largest_gain_over_gamma": best and best / setup.gamma,
-        "largest_gain_over_gamma_star": best and best / setup.gamma_star,
-    }
-    evidence = f"γ = {setup.gamma:.1f}, γ* = {setup.gamma_star:.1f}"
-    if best is None or math.isinf(tame):
-        evidence += ": the loop diverges under most disturbances tried."
-    else:
+    best, evidence = known(largest), ": the loop diverges under most disturbances tried."
+    if best is not None and not math.isinf(tame):
         local = f"Nothing tried exceeds γ, within {HORIZON:g} s."
         beyond = [run for run in gains.values() if run.gain > setup.gamma and not run.inside]
         if beyond:
@@ -369,26 +363,30 @@ def attained_gain(setup: PaperSetup) -> Finding:
             gain = "diverges" if math.isinf(first.gain) else f"attains {first.gain:.1f}"
             reach = "" if math.isinf(first.reach) else f", with |x1| up to {math.degrees(first.reach):.0f}°"
             local = f"Eq. (5) is local: with ∫|d|² = {first.energy:.3g} rad² s the loop {gain}{reach}."
-        evidence += (
+        evidence = (
             f". With |x1| ≤ 180° pulses and decaying sines attain up to {tame:.1f}, the worst disturbances found up to "
             f"{largest:.1f}: {largest / setup.gamma:.3f} γ, {largest / setup.gamma_star:.3f} γ*. {local}"
         )
-    rows = [
-        (name, *map(known, (
-            run.energy, math.degrees(run.reach), run.gain, run.gain / setup.gamma, run.gain / setup.gamma_star,
-        )))
-        for name, run in gains.items()
-    ]  # fmt: skip
-    columns = (
-        "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
-        Column("attained √(∫|z|²/∫|d|²)", "", 1), Column("over γ", "", 3), Column("over γ*", "", 3),
-    )  # fmt: skip
     table = Table(
-        columns,
-        rows,
+        (
+            "disturbance d", Column("∫|d|²", "rad² s"), Column("largest |x1|", "°", 1),
+            Column("attained √(∫|z|²/∫|d|²)", "", 1), Column("over γ", "", 3), Column("over γ*", "", 3),
+        ),
+        [
+            (name, *map(known, (
+                run.energy, math.degrees(run.reach), run.gain, run.gain / setup.gamma, run.gain / setup.gamma_star,
+            )))
+            for name, run in gains.items()
+        ],
         "Attained gain of Eq. (5) from rest, true state fed back, the largest over all horizons up to 20 s.",
         "table-gain",
-    )
+    )  # fmt: skip
+    numbers = {
+        "largest_gain": best,
+        "largest_gain_over_gamma": best and best / setup.gamma,
+        "largest_gain_over_gamma_star": best and best / setup.gamma_star,
+    }
+    evidence = f"γ = {setup.gamma:.1f}, γ* = {setup.gamma_star:.1f}{evidence}"
     return Finding(largest <= setup.gamma, evidence, table, numbers, tuple(worst.values()))
 
 
@@ -406,26 +404,28 @@ def _step_disturbance(setup: PaperSetup) -> Finding:
     deviations = {**by_channel, "link, true state fed back": _deviation(fed_back)}
     peaks = [peak for peak, _ in by_channel.values() if peak is not None]
     lost = [name for name, (_, recovery) in by_channel.items() if recovery is None]
-    text = f"The link moves by at most {max(peaks, default=math.inf):.1f}°"
-    if len(peaks) < len(by_channel):
-        text = "The loop diverges."
-    elif lost:
-        text += f" and is not back within ±2 % at the end with the torque at the {' and the '.join(lost)}."
-    else:
-        latest = max(recovery for _, recovery in by_channel.values() if recovery is not None)
-        text += f" and is back within ±2 % after {latest:.2f} s at the latest."
-    table = Table(
-        ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2)),
-        [(name, *values) for name, values in deviations.items()],
-        f"Torque step of {TORQUE:g} N·m; – where the link does not come back or diverges.", "table-step-disturbance",
+    latest = max((recovery for _, recovery in by_channel.values() if recovery is not None), default=math.inf)
+    back = (
+        f"is not back within ±2 % at the end with the torque at the {' and the '.join(lost)}."
+        if lost
+        else f"is back within ±2 % after {latest:.2f} s at the latest."
+    )
+    moved = f"The link moves by at most {max(peaks, default=math.inf):.1f}° and {back}"
+    return Finding(
+        not lost, "The loop diverges." if len(peaks) < len(by_channel) else moved,
+        Table(
+            ("torque at the", Column("largest deviation", "°", 2), Column("time of recovery", "s", 2)),
+            [(name, *values) for name, values in deviations.items()],
+            f"Torque step of {TORQUE:g} N·m; – where the link does not come back or diverges.",
+            "table-step-disturbance",
+        ),
     )  # fmt: skip
-    return Finding(not lost, text, table)
 
 
 def _stays(run: Trajectory, frequency: float) -> bool:
     """Whether the deviation is small and does not grow, from the last two seconds and the two before."""
     peak = load_numbers(run)["peak_deviation_rad"]
-    if peak is None or peak > LIMIT:
+    if peak is None or peak > 0.20 * math.pi / 2:  # 20 % of the command
         return False
     if 2.0 * frequency < 1.0:  # growth can be told from phase only with a whole period in two seconds
         return True
@@ -436,18 +436,22 @@ def _stays(run: Trajectory, frequency: float) -> bool:
 
 def _sine_disturbance(setup: PaperSetup) -> Finding:
     runs = {(FREQUENCY, c): run for c, run in setup.runs("12").items()}
-    for f in FREQUENCIES:
-        for c in CHANNELS:
-            if (f, c) not in runs:
-                runs[f, c] = setup.load_response(setup.nonlinear, Sine(TORQUE, f, at=LOAD_FROM), c)
+    runs |= {
+        (f, c): setup.load_response(setup.nonlinear, Sine(TORQUE, f, at=LOAD_FROM), c)
+        for f in FREQUENCIES
+        for c in CHANNELS
+        if (f, c) not in runs
+    }
     bad = sorted({f for (f, _), run in runs.items() if not _stays(run, f)})
     moved = " and ".join(
         "diverged" if peak is None else f"{peak:.1f}°"
         for peak in (_deviation(runs[FREQUENCY, c])[0] for c in CHANNELS)
     )
-    others = "It is kept at the other frequencies tried too."
-    if bad:
-        others = f"The criterion is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
+    others = (
+        f"The criterion is not kept at {', '.join(f'{f:g}' for f in bad)} Hz."
+        if bad
+        else "It is kept at the other frequencies tried too."
+    )
     return Finding(
         FREQUENCY not in bad,
         f"At {FREQUENCY:g} Hz the link moves by at most {moved} (torque at link and at motor). {others}",

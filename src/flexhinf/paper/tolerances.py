@@ -39,10 +39,6 @@ from flexhinf.report import Column, Table, number
 #: q that are swept over, variance per sample.
 SWEPT = (1e-10, 1e-8, 1e-7, 1e-6, 1e-4, 1e-2)
 
-#: Plants run at each goal: the worst by growth rate, every tolerance alone, and every tenth of those sampled.
-WORST, EVERY = 8, 10
-#: Below this RMS velocity, rad/s, a run has decayed to rounding and its rate says nothing.
-ROUNDING = 1e-9
 #: Rates nearer to zero than this, 1/s, cannot be distinguished by a run of 30 s.
 UNDECIDED = 2e-3
 #: Early and late part of a run, as fractions of it.
@@ -130,8 +126,10 @@ class ToleranceStudy:
         """Single tolerances that make the loop unstable by one of these rates, by their changes."""
         singles = np.flatnonzero(self.setup.population.kinds == "single")
         worst = np.max([each.rates[singles] for each in rates], axis=0)
-        chosen = singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
-        return [self.setup.population.describe(int(k)) for k in chosen]
+        return [
+            self.setup.population.describe(int(k))
+            for k in singles[np.argsort(-worst)][: int((worst >= 0.0).sum())]
+        ]
 
 
 def unstable_of(rates: GrowthRates, kind: str) -> int:
@@ -147,23 +145,27 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
     """
     jobs, kinds = [], setup.population.kinds
     for goal in GOALS:
-        rates, sampled = study.chosen[goal].rates, np.flatnonzero(kinds == "draw")[::EVERY]
-        plants = dict.fromkeys([*np.argsort(-rates)[:WORST], *np.flatnonzero(kinds == "single"), *sampled])
-        jobs += [(goal, int(k), float(rates[k])) for k in plants]
+        rates, sampled = study.chosen[goal].rates, np.flatnonzero(kinds == "draw")[::10]
+        # the worst by growth rate, every tolerance alone, and every tenth of those sampled
+        jobs += [
+            (goal, int(k), float(rates[k]))
+            for k in dict.fromkeys([*np.argsort(-rates)[:8], *np.flatnonzero(kinds == "single"), *sampled])
+        ]
     jobs = jobs[:: max(1, len(jobs) // affordable(len(jobs), setup.settings.period))]
     agree, error, times = 0, 0.0, np.arange(round(LONG / setup.settings.period) + 1)
     part, loop = times / times[-1], setup.loop(setup.nonlinear, inductance=True)
     for goal in GOALS:
         own = [(k, expected) for at, k, expected in jobs if at == goal]
         ensemble = loop.ensemble(Step(goal), None, None, LONG, kept=["state.link_velocity"], instants=times)
-        velocities = ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0]
-        for (_, expected), velocity in zip(own, velocities, strict=True):
+        for (_, expected), velocity in zip(
+            own, ensemble.run([setup.population.values[k] for k, _ in own]).kept[:, :, 0], strict=True
+        ):
             measured = late = np.inf  # of a run that diverged
             if not np.isnan(velocity).any():
                 windows = (velocity[(part >= first) & (part <= last)] for first, last in (EARLY, LATE))
                 early, late = (max(float(np.sqrt(np.mean(window**2))), 1e-300) for window in windows)
                 measured = float(np.log(late / early) / (LONG * (LATE[0] - EARLY[0])))
-            decayed = late < ROUNDING and expected < 0.0
+            decayed = late < 1e-9 and expected < 0.0  # to rounding: its rate says nothing
             undecided = abs(expected) < UNDECIDED and abs(measured - expected) < UNDECIDED
             agree += bool(decayed or undecided or (measured >= 0.0) == (expected >= 0.0))
             if not decayed and math.isfinite(measured) and math.isfinite(expected):
@@ -175,21 +177,6 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 def _withstands_tolerances(setup: PaperSetup) -> Finding:
     study = ToleranceStudy.of(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
-    numbers: dict[str, Any] = {
-        "plants": len(setup.population),
-        "corners": study.count("corner"),
-        "unstable": {name_goal(g): chosen[g].unstable for g in GOALS},
-        "unstable_corners": {name_goal(g): unstable_of(chosen[g], "corner") for g in GOALS},
-        "fastest_growth_per_s": {name_goal(g): known(chosen[g].fastest) for g in GOALS},
-        "swept_unstable_corners": {
-            name_goal(g): [
-                [r.noise.form, r.noise.q, unstable_of(r, "corner")] for r in study.swept[g] if r.noise
-            ]
-            for g in GOALS
-        },
-        "runs": runs,
-        "runs_that_agree": agree,
-    }
     parts = []
     for goal, rates in chosen.items():
         pace = f"slowest mode {number(rates.fastest, decimals=3)}/s"
@@ -201,20 +188,34 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
     which = (
         f"R^v = {number(setup.settings.process_noise)} I" if study.estimated else "the true state fed back"
     )
-    text = f"Unstable with {which}: {'; '.join(parts)}."
-    growth = max(rates.fastest for rates in chosen.values())
+    growth, grows = max(rates.fastest for rates in chosen.values()), ""
     if 0.0 <= growth < math.inf:
-        short, long = (math.exp(min(growth * seconds, 50.0)) for seconds in (STEP_DURATION, LONG))
-        text += (
-            f" The fastest growth makes a factor of {short:.2g} in {STEP_DURATION:g} s and of {long:.2g} in "
-        )
-        text += f"{LONG:g} s."
-    text += (
-        f" {agree} of {runs} runs of {LONG:g} s agree with the growth rates of the linear loop (within "
-        f"{number(error, 2)}/s)."
-    )
+        factors = [
+            f"{math.exp(min(growth * seconds, 50.0)):.2g} in {seconds:g} s"
+            for seconds in (STEP_DURATION, LONG)
+        ]
+        grows = f" The fastest growth makes a factor of {' and of '.join(factors)}."
     return Finding(
-        all(rates.unstable == 0 for rates in chosen.values()), text, _tolerance_table(study), numbers, study
+        all(rates.unstable == 0 for rates in chosen.values()),
+        f"Unstable with {which}: {'; '.join(parts)}.{grows} {agree} of {runs} runs of {LONG:g} s agree with the growth "
+        f"rates of the linear loop (within {number(error, 2)}/s).",
+        _tolerance_table(study),
+        {
+            "plants": len(setup.population),
+            "corners": study.count("corner"),
+            "unstable": {name_goal(g): chosen[g].unstable for g in GOALS},
+            "unstable_corners": {name_goal(g): unstable_of(chosen[g], "corner") for g in GOALS},
+            "fastest_growth_per_s": {name_goal(g): known(chosen[g].fastest) for g in GOALS},
+            "swept_unstable_corners": {
+                name_goal(g): [
+                    [r.noise.form, r.noise.q, unstable_of(r, "corner")] for r in study.swept[g] if r.noise
+                ]
+                for g in GOALS
+            },
+            "runs": runs,
+            "runs_that_agree": agree,
+        },
+        study,
     )
 
 
@@ -227,25 +228,23 @@ def _tolerance_table(study: ToleranceStudy) -> Table:
             groups |= {f"q on {form}": study.of_form(form, goal) for form in FORMS}
         for which, group in groups.items():
             corners, alone = [unstable_of(rates, "corner") for rates in group], study.sufficient_alone(group)
-            sampled = max(unstable_of(rates, "draw") for rates in group)
-            fastest = known(max(rates.fastest for rates in group))
-            single = "; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")
-            rows.append(
-                (name_goal(goal), which, min(corners), max(corners), sampled, fastest, single or "none")
-            )
-    columns = (
-        "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
-        Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),
-        "one tolerance alone suffices",
-    )  # fmt: skip
+            rows.append((
+                name_goal(goal), which, min(corners), max(corners), max(unstable_of(rates, "draw") for rates in group),
+                known(max(rates.fastest for rates in group)),
+                ("; ".join(alone[:3]) + (f" and {len(alone) - 3} more" if len(alone) > 3 else "")) or "none",
+            ))  # fmt: skip
     return Table(
-        columns,
+        (
+            "goal", "R^v", Column("corners unstable, fewest over q"), Column("corners unstable, most over q"),
+            Column("sampled plants unstable, most over q"), Column("fastest growth", "1/s", 3),
+            "one tolerance alone suffices",
+        ),
         rows,
         f"Plants with which the loop is unstable, of {study.count('corner')} corners and {study.count('draw')} sampled "
         f"ones, with the paper's penalty and the coil; q from {number(SWEPT[0])} to {number(SWEPT[-1])}. A negative "
         "growth is the decay of the slowest loop; – where some plant has no equilibrium.",
         "table-tolerances",
-    )
+    )  # fmt: skip
 
 
 # Coil ----------------------------------------------------------------------------------------------------
@@ -264,11 +263,14 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
                 values = [
                     run.metrics()[key] for key in ("overshoot_percent", "settling_time_s", "peak_input")
                 ]
-                modes = [complex(m) for m in slowest if math.isfinite(m.real) and m.imag >= 0.0]
-                parts = [f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "") for m in modes]
-                feedback = "true state" if kind == "none" else kind.upper()
-                texts = ", ".join(parts) or "no equilibrium"
-                rows.append((feedback, name_goal(goal), "yes" if coil else "no", *values, texts))
+                rows.append((
+                    "true state" if kind == "none" else kind.upper(), name_goal(goal), "yes" if coil else "no",
+                    *values, ", ".join([
+                        f"{m.real:.3f}" + (f" ± {m.imag:.2f}i" if m.imag > 1e-9 else "")
+                        for m in map(complex, slowest)
+                        if math.isfinite(m.real) and m.imag >= 0.0
+                    ]) or "no equilibrium",
+                ))  # fmt: skip
                 metrics.append(np.array(values, dtype=float))
             growth = max(growth, float(slowest[0].real))  # with the coil
             without, with_coil = metrics  # NaN where a run diverges or does not settle
@@ -276,22 +278,20 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
     worst, slower = np.nan_to_num(changes).max(axis=0).tolist()
     lost = int(np.isnan(changes).any(axis=1).sum())
     pace = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
-    text = (
+    unknown = f" In {lost} of {len(changes)} cases a run diverges or does not settle, so no change is known."
+    return Finding(
+        not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0,
         f"The coil changes the overshoot by at most {worst:.2f} % of the step and the settling time by at most "
         f"{100 * slower:.1f} %; with it {pace if math.isfinite(growth) else 'some loop has no equilibrium'}."
-    )
-    if lost:
-        text += (
-            f" In {lost} of {len(changes)} cases a run diverges or does not settle, so no change is known."
-        )
-    table = Table(
-        ("feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3), Column("peak", "V", 2),
-         Column("slowest modes", "1/s")),
-        rows, "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise.",
-        "table-electrical-pole", stacks=True,
+        f"{unknown if lost else ''}",
+        Table(
+            ("feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3),
+             Column("peak", "V", 2), Column("slowest modes", "1/s")),
+            rows, "Steps and slowest modes in equilibrium, without and with the coil; nominal arm, no noise.",
+            "table-electrical-pole", stacks=True,
+        ),
+        {"largest_overshoot_change_percent": worst},
     )  # fmt: skip
-    holds = not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0
-    return Finding(holds, text, table, {"largest_overshoot_change_percent": worst})
 
 
 COIL = PaperClaim(

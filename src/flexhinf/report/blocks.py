@@ -26,12 +26,6 @@ from flexhinf.report.figure import LIGHT
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
 
-_CODE = re.compile(r"`([^`]+)`")
-_RAISED = re.compile(r"\bR(?:\^([vn])\b|([ᵛⁿ]))")
-_LETTERS = {"ᵛ": "v", "ⁿ": "n"}
-_LAST_BITS = 4  # of a double, that a change of unit may move
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def escape(text: object) -> str:
     """Text that is safe inside HTML elements and quoted attributes."""
@@ -48,10 +42,9 @@ def prose(text: str) -> str:
     >>> prose("`--seed 3` changes Rᵛ")
     '<code>--seed 3</code> changes R<sup>v</sup>'
     """
-    return _CODE.sub(
-        r"<code>\1</code>",
-        _RAISED.sub(lambda match: f"R<sup>{match[1] or _LETTERS[match[2]]}</sup>", escape(text)),
-    )
+    letters = {"^v": "v", "ᵛ": "v", "^n": "n", "ⁿ": "n"}
+    raised = re.sub(r"\bR(\^[vn]\b|[ᵛⁿ])", lambda match: f"R<sup>{letters[match[1]]}</sup>", escape(text))
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", raised)
 
 
 def unit_html(unit: str) -> str:
@@ -74,13 +67,11 @@ def number(value: Real | float, digits: int = 4, decimals: int | None = None) ->
     x = float(value)
     if not math.isfinite(x):
         return "not a number" if math.isnan(x) else "∞" if x > 0 else "−∞"
-    written = f"{x:.{digits}g}"
-    if decimals is not None:
-        written = f"{x:.{decimals}f}"
-        written = written.lstrip("-") if float(written) == 0.0 else written
+    written = f"{x:.{digits}g}" if decimals is None else f"{x:z.{decimals}f}"
     if "e" in written:
         mantissa, _, power = written.partition("e")
-        written = f"{mantissa}·10{str(int(power)).translate(_SUPERSCRIPT)}"
+        raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+        written = f"{mantissa}·10{str(int(power)).translate(raised)}"
     return written.replace("-", "−")
 
 
@@ -105,7 +96,7 @@ def _rounded(value: float, digits: int, rounding: str, decimals: int | None = No
     bits: 50 degrees in radians and back are 49.99999999999999, and are to be written as 50."""
     if not math.isfinite(value):
         return float(value)
-    exact, room = Decimal(float(value)), Decimal(_LAST_BITS * math.ulp(value))
+    exact, room = Decimal(float(value)), Decimal(4 * math.ulp(value))  # what a change of unit may move
     near, bound = (
         Context(prec=digits, rounding=way).create_decimal(exact)
         if decimals is None
@@ -160,8 +151,9 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
     if isinstance(value, Mapping):
         wrong = next((key for key in value if not isinstance(key, str)), "")
         if wrong != "":
-            got = f"got {wrong!r} in {where}"
-            raise InvalidInput("A key of a JSON object is text.", got, f"the key {str(wrong)!r}")
+            raise InvalidInput(
+                "A key of a JSON object is text.", f"got {wrong!r} in {where}", repr(str(wrong))
+            )
         lines = [
             f"{key}: {_json(each, (*place, name), indent)}"
             for key, (name, each) in zip(
@@ -177,26 +169,22 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
     try:
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
     except ValueError as error:
-        what, got = "A number of the report is not finite.", f"{where} = {value}"
-        raise NumericalFailure(what, got, "None, for no number (it is written as null)") from error
+        raise NumericalFailure(
+            "A number of the report is not finite.", f"{where} = {value}", "None, which is written as null"
+        ) from error
     except TypeError as error:
-        what, kinds = "JSON has no such value.", "text, a number, true, false, null, a list or a mapping"
-        got = f"expected {kinds}; got {type(value).__name__} at {where}"
-        raise InvalidInput(what, got, "a value of one of these kinds") from error
+        got, kinds = (
+            f"got {type(value).__name__} at {where}",
+            "text, numbers, true, false, null, lists, mappings",
+        )
+        raise InvalidInput("JSON has no such value.", got, kinds) from error
 
 
-_ROOT = re.compile(r"<svg\b[^>]*>")
-_VIEW = re.compile(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"')
 _ACTIVE = re.compile(
     r"<script|<foreignObject|\son[a-z]+\s*=|(?:href|src)\s*=\s*[\"'](?!#)|url\((?!#)|@import|<!\[CDATA|<!ENTITY",
     re.IGNORECASE,
 )
-_HAS_ADDRESS = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 _MARKUP = re.compile(r"<!--.*?-->|<style\b.*?</style\s*>|<(?:[^<>\"']|\"[^\"]*\"|'[^']*')*>", re.DOTALL)
-_NAME = re.compile(r'(\bid="|url\(#|href="#)')
-_COLOUR = re.compile("|".join(LIGHT.values()))
-_ROLE = {colour: role for role, colour in LIGHT.items()}
-_ID = re.compile(r"[a-z][a-z0-9-]*\Z")
 
 
 class Block:
@@ -214,9 +202,10 @@ class Block:
 
 def check_id(name: str) -> None:
     """Raise `InvalidInput` unless `name` can be an anchor: small letters, then digits and hyphens too."""
-    if not _ID.match(name):
-        what = "An anchor on a report page has small letters, digits and hyphens only."
-        raise InvalidInput(what, f"expected something like figure-03, got {name!r}", "another id")
+    if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
+        raise InvalidInput(
+            "An anchor has small letters, digits and hyphens only.", f"got {name!r}", "figure-03"
+        )
 
 
 @dataclass(frozen=True)
@@ -293,12 +282,13 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
     InvalidInput
         `svg` is no drawing, or it could run a script or fetch something.
     """
-    drawing = _HAS_ADDRESS.sub("", svg)
-    root = _ROOT.search(drawing)
-    view = _VIEW.search(root.group()) if root else None
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)  # with addresses in it
+    root = re.search(r"<svg\b[^>]*>", drawing)
+    view = re.search(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"', root.group()) if root else None
     if root is None or view is None or "</svg>" not in drawing:
-        what, got = "A figure of a report is an SVG document with a viewBox.", f"got {svg[:40]!r} …"
-        raise InvalidInput(what, got, "figure_to_svg(figure)")
+        raise InvalidInput(
+            "A figure is an SVG document with a viewBox.", f"got {svg[:40]!r} …", "figure_to_svg"
+        )
     body = drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
     active = next(filter(None, map(_ACTIVE.search, _MARKUP.findall(body))), None)
     if active or "<![CDATA[" in body:
@@ -308,10 +298,11 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
             "a drawing without it",
         )
 
+    roles = {colour: f"var(--{role})" for role, colour in LIGHT.items()}
+
     def own(mark: re.Match[str]) -> str:
-        return _COLOUR.sub(
-            lambda match: f"var(--{_ROLE[match.group()]})", _NAME.sub(rf"\1{prefix}-", mark[0])
-        )
+        named = re.sub(r'(\bid="|url\(#|href="#)', rf"\1{prefix}-", mark[0])
+        return re.sub("|".join(roles), lambda match: roles[match[0]], named)
 
     described = f' aria-labelledby="{described_by}"' if described_by else ""
     wide = f' style="--units: {view.group(1)}"'
@@ -405,8 +396,11 @@ class Table(Block):
 
     def records(self) -> list[dict[str, object]]:
         """Rows as dictionaries by the names of the columns."""
-        names = [column.name for column in self.heads]
-        return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
+        return [
+            dict(zip([column.name for column in self.heads], row))
+            for row in self.rows
+            if not isinstance(row, str)
+        ]
 
     @cached_property
     def heads(self) -> list[Column]:
@@ -415,11 +409,12 @@ class Table(Block):
 
     @cached_property
     def _written(self) -> list[tuple[bool, list[str]]]:
-        """For each column, whether it is right-aligned, and its cells as text."""
         written = []
         for index, column in enumerate(self.heads):
-            cells = [row[index] for row in self.rows if not isinstance(row, str)]
-            values: list[Any] = [cell.value if isinstance(cell, Cell) else cell for cell in cells]
+            values: list[Any] = [
+                cell.value if isinstance(cell, Cell) else cell
+                for cell in (row[index] for row in self.rows if not isinstance(row, str))
+            ]
             known = [value for value in values if value is not None]
             numeric = bool(known) and all(isinstance(v, Real) and not isinstance(v, bool) for v in known)
             decimals = column.decimals
@@ -439,7 +434,6 @@ class Table(Block):
         return written
 
     def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
-        """Lines of the table: the title of a group of rows, or the texts and marks of one row."""
         texts = zip(*(texts for _, texts in self._written))
         for row in self.rows:
             if isinstance(row, str):
@@ -567,10 +561,11 @@ class Provenance(Block):
 
 def versions(distribution: str = "flexhinf") -> dict[str, str]:
     """Versions of a distribution, of what it requires, of Python, and the kind of machine."""
-    names = [distribution]
-    for line in metadata.requires(distribution) or ():
-        requirement, _, marker = line.partition(";")
-        if "extra" not in marker:
-            names.append(re.split(r"[^A-Za-z0-9._-]", requirement.strip(), maxsplit=1)[0])
-    known = {name: metadata.version(name) for name in names}
-    return {**known, "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}"}
+    required = (
+        line for line in metadata.requires(distribution) or () if "extra" not in line.partition(";")[2]
+    )
+    names = (distribution, *(re.split(r"[^A-Za-z0-9._-]", line.strip(), maxsplit=1)[0] for line in required))
+    return {
+        **{name: metadata.version(name) for name in names},
+        "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}",
+    }  # fmt: skip

@@ -86,10 +86,7 @@ _STYLE: dict[str, object] = {
     "svg.hashsalt": "flexhinf",
 }
 _POWER = re.compile(r"\$\\mathdefault\{(\d+\\times)?(10\^\{[-−]?\d+\}|\d+)\}\$")
-_PATH = re.compile(r'\bd="[^"]*"')
-_DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
 _styled: ContextVar[bool] = ContextVar("styled", default=False)
-_METADATA = {"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
 
 
 @contextmanager
@@ -251,8 +248,11 @@ def figure_to_svg(figure: Figure) -> str:
     stream = io.StringIO()
     with warnings.catch_warnings():  # the browser has fonts for every script
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
-        FigureCanvasSVG(figure).print_svg(stream, metadata=_METADATA)
-    rounded = _PATH.sub(lambda path: _DECIMALS.sub(r"\1", path.group()), stream.getvalue())
+        FigureCanvasSVG(figure).print_svg(
+            stream, metadata={"Date": None, "Creator": "flexhinf", "Format": None, "Type": None}
+        )
+    hundredths = re.compile(r"(\d\.\d\d)\d+")  # of a point: finer than any screen
+    rounded = re.sub(r'\bd="[^"]*"', lambda path: hundredths.sub(r"\1", path[0]), stream.getvalue())
     return "\n".join(line.rstrip() for line in rounded.splitlines()) + "\n"
 
 
@@ -272,10 +272,8 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 
 def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:
-    shapes = [np.shape(signal) for signal in signals if signal is not None]
-    if any(shape != np.shape(time) for shape in shapes):
+    got, *shapes = (np.shape(each) for each in (time, *signals) if each is not None)
+    if any(shape != got for shape in shapes):
         raise InvalidInput(
-            "A signal and its times differ in length.",
-            f"time {np.shape(time)}, signals {shapes}",
-            "one value per time",
+            "A signal and its times differ in length.", f"time {got}, signals {shapes}", "one value per time"
         )

@@ -26,19 +26,12 @@ from flexhinf.validation import checked_path, file_digest, read_bytes
 MARKER = "flexhinf-report.json"
 
 _WHAT = "flexhinf report"
-_TEMPORARY = re.compile(r"\.(?P<name>.+)\.flexhinf-(?P<kind>new|old)-[0-9a-f-]+\Z", re.DOTALL)
 
 #: Seconds for which a run waits while another one publishes in the same place, which takes less than one.
 _PATIENCE = 60.0
 
 #: Seconds for which the check before a run waits; what another run is publishing is no report to judge yet.
 _BRIEFLY = 1.0
-
-#: Most bytes of a marker: one of a thousand files has a hundred thousand.
-_LARGEST_MARKER = 10_000_000
-
-#: What systems put into folders that somebody looks at.
-_LITTER = {".DS_Store", "Thumbs.db", "desktop.ini"}
 
 
 def is_report(path: str | os.PathLike[str]) -> bool:
@@ -51,12 +44,11 @@ def unchanged(path: str | os.PathLike[str], names: Sequence[str]) -> bool:
     listed = (_marker(Path(path)) or {}).get("files")
     if not isinstance(listed, dict):
         return False
-    digests = {name: _digest(Path(path) / name) for name in names}
-    return all(digest and listed.get(name) == digest for name, digest in digests.items())
+    digests = ((name, _digest(Path(path) / name)) for name in names)
+    return all(digest and listed.get(name) == digest for name, digest in digests)
 
 
 def _digest(path: Path) -> str:
-    """SHA-256 of a file; empty where it cannot be read."""
     try:
         return file_digest(path)
     except OSError:
@@ -64,9 +56,8 @@ def _digest(path: Path) -> str:
 
 
 def _marker(folder: Path) -> dict[str, Any] | None:
-    """Content of the marker file; None where there is none, or something else in its place."""
     try:
-        marker = json.loads(read_bytes(folder / MARKER, _LARGEST_MARKER))
+        marker = json.loads(read_bytes(folder / MARKER, 10_000_000))  # that of a thousand files has 100,000
     except (OSError, ValueError, RecursionError):
         return None
     return marker if isinstance(marker, dict) and marker.get("what") == _WHAT else None
@@ -114,8 +105,8 @@ def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
     except InvalidInput:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        what, hint = "The report's folder cannot be written.", "a folder that you may write to, with room"
-        raise InvalidInput(what, f"{path}: {error}", hint) from error
+        what = "The report's folder cannot be written."
+        raise InvalidInput(what, f"{path}: {error}", "a folder that you may write to, with room") from error
 
 
 def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:
@@ -139,8 +130,9 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     for name, content in files.items():
         pure, outside = PurePosixPath(name), "\\" in name or name == MARKER or not name.isprintable()
         if outside or not pure.parts or ".." in pure.parts or pure.is_absolute():
-            what = "A file of a report stays inside its folder, and is not the marker."
-            raise InvalidInput(what, f"expected a relative path, got {name!r}", "for example figure_03.svg")
+            raise InvalidInput(
+                "A file of a report has a relative path in its folder.", f"got {name!r}", "figure_03.svg"
+            )
         contents[name] = content.encode("utf-8") if isinstance(content, str) else content
     marker = {
         "what": _WHAT,
@@ -189,7 +181,6 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
 
 
 def _refuse(target: Path) -> None:
-    """Raise unless `target` is free, empty, or an earlier report."""
     here, folder = Path.cwd(), target.is_dir()
     refusals = (
         (target == here or target in here.parents,
@@ -222,26 +213,23 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
     homes = {str(parent) for name in known for parent in PurePosixPath(name).parents}
     strangers, changed = [], []
     for path in sorted(folder.rglob("*")):
-        if path.name in _LITTER and not path.is_dir():
-            continue
+        if path.name in (".DS_Store", "Thumbs.db", "desktop.ini") and not path.is_dir():
+            continue  # systems put these into folders that somebody looks at
         name = str(path.relative_to(folder).as_posix())
         if name not in (homes if path.is_dir() and not path.is_symlink() else known):
             strangers.append(name)
         elif name in digests:
             digest = "" if path.is_symlink() else _digest(path)  # of a link the digest is no file's
             changed += [name] if digest != digests[name] else []
-    for paths, what, hint in (
-        (strangers, "The report's folder holds files that are not of the report", "move them elsewhere"),
-        (
-            changed,
+    if paths := strangers or changed:
+        what, hint = (
             "Files of the report were changed since it was written",
-            "copy them elsewhere and delete the folder",
-        ),
-    ):
-        if paths:
-            some = f"{', '.join(map(repr, paths[:3]))}{' …' if len(paths) > 3 else ''}"
-            got, hint = f"got {some} in {target}", f"{hint}, or another folder for the report"
-            raise InvalidInput(f"{what}; it is left alone.", got, hint)
+            "copy them elsewhere, delete the folder",
+        )
+        if strangers:
+            what, hint = "The report's folder holds files that are not of the report", "move them elsewhere"
+        got = f"got {', '.join(map(repr, paths[:3]))}{' …' if len(paths) > 3 else ''} in {target}"
+        raise InvalidInput(f"{what}; it is left alone.", got, f"{hint}, or another folder for the report")
 
 
 def _beside(target: Path, kind: str) -> Path:
@@ -285,18 +273,15 @@ def _clear(target: Path, sure: bool) -> None:
     `sure`: the lock is held, so nobody else is writing. Else only what is old is taken for left over.
     """
     for folder in sorted(target.parent.iterdir()):
-        match = _TEMPORARY.match(folder.name)
+        match = re.fullmatch(r"\.(?P<name>.+)\.flexhinf-(?P<kind>new|old)-[0-9a-f-]+", folder.name, re.DOTALL)
         if not match or match["name"] != target.name:
             continue
         try:
             old = sure or time.time() - folder.stat().st_mtime > ABANDONED_AFTER_S
         except OSError:
-            old = False
-        if (
-            not old or folder.is_symlink() or not folder.is_dir()
-        ):  # no folder: not ours; a pipe would keep us waiting
             continue
-        if match["kind"] == "old" and is_report(folder) and not target.exists():
-            os.rename(folder, target)
-        else:
-            shutil.rmtree(folder, ignore_errors=True)
+        if old and folder.is_dir() and not folder.is_symlink():  # else not ours; a pipe would keep us waiting
+            if match["kind"] == "old" and is_report(folder) and not target.exists():
+                os.rename(folder, target)
+            else:
+                shutil.rmtree(folder, ignore_errors=True)

@@ -31,9 +31,6 @@ _BADGES = {
     "risky": ("ties", "!"),
 }
 
-#: The order of a page: what fails first.
-_ORDER: tuple[str, ...] = ("fails", "ties", "not judged", "holds")
-
 
 @dataclass(frozen=True)
 class Claim(Block):
@@ -83,19 +80,19 @@ class Claim(Block):
                 spoken = f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
                 links.append(f'<a href="#{name}">{escape(spoken)}</a>')
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
-        criterion = f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else ""
-        parts = (
-            f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>', criterion,
+        return "\n".join(filter(None, (
+            f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
+            f"<p><strong>Criterion.</strong> {prose(self.criterion)}</p>" if self.criterion else "",
             f"<p>{badge(self.verdict)} {prose(self.evidence)}{seen}</p>", *(block.html() for block in self.blocks),
             "</article>",
-        )  # fmt: skip
-        return "\n".join(filter(None, parts))
+        )))  # fmt: skip
 
 
 def _check_kind(what: str, kind: str, kinds: Sequence[str]) -> None:
     if kind not in kinds:
-        got = f"expected one of {', '.join(kinds)}; got {kind!r}"
-        raise InvalidInput(f"A {what} on a page is of one of {len(kinds)} kinds.", got, f"{kinds[0]!r}")
+        raise InvalidInput(
+            f"A {what} is of {len(kinds)} kinds.", f"{', '.join(kinds)}; got {kind!r}", repr(kinds[0])
+        )
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,7 @@ class Claims(Block):
 
 def by_verdict(claims: Sequence[Claim]) -> list[Claim]:
     """Claims with those that fail first, those that hold last; otherwise in their order."""
-    return sorted(claims, key=lambda claim: _ORDER.index(claim.verdict))
+    return sorted(claims, key=lambda claim: ("fails", "ties", "not judged", "holds").index(claim.verdict))
 
 
 def summary(claims: Sequence[Claim]) -> str:
@@ -208,18 +205,18 @@ class Page:
 
     def __post_init__(self) -> None:
         names = [*(name for section in self.sections for name in section.ids()), "settings", "again"]
-        twice = sorted(name for name, times in Counter(names).items() if times > 1)
-        if twice:
+        if twice := sorted(name for name, times in Counter(names).items() if times > 1):
             what = "Every anchor of a report page is there once ('settings' and 'again' are the page's own)."
             raise InvalidInput(what, f"used more than once: {', '.join(twice)}", "another id")
         blocks = [block for section in self.sections for block in section.blocks]
-        pointed = {n for b in blocks if isinstance(b, Claim) for n in b.figures}
-        pointed |= {f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims}
-        lost = sorted(pointed - set(names))
-        if lost:
+        pointed = {n for b in blocks if isinstance(b, Claim) for n in b.figures} | {
+            f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims
+        }
+        if lost := sorted(pointed - set(names)):
             what = "A claim points at a figure or at evidence that is not on the page."
-            hint = "the id of a figure of this page; a Claim as a block for each of the Claims"
-            raise InvalidInput(what, f"not found: {', '.join(lost)}", hint)
+            raise InvalidInput(
+                what, f"not found: {', '.join(lost)}", "a Figure, or a Claim for each of the Claims"
+            )
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""
@@ -230,17 +227,15 @@ class Page:
         screen = f"@media screen and (prefers-color-scheme: dark) {{\n  :root {{\n{dark}  }}\n}}\n"
         sections = (
             *self.sections,
-            *(
-                Section("Settings", (self.settings,), "settings"),
-                Section("How to make this again", (self.provenance,), "again"),
-            ),
+            Section("Settings", (self.settings,), "settings"),
+            Section("How to make this again", (self.provenance,), "again"),
         )
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
-        strip = ""
-        for number in self.numbers:
-            note = f'<dd class="small">{prose(number.note)}</dd>' if number.note else ""
-            value = f"{escape(scalar(number.value))}{unit_html(number.unit)}"
-            strip += f"<div><dt>{prose(number.label)}</dt><dd>{value}</dd>{note}</div>"
+        strip = "".join(
+            f"<div><dt>{prose(n.label)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
+            + (f'<dd class="small">{prose(n.note)}</dd></div>' if n.note else "</div>")
+            for n in self.numbers
+        )
         strip = f'<dl class="numbers">{strip}</dl>\n' if strip else ""
         status = "".join(f"<li>{badge(line.kind)} {prose(line.text)}</li>" for line in self.status)
         status = f'<ul class="status">{status}</ul>\n' if status else ""

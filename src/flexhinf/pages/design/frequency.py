@@ -3,7 +3,7 @@ noise costs, and the corners of the tolerances."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,9 +40,6 @@ FORMS = {
 #: Decibels below the largest value that are shown.
 DEPTH_DB = 90.0
 
-#: Fraction of half the sampling frequency that a Bode diagram shows: the phase jumps at its end.
-BAND = 0.97
-
 #: How far a Nyquist diagram reaches to the left: the neighbourhood of −1 is what matters.
 NYQUIST = 3.0
 
@@ -74,12 +71,16 @@ def margins(design: Design) -> Blocks:
                 f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
                 f"{raised if m.peak_sensitivity > own.peak_sensitivity else ''}."
             )
-    yield Paragraph(text)
-    yield margin_table(e)
+    yield from (
+        Paragraph(text),
+        margin_table(e),
+    )
     loops = [Loop("this law", e.frequency_response)]
-    yield lambda: _bode(loops, joints, units.load, units.position)
-    yield lambda: _sensitivity(loops)
-    yield lambda: _nyquist(loops, joints)
+    yield from (
+        lambda: _bode(loops, joints, units.load, units.position),
+        lambda: _sensitivity(loops),
+        lambda: _nyquist(loops, joints),
+    )
     if e.input_noises is not None:
         yield _noise_table(e, e.input_noises)
     if s.estimator != "none":
@@ -138,25 +139,25 @@ def margin_table(e: LawEvaluation) -> Table:
             return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
         return ", ".join(number(float(w), 3) for w in m.bandwidth)
 
-    values: dict[str, Callable[[Margins], str]] = {
-        "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
-        "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
-        "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
-        f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
-        "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
-        "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
-        "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
-        "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
-        "peak complementary": lambda m: number(m.peak_complementary, 3),
-        "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
-        "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
-        f"bandwidth{of}, rad/s": bandwidths,
-    }
-    heads = [Column("running loop", brief="true state" if alone else "", right=True)]
-    heads += [] if alone else [Column("true state fed back", brief="true state", right=True)]
     return Table(
-        ("linearised at the goal", *heads),
-        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in values.items()],
+        (
+            "linearised at the goal", Column("running loop", brief="true state" if alone else "", right=True),
+            *([] if alone else [Column("true state fed back", brief="true state", right=True)]),
+        ),
+        [(what, *(value(m) if m.stable else "unstable" for m in loops)) for what, value in {
+            "delay margin, ms": lambda m: number(1e3 * m.delay_margin_s, 3),
+            "delay margin, periods": lambda m: number(m.delay_margin_s / period, 3),
+            "then oscillates at, Hz": lambda m: _hertz(m.delay_frequency),
+            f"gain margin{', worst input' if len(joints) > 1 else ''}": gains,
+            "disk margin: gain": lambda m: "× {}, × {}".format(*(number(g, 3) for g in m.disk_gain_margins)),
+            "disk margin: phase, °": lambda m: number(np.degrees(m.disk_phase_margin), 3),
+            "peak sensitivity": lambda m: number(m.peak_sensitivity, 3),
+            "peak sensitivity at, Hz": lambda m: _hertz(m.sensitivity_frequency),
+            "peak complementary": lambda m: number(m.peak_complementary, 3),
+            "smallest damping ratio": lambda m: number(m.damping, 3) + (damped if m is e.margins else ""),
+            "smallest damping at, Hz": lambda m: _hertz(m.damping_frequency),
+            f"bandwidth{of}, rad/s": bandwidths,
+        }.items()],
         "Margins, the loop broken at the inputs", "table-margins", title="Margins, linearised at the goal",
     )  # fmt: skip
 
@@ -165,10 +166,12 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
     gains, plant, effort, joints = e.margins.noise_to_input, e.setup.model, units_of(e).effort, e.setup.joints
     assert e.setup.noise is not None
     several, rows = len(joints) > 1, []
-    for name, sigma, column in zip(plant.outputs, e.setup.noise, gains.T):
+    for name, sigma, column in zip(plant.outputs, e.setup.noise.tolist(), gains.T):
         gain, unit, worst = float(column.max()), plant.unit(name), joints[int(np.argmax(column))]
-        texts = f"{number(float(sigma), 3)} {unit}", f"{number(gain)} {effort}/{unit}"
-        rows.append((name.replace("_", " "), *texts, float(gain * sigma), *([worst] if several else [])))
+        rows.append((
+            name.replace("_", " "), f"{number(sigma, 3)} {unit}", f"{number(gain)} {effort}/{unit}", gain * sigma,
+            *([worst] if several else []),
+        ))  # fmt: skip
     return Table(
         (
             "sensor", "its noise (rms)", "gain to the input (rms)", Column("at the motor (rms)", effort),
@@ -215,7 +218,7 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
     lines, command, phase, torque = _lines(loops, joints), [], [], []
     for name, style, response, joint in lines:
-        below = response.frequencies <= BAND * np.pi / response.period
+        below = response.frequencies <= 0.97 * np.pi / response.period  # at its end the phase jumps
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
         command.append(Line(hertz, _decibel(followed), name, style))
@@ -235,20 +238,25 @@ def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str
 
 def _sensitivity(loops: Sequence[Loop]) -> Figure:
     alone = len(loops) == 1
-    curves = [("sensitivity S" if alone else x.name, x.response, "sensitivity", x.style) for x in loops]
+    curves = [
+        ("sensitivity S" if alone else x.name, x.response, x.response.sensitivity, x.style) for x in loops
+    ]
     if alone:
-        curves.append(("complementary sensitivity T", loops[0].response, "complementary", 1))
-    lines = []
-    for name, response, which, style in curves:
-        sizes = np.linalg.norm(getattr(response, which), ord=2, axis=(1, 2))
-        lines.append(Line(response.frequencies / (2.0 * np.pi), _decibel(sizes), name, line_style(style)))
-    what, second = (
-        f"largest singular value{'' if alone else ' of S'}",
-        "; T: an error of the model" if alone else "",
-    )
+        curves.append(("complementary sensitivity T", loops[0].response, loops[0].response.complementary, 1))
+    lines = [
+        Line(
+            response.frequencies / (2.0 * np.pi), _decibel(np.linalg.norm(values, ord=2, axis=(1, 2))), name,
+            line_style(style),
+        )
+        for name, response, values, style in curves
+    ]  # fmt: skip
     return draw_figure(
-        "sensitivity", [Panel(what, "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY)],
-        f"{LOOP_CAPTION} S: how much the loop amplifies a disturbance at the motors{second}. Dotted: 0 dB.",
+        "sensitivity",
+        [Panel(
+            f"largest singular value{'' if alone else ' of S'}", "dB", lines, (0.0,), depth=DEPTH_DB, **FREQUENCY
+        )],
+        f"{LOOP_CAPTION} S: how much the loop amplifies a disturbance at the motors"
+        f"{'; T: an error of the model' if alone else ''}. Dotted: 0 dB.",
         "Sensitivity", 3.6,
     )  # fmt: skip
 
@@ -261,19 +269,20 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
         lines.append(Line(np.real(opened), np.imag(opened), name, {**style, "zorder": 3.0 - 0.01 * place}))
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     mark = {"color": INK, "marker": "+", "markersize": 9.0, "linestyle": "none"}
-    lines.append(Line(np.cos(turn), np.sin(turn), "unit circle", {"color": MUTED, "linewidth": 0.8}))
-    lines.append(Line(np.array([-1.0]), np.array([0.0]), "−1", mark))
+    lines += [
+        Line(np.cos(turn), np.sin(turn), "unit circle", {"color": MUTED, "linewidth": 0.8}),
+        Line(np.array([-1.0]), np.array([0.0]), "−1", mark),
+    ]
     if len(loops) == 1:
         dashed = {"color": INK, "linewidth": 1.0, "dashes": DASHED, "zorder": 1.0}
         lines.append(Line(distance * np.cos(turn) - 1.0, distance * np.sin(turn), None, dashed))
         closest = f" The dashed circle about −1 has the smallest distance, {distance:.2f}."
     others = " The loops at the other inputs are closed." if len(joints) > 1 else ""
-    panel = Panel(
-        "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
-        y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
-    )  # fmt: skip
     return draw_figure(
-        "nyquist", [panel],
+        "nyquist", [Panel(
+            "imaginary part", "", lines, across="real part", x=(-NYQUIST, 0.6 * NYQUIST),
+            y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
+        )],
         f"{LOOP_CAPTION} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
         "Nyquist diagram", 4.6,
     )  # fmt: skip
@@ -292,7 +301,6 @@ def _lines(
 
 
 def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
-    """Response (F,) of a joint's link position to a torque on the same link."""
     name = response.positions[joint].replace("link_position", "link_torque", 1)
     return response.disturbance[:, joint, response.disturbances.index(name)]
 
@@ -308,18 +316,23 @@ def corners(design: Design) -> Blocks:
     if cases is None:
         return
     if cases.unstable:
-        advice = "the estimator causes it: try another --torque-noise or --estimator"
-        if state is not None and state.unstable > 0:
-            advice = "the law itself does not stand them: try a shorter --period or --delay, less --bandwidth"
+        advice = (
+            "the law itself does not stand them: try a shorter --period or --delay, less --bandwidth"
+            if state is not None and state.unstable > 0
+            else "the estimator causes it: try another --torque-noise or --estimator"
+        )
         preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
         yield note(
             f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; "
             f"{advice}{preset}."
         )
-    yield Paragraph(corners_text(e))
-    yield Paragraph(
-        f"{'All' if cases.complete else 'Sampled'} corners: every uncertain parameter at one end of its tolerance, all "
-        "together. For each the loop is linearised at the goal; robots between the corners are not covered."
+    yield from (
+        Paragraph(corners_text(e)),
+        Paragraph(
+            f"{'All' if cases.complete else 'Sampled'} corners: every uncertain parameter at one end of its "
+            "tolerance, all "
+            "together. For each the loop is linearised at the goal; robots between the corners are not covered."
+        ),
     )
     if cases.swept:
         free = " or ".join(f"“{form}”" for form in cases.retunable)
@@ -351,9 +364,11 @@ def corners_text(e: LawEvaluation) -> str:
         sensors = ", ".join(s.measured).replace("_", " ")
         other = "" if state is None else f"; with the true state fed back {state.unstable}"
     worst, rate = corners.population.values[corners.worst], corners.designed.fastest
-    grows = "has no equilibrium at the goal"
-    if np.isfinite(rate):
-        grows = f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
+    grows = (
+        f"{'grows' if rate >= 0.0 else 'decays'} with {number(abs(rate), 3)} 1/s"
+        if np.isfinite(rate)
+        else "has no equilibrium at the goal"
+    )
     return (
         f"Measured: {sensors}. {unstable}{other}. The worst corner ({changes_text(worst, e.setup.robot, s.extras)}) "
         f"{grows}."
@@ -365,19 +380,19 @@ def corner_rows(e: LawEvaluation) -> list[dict[str, Any]]:
     state, then for every form and ratio q/Rⁿ of Rᵛ."""
     corners, alone = e.corners, e.setup.specification.estimator == "none"
     assert corners is not None
-    loops: list[tuple[str, float | None, GrowthRates]] = [
-        ("true state" if alone else "as designed", None, corners.designed)
+    loops: list[tuple[str, float | None, GrowthRates | None]] = [
+        ("true state" if alone else "as designed", None, corners.designed),
+        ("true state", None, None if alone else e.state_corners),
+        *((form, ratio, rates) for form in corners.forms for ratio, rates in corners.of_form(form).items()),
     ]
-    if not alone and e.state_corners is not None:
-        loops.append(("true state", None, e.state_corners))
-    for form in corners.forms:
-        loops += [(form, ratio, rates) for ratio, rates in corners.of_form(form).items()]
-    rows = []
-    for form, ratio, rates in loops:
-        growth = rates.rates[rates.kinds == "corner"]
-        counts = {"unstable": int((growth >= 0.0).sum()), "percent": 100.0 * rates.share("corner")}
-        rows.append({"form": form, "ratio": ratio, **counts, "rate": float(growth.max())})
-    return rows
+    return [
+        {
+            "form": form, "ratio": ratio, "unstable": int((rates.rates[rates.kinds == "corner"] >= 0.0).sum()),
+            "percent": 100.0 * rates.share("corner"), "rate": float(rates.rates[rates.kinds == "corner"].max()),
+        }
+        for form, ratio, rates in loops
+        if rates is not None
+    ]  # fmt: skip
 
 
 def corner_table(e: LawEvaluation) -> Table:
@@ -400,23 +415,26 @@ def corner_table(e: LawEvaluation) -> Table:
     def texts(row: dict[str, Any] | None) -> tuple[str, str]:
         if row is None:
             return "–", "–"
-        share = f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0"
-        return share, number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"
+        rate = number(row["rate"], 3) if np.isfinite(row["rate"]) else "no equilibrium"
+        return f"{row['unstable']} ({number(row['percent'], 2)} %)" if row["unstable"] else "0", rate
 
     by, cells = {(row["form"], row["ratio"]): row for row in rows}, []
     for ratio in sorted({row["ratio"] for row in rows if row["ratio"] is not None}):
         exponent = round(float(np.log10(ratio)))
         power = number(10.0**exponent, 1).removeprefix("1·") if abs(exponent) > 3 else number(ratio)
         cells.append((power, *(text for form in forms for text in texts(by.get((form, ratio))))))
-    heads = [
-        column
-        for form in forms
-        for column in (
-            Column(f"{form}: unstable", brief=FORMS[form]), Column("fastest growth, 1/s", brief=None)
-        )
-    ]  # fmt: skip
     return Table(
-        ("q/Rⁿ", *heads), cells,
+        (
+            "q/Rⁿ",
+            *(
+                column
+                for form in forms
+                for column in (
+                    Column(f"{form}: unstable", brief=FORMS[form]), Column("fastest growth, 1/s", brief=None)
+                )
+            ),
+        ),
+        cells,
         "Unstable corners over Rᵛ, by the states on which q stands; a negative growth rate decays", "table-corners",
         title=f"{title}\nUnstable corners over Rᵛ = q on:",
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,26 +37,17 @@ from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, T
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: An estimation error at a vibration with less damping than this is hardly corrected by the sensors.
-HARDLY_SEEN = 0.01
-
 #: Damping ratios whose lines are drawn in the s-plane.
 RAYS = (0.1, 0.3, 0.7)
 
 #: The s-plane reaches so many times as far as the fastest oscillation of robot and law; faster poles are on the right.
 ROOM = 1.8
 
-#: Below this frequency, Hz, a pole is at zero and has no place on a logarithmic axis.
-SLOWEST = 1e-3
-
 #: With more joints than these a terminal lists vibrations only.
 MANY = 3
 
 #: A panel shows so many steps on either side of the goal: a loop that diverges would hide the others.
 AXIS_STEPS = 2.5
-
-#: A gain below this fraction of the largest is rounding, and shown as 0.
-ROUNDING = 1e-13
 
 
 # Poles --------------------------------------------------------------------------------------------------
@@ -77,7 +68,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         style: dict[str, Any] = {"markersize": 6.0, "linestyle": "none", **marks}
         upper = each[np.imag(each) >= 0.0]
         plane.append(Line(np.real(upper), np.imag(upper), None, style))
-        upper = upper[np.abs(upper) / (2.0 * np.pi) > SLOWEST]
+        upper = upper[np.abs(upper) / (2.0 * np.pi) > 1e-3]  # at zero it has no place on a logarithmic axis
         ratio = damping_ratio(upper)
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
@@ -121,7 +112,7 @@ def poles(design: Design) -> Blocks:
             f"The estimator's error at {worst.frequency:.3g} Hz{in_joint(worst.joint, design.robot.joint_names)} has a "
             "damping ratio"
         )
-        if worst.damping < HARDLY_SEEN:
+        if worst.damping < 0.01:  # hardly corrected by the sensors
             yield note(
                 f"{what} of {worst.damping:.1g} only, and noise keeps it ringing, in the robot too. Measure link "
                 "positions or joint torques, or raise --process-noise."
@@ -131,36 +122,37 @@ def poles(design: Design) -> Blocks:
                 f"{what} of {worst.damping:.2g}, less than required of the law: after unknown disturbances the loop "
                 "rings with it. Try a larger --torque-noise, or another sensor (--measured)."
             )
-    yield lambda: poles_figure(_pole_groups(design))
-    yield mode_table(design)
     sentences = []
     for name, modes in list(_modes(design).items())[:2]:
         times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
-        constants = f", time constant{'s' if len(times) > 1 else ''} {range_text(times)} s" if times else ""
-        decay = f"{count_text(len(times), 'mode')} decay{'s' if len(times) == 1 else ''}"
+        constants = (
+            f", {'time constants' if len(times) > 1 else 'time constant'} {range_text(times)} s"
+            if times
+            else ""
+        )
+        decay = f"{count_text(len(times), 'mode')} {'decays' if len(times) == 1 else 'decay'}"
         sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
-    yield Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error.")
+    yield from (
+        lambda: poles_figure(_pole_groups(design)), mode_table(design),
+        Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error."),
+    )  # fmt: skip
 
 
 def _pole_groups(design: Design) -> list[PoleGroup]:
     looks: tuple[dict[str, Any], ...] = (
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
-        {"marker": "^", "color": SERIES[2]},
+        {"marker": "^", "color": SERIES[2]}, {"marker": "x", "color": SERIES[1]},
     )  # fmt: skip
-
-    def poles(modes: Sequence[Mode]) -> np.ndarray:
-        return np.array([mode.eigenvalue for mode in modes], dtype=complex)
-
-    groups: list[PoleGroup] = [
-        (name, poles(modes), look) for (name, modes), look in zip(_modes(design).items(), looks)
-    ]
-    if design.specification.estimator != "none":
-        running, look = design.evaluation.frequency_response.poles, {"marker": "x", "color": SERIES[1]}
-        groups.append(("running loop (sampled, estimator, delay)", running, look))
-    return groups + [
-        (f"rigid law, {loop.side} side", poles(loop.modes), {"marker": marker, "color": SERIES[3]})
-        for loop, marker in zip(design.rigid.loops if design.rigid else (), ("1", "2"))
-    ]
+    running = () if design.specification.estimator == "none" else design.evaluation.frequency_response.poles
+    groups = [
+        *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
+        *([("running loop (sampled, estimator, delay)", running, looks[-1])] if len(running) else []),
+        *(
+            (f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes], {"marker": mark, "color": SERIES[3]})
+            for loop, mark in zip(design.rigid.loops if design.rigid else (), "12")
+        ),
+    ]  # fmt: skip
+    return [(name, np.array(values, dtype=complex), look) for name, values, look in groups]
 
 
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
@@ -170,8 +162,7 @@ def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:
 
 
 def _listed(mode: Mode) -> bool:
-    """Whether a mode has a row of its own; those that decay without oscillating are summed up in a sentence."""
-    return bool(mode.eigenvalue.imag) or not mode.stable
+    return bool(mode.eigenvalue.imag) or not mode.stable  # the others are summed up in a sentence
 
 
 def mode_table(design: Design, brief: bool = False) -> Table:
@@ -206,9 +197,11 @@ def law(design: Design) -> Blocks:
     """The law in words, with its linear gain and the equilibrium about which it acts."""
     solution, problem, via = design.solution, design.problem, design.specification.via
     if design.specification.compare_rigid and design.rigid is None:
-        why = "a penalty that is code cannot be applied to a rigid robot"
-        if design.robot.rigid:
-            why = "of a robot with rigid joints of its own it says nothing new"
+        why = (
+            "of a robot with rigid joints of its own it says nothing new"
+            if design.robot.rigid
+            else "a penalty that is code cannot be applied to a rigid robot"
+        )
         yield note(f"No rigid design was made: {why}.")
     poses = f" The same was done at {count_text(len(via), 'pose')} on the way."
     channels = (
@@ -223,14 +216,6 @@ def law(design: Design) -> Blocks:
     )
     n, units, x = len(design.goal), units_of(design.evaluation), problem.operating_point
     motors = design.robot.layout.whole(x)[2 * n : 3 * n]
-    torques = finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n]))
-    values = (
-        design.robot.joint_names,
-        x[:n].tolist(),
-        motors.tolist(),
-        torques,
-        problem.operating_input.tolist(),
-    )
     yield joint_table(
         (
             Column("link position", units.angle, 4, key="link", scale=units.scale),
@@ -238,19 +223,27 @@ def law(design: Design) -> Blocks:
             Column("spring torque", units.spring, 3, key="torque"),
             Column("input", units.effort, 3, key="input"),
         ),
-        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*values)],
+        [dict(zip(("joint", "link", "motor", "torque", "input"), row)) for row in zip(*(
+            design.robot.joint_names,
+            x[:n].tolist(),
+            motors.tolist(),
+            finite(stiffness_of(problem.plant, design.robot, np.nan) * (motors - x[:n])),
+            problem.operating_input.tolist(),
+        ))],
         "Equilibrium at the goal", "table-rest",
     )  # fmt: skip
-    gains = np.where(np.abs(solution.gain) < ROUNDING * np.abs(solution.gain).max(), 0.0, solution.gain)
-    yield Table(
-        ("state", *(name.replace("_", " ") for name in problem.input_names)),
-        [
-            (name.replace("_", " "), *(number(float(value)) for value in column))
-            for name, column in zip(problem.state_names, gains.T)
-        ],
-        "Linear part K of u − u* = K (x − x*)", "table-gain",
+    yield from (
+        Table(
+            ("state", *(name.replace("_", " ") for name in problem.input_names)),
+            [
+                (name.replace("_", " "), *(number(float(value)) for value in column))
+                for name, column in zip(problem.state_names,
+                np.where(np.abs(solution.gain) < 1e-13 * np.abs(solution.gain).max(), 0.0, solution.gain).T)
+            ],
+            "Linear part K of u − u* = K (x − x*)", "table-gain",
+        ),
+        Listing(solution.report()),
     )  # fmt: skip
-    yield Listing(solution.report())
 
 
 # The rigid design: what neglecting the springs would have done ------------------------------------------
@@ -265,24 +258,20 @@ def rigid(design: Design) -> Blocks:
         f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
     )
     ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
-    laws: list[tuple[str, str, str, Sequence[Mode], Response]] = [
-        (
-            "this law",
-            "estimator" if estimator else "true state",
-            ours,
-            design.law_modes,
-            design.evaluation.step,
-        )
-    ]
-    laws += [
-        ("rigid", f"{loop.side} side, true values", loop_text(loop), loop.modes, loop.response)
-        for loop in loops
-    ]
+    fed = "estimator" if estimator else "true state"
     rows = []
-    for *texts, modes, response in laws:
-        metrics: list[float | None] = [None, None]
-        if all(mode.stable for mode in modes):
-            metrics = [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
+    for *texts, modes, response in [
+        ("this law", fed, ours, design.law_modes, design.evaluation.step),
+        *(
+            ("rigid", f"{loop.side} side, true values", loop_text(loop), loop.modes, loop.response)
+            for loop in loops
+        ),
+    ]:
+        metrics: list[float | None] = (
+            [rounded(response.overshoot.value, 6), rounded(response.settling.value, 6)]
+            if all(mode.stable for mode in modes)
+            else [None, None]
+        )
         end = response.diverged_at
         run = "to its end" if end is None else f"diverges at {number(end, 3)} s"
         rows.append((*texts, min(vibration_damping(modes), default=None), *metrics, run))
@@ -293,9 +282,13 @@ def rigid(design: Design) -> Blocks:
         ),
         rows, "", "table-rigid", stacks=True,
     )  # fmt: skip
-    runs = [(f"this law{', with its estimator' if estimator else ''}", design.evaluation.step)]
-    runs += [(f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops]
-    yield lambda: _rigid_figure(design.evaluation, runs)
+    yield lambda: _rigid_figure(
+        design.evaluation,
+        [
+            (f"this law{', with its estimator' if estimator else ''}", design.evaluation.step),
+            *((f"rigid law, fed from the {loop.side} side", loop.response) for loop in loops),
+        ],
+    )
 
 
 def loop_text(loop: RigidLoop) -> str:
@@ -303,9 +296,11 @@ def loop_text(loop: RigidLoop) -> str:
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        grows = "does not decay"
-        if worst.time_constant is not None:
-            grows = f"grows with a time constant of {worst.time_constant:.2g} s"
+        grows = (
+            f"grows with a time constant of {worst.time_constant:.2g} s"
+            if worst.time_constant is not None
+            else "does not decay"
+        )
         return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
     if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"
@@ -313,13 +308,14 @@ def loop_text(loop: RigidLoop) -> str:
 
 
 def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Figure:
-    units, goal, late = units_of(e), e.setup.goal, np.zeros(len(e.setup.goal))
-    for _, response in runs[1:]:
-        errors = np.abs(response.positions[len(response.positions) // 2 :] - goal)
-        late += np.nan_to_num(errors, nan=1e9, posinf=1e9).max(axis=0)
-    joint = int(np.argmax(late))
+    units, goal = units_of(e), e.setup.goal
+    halves = (response.positions[len(response.positions) // 2 :] for _, response in runs[1:])
+    joint = int(
+        np.argmax(sum(np.nan_to_num(np.abs(half - goal), nan=1e9, posinf=1e9).max(axis=0) for half in halves))
+    )
     step = units.scale * abs(e.setup.start[joint] - goal[joint]) or 1.0
-    signals: tuple[tuple[str, str, Callable[[Response], np.ndarray]], ...] = (
+    end, panels = float(e.step.run.time[-1]), list[Panel]()
+    for quantity, unit, signal in (
         (
             "link position − goal",
             units.angle,
@@ -327,19 +323,21 @@ def _rigid_figure(e: LawEvaluation, runs: Sequence[tuple[str, Response]]) -> Fig
         ),
         ("spring torque", units.spring, lambda run: spring_torques(e, run)[:, joint]),
         ("input", units.effort, lambda run: run.inputs[:, joint]),
-    )
-    panels = []
-    for k, (quantity, unit, signal) in enumerate(signals):
-        lines = []
-        for order, (name, response) in enumerate(runs):
-            few, time = thin(response.run.time), response.run.time
-            style = {"color": SERIES[order], "linewidth": 1.4, "zorder": 3.0 - 0.1 * order}
-            lines.append(Line(time[few], signal(response)[few], name, style))
+    ):
+        lines = [
+            Line(
+                run.run.time[few],
+                signal(run)[few],
+                name,
+                {"color": color, "linewidth": 1.4, "zorder": 3.0 - 0.1 * k},
+            )
+            for k, (name, run, few, color) in enumerate(
+                (name, run, thin(run.run.time), color) for (name, run), color in zip(runs, SERIES)
+            )
+        ]
         # where our law stays: a rigid law that diverges would hide it
-        y = framed(lines[0].y, 0.75) if k else (-AXIS_STEPS * step, AXIS_STEPS * step)
-        panels.append(
-            Panel(quantity, unit, lines, () if k else (0.0,), y=y, x=(0.0, float(e.step.run.time[-1])))
-        )
+        y = framed(lines[0].y, 0.75) if panels else (-AXIS_STEPS * step, AXIS_STEPS * step)
+        panels.append(Panel(quantity, unit, lines, () if panels else (0.0,), y=y, x=(0.0, end)))
     where = f", joint {e.setup.joints[joint]}, where it does worst" if len(goal) > 1 else ""
     return draw_figure(
         "rigid", panels, f"The same step with the rigid design{where}. Lines that leave the panels go on.",

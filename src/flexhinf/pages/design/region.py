@@ -22,6 +22,7 @@ from flexhinf.pages.drawing import (
     amplitude_text,
     count_text,
     draw_figure,
+    finite,
     law_name,
     listed,
     note,
@@ -30,17 +31,6 @@ from flexhinf.pages.drawing import (
 )
 from flexhinf.report import INK, SERIES, Column, Figure, Listing, Paragraph, Table, at_least, at_most, number
 from flexhinf.report.blocks import WIDTH
-
-#: Parts of the controller in the budget.
-BUDGET_PARTS = {
-    "sampling": "the input is held between samples",
-    "delay": "the input is delayed",
-    "estimator": "the state is estimated from noisy sensors",
-    "saturation": "the input is limited",
-}
-
-#: The level is drawn where the bound reaches this fraction of it.
-NEAR = 0.05
 
 #: The certificate for all tolerances, beside that of the nominal robot.
 BOX_FILE = "certificate-tolerances.json"
@@ -76,8 +66,10 @@ def proof_text(design: Design) -> str:
         f"Proved, for {whom} with the true state fed back: {reach} γ = {at_most(certificate.gamma)}."
     )
     if proof.inside and proof.budget:
-        parts = (proof.budget[-1].budget.total, certificate.level - proof.start)
-        spent, left = (f"{100.0 * value / certificate.level:.2g}" for value in parts)
+        spent, left = (
+            f"{100.0 * value / certificate.level:.2g}"
+            for value in (proof.budget[-1].budget.total, certificate.level - proof.start)
+        )
         texts.append(
             f"The step leaves {left} % of the level, which {'covers' if proof.lasts else 'does not cover'} the "
             f"{spent} % that {listed([term.name for term in proof.budget])} spend."
@@ -141,14 +133,17 @@ def region(design: Design) -> Blocks:
     yield Paragraph(_degree_text(design))
     yield from _proof(design)
     if proved is None:
-        yield Paragraph(
-            "Of every degree: the largest level set of V in which no violation of the dissipation inequality was "
-            f"found, along random rays and by ascent: {_strength(design)}. Checked is a weaker pair than the designed "
-            f"one, γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under Settings, for the law "
-            "with the true state. The largest step moves all joints alike and starts with the integrals at which V is "
-            "smallest; a controller starts with those at which the input does not jump, where V is larger."
+        yield from (
+            Paragraph(
+                "Of every degree: the largest level set of V in which no violation of the dissipation inequality was "
+                f"found, along random rays and by ascent: {_strength(design)}. Checked is a weaker pair than the "
+                "designed "
+                f"one, γ = {design.specification.checked_gamma_ratio:g} γ* and the penalty under Settings, for the law "
+                "with the true state. The largest step moves all joints alike and starts with the integrals at which "
+                "V is smallest; a controller starts with those at which the input does not jump, where V is larger."
+            ),
+            _region_table(design),
         )
-        yield _region_table(design)
     if attained is not None and proved is not None:
         names = ", ".join(name.replace("_", " ") for name in proved.problem.disturbance_names)
         yield Paragraph(
@@ -197,28 +192,31 @@ def _notes(design: Design) -> Blocks:
 def _proof(design: Design) -> Blocks:
     certificate, box = design.proof.certificate, design.proof.box
     if certificate is not None:
-        covers, share = covers_tolerances(design), "was"
-        if certificate.sampled_level is not None:
-            share = (
-                f"is {number(100.0 * certificate.level / certificate.sampled_level, 3)} % of the sampled one,"
-            )
-        yield Paragraph(
-            f"The level V ≤ {at_least(certificate.level, 5)} {share} proved in {number(design.proof.cpu_seconds, 2)} s "
-            "of CPU with exact (outward rounded) arithmetic; the theorem stands in `certificate.json`, which another "
-            "program proves again:"
+        covers, share, sampled = covers_tolerances(design), "was", certificate.sampled_level
+        if sampled is not None:
+            share = f"is {number(100.0 * certificate.level / sampled, 3)} % of the sampled one,"
+        yield from (
+            Paragraph(
+                f"The level V ≤ {at_least(certificate.level, 5)} {share} proved in "
+                f"{number(design.proof.cpu_seconds, 2)} s "
+                "of CPU with exact (outward rounded) arithmetic; the theorem stands in `certificate.json`, which "
+                "another program proves again:"
+            ),
+            Listing("flexhinf certify --check certificate.json"),
         )
-        yield Listing("flexhinf certify --check certificate.json")
         others = "parameters outside the tolerances" if covers else "other values of the parameters"
         yield Paragraph(
             f"Not covered by the proof: {others}; estimator, sampling, hold, delay, limits and noise"
             f"{'' if covers else ' beyond the budget below'}. A planned move and payloads are judged by runs."
         )
     if box is not None:
-        yield Paragraph(
-            f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V is "
-            "another one, so its level and the budget below do not compare:"
+        yield from (
+            Paragraph(
+                f"The proof for all robots within the tolerances took {number(box.cpu_seconds, 2)} s of CPU. Its V is "
+                "another one, so its level and the budget below do not compare:"
+            ),
+            Listing(f"flexhinf certify --check {BOX_FILE}"),
         )
-        yield Listing(f"flexhinf certify --check {BOX_FILE}")
     elif reason := design.proof.box_reason.rstrip("."):
         yield Paragraph(f"For all robots within the tolerances nothing is proved: {reason}.")
 
@@ -253,7 +251,6 @@ def _degree_text(design: Design) -> str:
 
 
 def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
-    """The cost of a step relative to that of the lowest degree: "−5.9 %"."""
     if math.isnan(choice.cost) or choice is lowest:
         return "–" if math.isnan(choice.cost) else "0 %"
     if math.isinf(choice.cost) or math.isinf(lowest.cost):
@@ -262,7 +259,6 @@ def _cost(choice: DegreeChoice, lowest: DegreeChoice) -> str:
 
 
 def _strength(design: Design) -> str:
-    """Whether the regions of all degrees are sampled or proved, in words; of the law in use more may be proved."""
     certificate = design.proof.certificate
     own = "" if certificate is None else f"; of the law that is used V ≤ {at_least(certificate.level)} is"
     return f"sampled{own or ', not'} proved"
@@ -307,12 +303,14 @@ def level_table(design: Design) -> Table:
         rows = [star, *attained, ("γ that is proved", proved.gamma)]
         title = f"{textwrap.fill(_degree_text(design), WIDTH)}\nGain √(∫|z|²/∫|d|²), {penalty_text(design)}"
     else:
-        checked = design.specification.checked_gamma_ratio * design.gamma_star
         rows = [
             ("γ* of the problem, linear part", design.gamma_star),
             *attained,
             ("γ of the law", design.gamma),
-            ("γ of the inequality checked in the region", checked),
+            (
+                "γ of the inequality checked in the region",
+                design.specification.checked_gamma_ratio * design.gamma_star,
+            ),
         ]
     return Table(
         ("√(∫|z|²/∫|d|²)", Column("value", digits=4)), rows, "Levels of attenuation", "table-attained", title=title,
@@ -342,22 +340,28 @@ def _budget(design: Design) -> Blocks:
         "uses ½∫vᵀR2v of the level. While V(x0) and this stay below it, the inequality holds for the controller as it "
         f"runs. For the step of the nominal robot, extras left out, {outcome}"
     )
-    rows = []
-    for term in terms:
-        left = term.budget.left if np.isfinite(term.budget.left) else None
-        within = ("yes" if term.budget.kept else "NO") if np.isfinite(term.budget.level) else None
-        rows.append((BUDGET_PARTS[term.name], term.added, term.budget.total, left, within))
+    what = {
+        "sampling": "the input is held between samples", "delay": "the input is delayed",
+        "estimator": "the state is estimated from noisy sensors", "saturation": "the input is limited",
+    }  # fmt: skip
     lower_bound = ""
     if attained is not None:
-        gain = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
-        lower_bound = f"√(∫|z|²/∫|d|²): {gain}\n"
+        gains = f"{number(attained.gain)} found (lower bound), γ = {number(design.gamma)} designed"
+        lower_bound = f"√(∫|z|²/∫|d|²): {gains}\n"
     yield Table(
         (
             Column("part of the loop", brief="part"), Column("uses ½∫vᵀR2v", digits=3, brief="uses"),
             Column("with all above", digits=3), Column("remaining level", digits=4, brief="remaining"),
             "within the budget",
         ),
-        rows, "Parts are added one after the other", "table-budget", stacks=True,
+        [
+            (
+                what[term.name], term.added, b.total, finite(b.left),
+                ("yes" if b.kept else "NO") if np.isfinite(b.level) else None,
+            )
+            for term, b in ((term, term.budget) for term in terms)
+        ],
+        "Parts are added one after the other", "table-budget", stacks=True,
         title=f"{lower_bound}Dissipation budget of the step",
     )  # fmt: skip
     if budget.complete:
@@ -368,11 +372,14 @@ def _budget_figure(term: BudgetTerm) -> Figure:
     budget = term.budget
     few, bound = thin(budget.times), budget.start + budget.disturbance + budget.spent
     curves = ((bound, "V(x0) + ½∫vᵀR2v until then", SERIES[1]), (budget.value, "V", SERIES[0]))
-    lines = [Line(budget.times[few], values[few], name, {"color": color}) for values, name, color in curves]
-    near = np.isfinite(budget.level) and NEAR * budget.level < float(bound.max())
-    dashed = [(budget.level, INK, "level of the region")] if near else []
+    near = np.isfinite(budget.level) and 0.05 * budget.level < float(bound.max())  # the level is drawn then
     far = "" if near or not np.isfinite(budget.level) else f" The level, {budget.level:.3g}, is far above."
-    panel = Panel("V", "", lines, dashed=dashed, y=(0.0, None))
     return draw_figure(
-        "budget", [panel], f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
+        "budget",
+        [Panel(
+            "V", "",
+            [Line(budget.times[few], values[few], name, {"color": color}) for values, name, color in curves],
+            dashed=[(budget.level, INK, "level of the region")] if near else [], y=(0.0, None),
+        )],
+        f"V along the step of the nominal robot, and its bound.{far}", "Dissipation budget",
     )  # fmt: skip

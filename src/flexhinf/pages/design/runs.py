@@ -52,18 +52,12 @@ MARGINS = {
 #: Pieces of the run at rest in the figure: of each the extremes are drawn, so that no vibration is lost.
 PIECES = 400
 
-#: An oscillation of at least this fraction of the limit has its frequency in the table.
-SEEN = 0.5
-
-#: The figure of the ring-down ends after so many periods of the least damped oscillation.
-PERIODS = 8.0
-
 
 # Torques on the links ------------------------------------------------------------------------------------
 def load(design: Design) -> Blocks:
     """Figure and table of constant torques on the links at the goal."""
     e, run, units = design.evaluation, design.evaluation.load_response, units_of(design.evaluation)
-    slow = [row["joint"] for row in run.metrics if row["recovery_time_s"] is None]
+    slow, (unit, scale) = [row["joint"] for row in run.metrics if row["recovery_time_s"] is None], units.small
     if run.response.diverged_at is not None:
         yield note("With torques on the links the loop diverges. Try a smaller `--load`.")
     elif slow:
@@ -71,27 +65,28 @@ def load(design: Design) -> Blocks:
             f"With constant torques on the links, {' and '.join(slow)} {'is' if len(slow) == 1 else 'are'} still more "
             "than 2 % of the step away from the goal at the end of the run."
         )
-    yield lambda: _load_figure(
-        e, run, "load",
-        f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once.",
-        "Torques on the links",
-    )  # fmt: skip
-    unit, scale = units.small
-    yield joint_table(
-        (
-            Column("torque on the link", units.load, key="load"),
-            Column("twist of its spring", unit, key="twist", scale=scale),
-            Column("largest deviation", unit, key="peak_deviation", scale=scale),
-            Column("recovered after", "s", 3, key="recovery_time_s"),
-            Column("remaining deviation", unit, key="remaining_error", scale=scale),
+    yield from (
+        lambda: _load_figure(
+            e, run, "load",
+            f"From {run.at:g} s on (dotted) constant torques, unknown to law and estimator, act on all links at once.",
+            "Torques on the links",
         ),
-        [
-            {**row, "twist": abs(row["load"]) / float(k)}
-            for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
-        ],
-        "Twist: under this torque alone. Recovered: within 2 % of the joint's step from start to goal from then on. "
-        "Remaining: largest in the last tenth of the time under load",
-        "table-load",
+        joint_table(
+            (
+                Column("torque on the link", units.load, key="load"),
+                Column("twist of its spring", unit, key="twist", scale=scale),
+                Column("largest deviation", unit, key="peak_deviation", scale=scale),
+                Column("recovered after", "s", 3, key="recovery_time_s"),
+                Column("remaining deviation", unit, key="remaining_error", scale=scale),
+            ),
+            [
+                {**row, "twist": abs(row["load"]) / float(k)}
+                for row, k in zip(run.metrics, stiffness_of(e.setup.model, e.setup.robot, np.inf))
+            ],
+            "Twist: under this torque alone. Recovered: within 2 % of the joint's step from start to goal from then "
+            "on. Remaining: largest in the last tenth of the time under load",
+            "table-load",
+        ),
     )  # fmt: skip
 
 
@@ -140,12 +135,16 @@ def payload(design: Design) -> Blocks:
         )  # fmt: skip
     (unit, scale), limits = units_of(e).small, design.setup.limits
     rows, modelled = [], f"{number(sum(p.value for p in masses), 3)} kg, as in the model"
-    loaded = ((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads)
-    for name, step, m, case in ((modelled, e.step, e.margins, None), *loaded):
+    for name, step, m, case in (
+        (modelled, e.step, e.margins, None),
+        *((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads),
+    ):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
-        load_step: list[float | None] = [None, None, None]
-        if case is not None and case.load_step is not None:
-            load_step = [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
+        load_step: list[float | None] = (
+            [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
+            if case is not None and case.load_step is not None
+            else [None, None, None]
+        )
         metrics = [step.overshoot.value, step.settling.value, used, *load_step, m.damping, m.peak_sensitivity]
         rows.append((name, *finite([*metrics, m.gain_margin])))
     yield Table(
@@ -191,9 +190,11 @@ def payload_text(design: Design) -> str:
     text += f" overshoots by {number(case.step.overshoot.value, 2)} %"
     if case.load_step is None:
         return f"{text}."
-    back = "and is not back within 2 % of its step in the run"
-    if np.isfinite(case.recovery.value):
-        back = f"and is back within 2 % of its step after {number(case.recovery.value, 2)} s"
+    back = (
+        f"and is back within 2 % of its step after {number(case.recovery.value, 2)} s"
+        if np.isfinite(case.recovery.value)
+        else "and is not back within 2 % of its step in the run"
+    )
     sags = f"{units.small_text(case.deflection.value, 2)}{in_joint(case.deflection.joint, design.robot.joint_names)}"
     return f"{text}; gripping it the robot sags by {sags} {back}."
 
@@ -208,11 +209,12 @@ def move(design: Design) -> Blocks:
             "The loop diverges while it follows the planned move. Ask for a slower move, a smaller step or a lower "
             "`--bandwidth`."
         )
-    duration = f"{planned.plan.duration:.3g} s"
-    about = f"The stated move takes {duration} ({planned.plan.name})."
-    origin, quantity = 0.0, "link position"
+    duration, shaping = (
+        f"{planned.plan.duration:.3g} s",
+        s.shaping if s.shaping == "quintic" else "limited jerk",
+    )
+    about, origin, quantity = f"The stated move takes {duration} ({planned.plan.name}).", 0.0, "link position"
     if s.move is None:
-        shaping = s.shaping if s.shaping == "quintic" else "limited jerk"
         about = f"Here the robot follows a plan: the way of the step in {duration} ({shaping})."
         origin, quantity = response.goal, "link position − goal"
     yield Paragraph(
@@ -221,32 +223,34 @@ def move(design: Design) -> Blocks:
     )
 
     time, away, plan = response.run.time, response.positions - origin, planned.planned - origin
-    yield lambda: draw_figure(
-        "move",
-        (
-            joint_panel(quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan),
-            joint_panel("link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True),
-            input_panel(e, response)[0],
+    yield from (
+        lambda: draw_figure(
+            "move",
+            (
+                joint_panel(quantity, units.angle, time, e.setup.joints, units.scale * away, plan=units.scale * plan),
+                joint_panel("link position − plan", unit, time, e.setup.joints, scale * planned.error, zero=True),
+                input_panel(e, response)[0],
+            ),
+            "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
         ),
-        "Link positions and the plan (dotted), their difference, and the inputs.", "The move", 6.6,
-    )  # fmt: skip
-    yield joint_table(
-        (
-            Column("way", units.angle, key="way", scale=units.scale),
-            Column("largest error", unit, key="largest_error", scale=scale),
-            Column("of the way", "%", 2, key="relative", scale=100.0),
-            Column("rms error", unit, key="rms_error", scale=scale),
-            Column("error at the end", unit, key="final_error", scale=scale),
-            Column("peak input", units.effort, key="peak_input"),
-            Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
+        joint_table(
+            (
+                Column("way", units.angle, key="way", scale=units.scale),
+                Column("largest error", unit, key="largest_error", scale=scale),
+                Column("of the way", "%", 2, key="relative", scale=100.0),
+                Column("rms error", unit, key="rms_error", scale=scale),
+                Column("error at the end", unit, key="final_error", scale=scale),
+                Column("peak input", units.effort, key="peak_input"),
+                Column("peak speed", units.rate, key="peak_speed", scale=units.scale),
+            ),
+            [
+                {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
+                for row, way in zip(planned.metrics, planned.travel)
+            ],
+            "Errors: of the true link positions from the plan. Way: between its extremes. Error at the end: largest "
+            "in the last tenth of the run",
+            "table-move",
         ),
-        [
-            {**row, "way": float(way), "relative": row["largest_error"] / float(way) if way else None}
-            for row, way in zip(planned.metrics, planned.travel)
-        ],
-        "Errors: of the true link positions from the plan. Way: between its extremes. Error at the end: largest in the "
-        "last tenth of the run",
-        "table-move",
     )  # fmt: skip
 
 
@@ -276,32 +280,31 @@ def margins_along(design: Design) -> Blocks:
     panels, rows, acting = [], [], np.array(along.laws)
     for name, quantity in MARGINS.items():
         values = np.array([getattr(m, name) for m in along.margins], dtype=float)
-        k, limit = (
-            int((np.argmax if name == "peak_sensitivity" else np.argmin)(values)),
-            getattr(along.limits, name),
-        )
+        k = int((np.argmax if name == "peak_sensitivity" else np.argmin)(values))
         rows.append(
             (quantity, float(values[k]), float(along.times[k]), pose_text(along.poses[k], slides, degrees))
         )
-        dots = {"marker": "o", "markersize": 4.5, "linestyle": "none"}
+        dots, limit = {"marker": "o", "markersize": 4.5, "linestyle": "none"}, getattr(along.limits, name)
         lines = [
-            Line(
-                along.times[acting == law],
-                values[acting == law],
-                None,
-                {"color": SERIES[law % len(SERIES)], **dots},
-            )
-            for law in sorted(set(along.laws))
-        ]
-        lines.append(Line(along.times, values, None, {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}))
+            *(
+                Line(
+                    along.times[acting == law], values[acting == law], None,
+                    {"color": SERIES[law % len(SERIES)], **dots},
+                )
+                for law in sorted(set(along.laws))
+            ),
+            Line(along.times, values, None, {"color": SERIES[0], "linewidth": 1.0, "zorder": 1}),
+        ]  # fmt: skip
         panels.append(Panel(quantity, "", lines, (limit,) if limit else ()))
-    yield lambda: draw_figure(
-        "along", panels, f"At poses along the move. Dotted: what is required, with its tolerance.{colours}",
-        "Margins along the move", 5.4,
-    )  # fmt: skip
-    yield Table(
-        ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
-        "table-along",
+    yield from (
+        lambda: draw_figure(
+            "along", panels, f"At poses along the move. Dotted: what is required, with its tolerance.{colours}",
+            "Margins along the move", 5.4,
+        ),
+        Table(
+            ("figure", Column("worst", "", 3), Column("at", "s", 3), "pose"), rows, "The worst pose of each figure",
+            "table-along",
+        ),
     )  # fmt: skip
 
 
@@ -334,29 +337,27 @@ def ring_down(design: Design) -> Blocks:
         f"runs differ by {number(100.0 * runs.ring_down.error, 2)} % of the peak at most. Left: largest velocity of "
         "the link from then on, of its peak",
         "table-ring-down",
-    )  # fmt: skip
+    )
 
 
 def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
     """Row of each joint: impulse, peak deviation of its link, least damped oscillation, and what is left of it."""
-    rows, fit = [], runs.ring_down
-    for k, response in enumerate(runs.responses):
-        least = runs.least_damped(k)
-        row = {
-            "joint": response.joints[k], "impulse": float(runs.impulses[k]), "peak_deviation": None, "damping": None,
-            "frequency_Hz": None if least is None else least.frequency, "left": None,
-        }  # fmt: skip
-        if fit is not None:
-            deviation = float(np.abs(response.positions[:, k] - response.goal[k]).max())
-            row |= {"peak_deviation": deviation, "damping": fit.damping_of(k), "left": runs.left(k)}
-        rows.append(row)
-    return rows
+    fit = runs.ring_down
+    return [
+        {
+            "joint": run.joints[k], "impulse": float(runs.impulses[k]),
+            "peak_deviation": None if fit is None else float(np.abs(run.positions[:, k] - run.goal[k]).max()),
+            "damping": fit and fit.damping_of(k), "frequency_Hz": least and least.frequency,
+            "left": None if fit is None else runs.left(k),
+        }
+        for k, (run, least) in enumerate(zip(runs.responses, map(runs.least_damped, range(len(runs.responses)))))
+    ]  # fmt: skip
 
 
 def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     joints, time, worst = runs.responses[0].joints, runs.responses[0].run.time, runs.worst
     least = runs.least_damped(worst)
-    early = time <= (time[-1] if least is None else PERIODS / least.frequency)
+    early = time <= (time[-1] if least is None else 8.0 / least.frequency)  # some periods
     values = np.column_stack([runs.velocity(k)[early] for k in range(len(joints))])
     panel = joint_panel("link velocity / peak", "", time[early], joints, values, zero=True)
     caption = "Velocity of each link over its peak, after an impulse on it, without measurement noise."
@@ -364,8 +365,10 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
         # begins at the peak: what decays slower is not the oscillation whose damping is given
         size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
         dashed = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
-        envelope = [Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]
-        panel = replace(panel, lines=[*panel.lines, *envelope])
+        panel = replace(
+            panel,
+            lines=[*panel.lines, *[Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]],
+        )
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
             f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
@@ -415,9 +418,9 @@ def long_run(design: Design) -> Blocks:
             f"`--extras {','.join(dict.fromkeys((*s.extras, *dry)))} --friction-model`": not s.friction_model,
             "another `--integral-dead-zone`": True,
             "sensors on both sides of the springs": not both,
-            "weights that damp the vibration (`--preset damped`)":
-                preset_of(design.evaluation.setup.robot, s) == "paper",
-        }  # fmt: skip
+            "weights that damp the vibration (`--preset damped`)": preset_of(design.evaluation.setup.robot, s)
+            == "paper",
+        }
         if run.tried is not None and run.tried.cycles:
             narrow = (
                 f" Errors up to {zone(run.tried)} left unintegrated do not end it: "
@@ -440,7 +443,7 @@ def long_run(design: Design) -> Blocks:
         [
             {
                 **row,
-                "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > SEEN * run.limit else "–",
+                "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > 0.5 * run.limit else "–",
                 "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
             }
             for row in long_run_rows(run)
@@ -490,7 +493,7 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
         f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting.",
         "At rest with dry friction",
-    )  # fmt: skip
+    )
 
 
 def _extremes(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

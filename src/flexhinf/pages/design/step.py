@@ -20,12 +20,12 @@ from flexhinf.pages.drawing import (
     Units,
     changes_text,
     draw_figure,
+    effort_text,
     figure_block,
     in_joint,
     joint_panel,
     joint_table,
     legend_above,
-    limit_text,
     listed,
     note,
     panels,
@@ -56,17 +56,8 @@ from flexhinf.robot.kinematics import skeleton
 #: A peak input within so many samples of the start that is so much larger than all later ones is the estimator's.
 STARTING, MUCH = 20, 1.5
 
-#: What a robot may state and a true plant leaves out by default: how the parameter's name begins, and the extra.
-STATED = {"inductance": "inductance", "damping": "joint_damping", "coulomb_friction": "coulomb_friction"}
-
 #: Parts of the way at which the arm is drawn.
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
-
-#: Inches that legend, titles and names of the axes take of the arm's height, and numbers of its width.
-AROUND, LEFT = 1.25, 0.8
-
-#: Points closer together than this part of the robot's size lie in one plane.
-FLAT = 0.02
 
 
 def step(design: Design) -> Blocks:
@@ -75,7 +66,11 @@ def step(design: Design) -> Blocks:
     names = [parameter.name for parameter in design.robot.parameters if parameter.value]
     left = [
         extra
-        for begins, extra in STATED.items()
+        for begins, extra in (
+            ("inductance", "inductance"),
+            ("damping", "joint_damping"),
+            ("coulomb_friction", "coulomb_friction"),
+        )
         if extra not in s.extras and any(name.startswith(begins) for name in names)
     ]
     if left:
@@ -97,11 +92,12 @@ def step(design: Design) -> Blocks:
             f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
             f"{units.effort}. Let the estimator run before the law takes over."
         )
-    yield lambda: _step_figure(e, units)
-    yield lambda: arm_of(e)
-    last = float(e.step.run.time[-1])
+    yield from (
+        lambda: _step_figure(e, units),
+        lambda: arm_of(e),
+    )
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
-    peak = Column("peak input", units.effort, key="peak_input")
+    peak, last = Column("peak input", units.effort, key="peak_input"), float(e.step.run.time[-1])
     yield joint_table(
         (
             Column("from", units.angle, key="from", scale=units.scale),
@@ -146,9 +142,11 @@ def step_text(response: Response, units: Units) -> str:
     overshoot, settling = response.overshoot, response.settling
     if not any("overshoot_percent" in row for row in response.metrics):
         return "No joint moves in this step."
-    settles = f"settles in {number(settling.value, 3)} s"
-    if not np.isfinite(settling.value):
-        settles = f"does not settle within {number(float(response.run.time[-1]), 3)} s"
+    settles = (
+        f"does not settle within {number(float(response.run.time[-1]), 3)} s"
+        if not np.isfinite(settling.value)
+        else f"settles in {number(settling.value, 3)} s"
+    )
     return (
         f"The step {settles}{in_joint(settling.joint, response.joints)}, overshoots by {number(overshoot.value, 2)} %"
         f"{in_joint(overshoot.joint, response.joints)} and needs at most {peak_text(response, units)}."
@@ -183,30 +181,31 @@ def input_panel(e: LawEvaluation, response: Response) -> tuple[Panel, str]:
         name = (
             "limit of the motor" if source == ROBOT else "required: at most" if required else "saturation at"
         )
-        name = f"{name} {limit_text(limits.effort)} {units.effort}"
+        name = f"{name} {effort_text(limits.effort)} {units.effort}"
     lines = {"limits": limits.effort, "limit_name": name} if name else {}
-    panel = joint_panel("input", units.effort, response.run.time, response.joints, response.inputs, **lines)
-    return panel, name
+    return joint_panel(
+        "input", units.effort, response.run.time, response.joints, response.inputs, **lines
+    ), name
 
 
 def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     response, command, s, joints = e.step, e.setup.command, e.setup.specification, e.setup.joints
     time, goal, (inputs, limit) = response.run.time, response.goal, input_panel(e, response)
-    panels = (
-        joint_panel(
-            "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
-            plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
-            least=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
-        ),
-        joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), least=0.0),
-        inputs,
-    )  # fmt: skip
     fed = ESTIMATORS[s.estimator]
     if s.estimator != "none":
         fed = f"with {fed} on {', '.join(s.measured).replace('_', ' ')} and measurement noise"
     bound = f" (dashed: {limit})" if inputs.dashed else f" ({limit}, beyond the panel)" if limit else ""
     return draw_figure(
-        "step", panels,
+        "step",
+        (
+            joint_panel(
+                "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
+                plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
+                least=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
+            ),
+            joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), least=0.0),
+            inputs,
+        ),
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
         f"distance from the goal (dotted), torques of the springs, and inputs as applied{bound}.",
         "Step response", 6.6,
@@ -232,9 +231,9 @@ def arm_of(e: LawEvaluation) -> Figure | None:
     response, n = e.step, len(e.setup.goal)
     if response.diverged_at is not None:
         return None
-    motors = e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T
     return arm_figure(
-        e.setup.robot, response.run.time, response.positions, motors,
+        e.setup.robot, response.run.time, response.positions,
+        e.setup.robot.layout.whole(response.run.signals["state"].T)[2 * n : 3 * n].T,
         instants(response.positions, response.start, response.goal),
     )  # fmt: skip
 
@@ -245,8 +244,9 @@ def instants(positions: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list
     if not way.any():
         return [0]
     done = (positions - start) @ way / float(way @ way)
-    samples = (int(np.argmax(done >= part)) if np.any(done >= part) else last for part in PARTS[:-1])
-    return sorted({*samples, last})
+    return sorted(
+        {*(int(np.argmax(done >= part)) if np.any(done >= part) else last for part in PARTS[:-1]), last}
+    )
 
 
 @house_style()
@@ -264,8 +264,10 @@ def arm_figure(
     view = np.column_stack([right, up])
     low, high = (points @ view).min(axis=0) - 0.08 * size, (points @ view).max(axis=0) + 0.08 * size
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
-    height = AROUND + min(max(tall, 0.3), 2.0) * (WIDTH - LEFT) / len(at)
-    figure, (axes,) = panels(1, len(at), height, sharex=True, sharey=True)
+    # beside the arm, inches: legend, titles and names of the axes in height, numbers in width
+    figure, (axes,) = panels(
+        1, len(at), 1.25 + min(max(tall, 0.3), 2.0) * (WIDTH - 0.8) / len(at), sharex=True, sharey=True
+    )
     dashed = {"color": SERIES[1], "linewidth": 1.3, "dashes": (4.0, 2.0)}
     thick = {"color": SERIES[0], "linewidth": 2.6, "alpha": 0.85}
     for k, (axis, (own, behind)) in enumerate(zip(axes, poses, strict=True)):
@@ -296,7 +298,7 @@ def viewing_plane(
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
     right = next(row for row in spread if abs(row @ up) < 0.5)
     right = right * (1.0 if right.sum() >= 0.0 else -1.0)
-    if np.ptp(centred @ up) > FLAT * size:
+    if np.ptp(centred @ up) > 0.02 * size:  # else all points lie in one plane
         return right, up, ("horizontal", "height")
     return right, np.cross(up, right), ("horizontal", "seen from above")
 
@@ -304,9 +306,6 @@ def viewing_plane(
 # Sampled robots -----------------------------------------------------------------------------------------
 #: Panels of link positions: of the joints whose robots differ most, relative to the largest step.
 PANELS = 3
-
-#: Fewer robots than this get no histograms.
-FEW = 15
 
 #: Half height of the panel about the goal, relative to the step.
 CLOSE = 0.12
@@ -322,13 +321,14 @@ def samples(design: Design) -> Blocks:
             f"{runs.diverged} of {len(runs)} robots within their tolerances diverge with this controller. "
             "--preset robust includes the tolerances in the synthesis."
         )
-    worst = {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
-    if runs.worst == runs.slowest:
-        worst = {"Largest overshoot and slowest settling": runs.worst}
     robot, extras = e.setup.robot, e.setup.specification.extras
     which = (
         f" {what}: robot {k + 1} ({changes_text(runs.values[k], robot, extras)})."
-        for what, k in worst.items()
+        for what, k in (
+            {"Largest overshoot and slowest settling": runs.worst}
+            if runs.worst == runs.slowest
+            else {"Largest overshoot": runs.worst, "Slowest settling": runs.slowest}
+        ).items()
     )
     yield Paragraph(
         f"{len(robot.uncertain)} parameters are sampled uniformly within their tolerances, {len(runs)} times, each "
@@ -337,7 +337,7 @@ def samples(design: Design) -> Blocks:
     )
     if np.isfinite(runs.positions).all(axis=(1, 2)).any():
         yield lambda: _bands(e, runs)
-    if len(runs) >= FEW and np.isfinite([runs.overshoot, runs.settling]).any():
+    if len(runs) >= 15 and np.isfinite([runs.overshoot, runs.settling]).any():
         yield lambda: _histograms(e, runs)
     yield spread_table(e)
 
@@ -379,7 +379,6 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
-    """Metrics of the sampled robots: name, unit, values, value of the nominal robot, and joint of the worst."""
     own, m, peak = e.step, samples, samples.peak_joints[int(np.argmax(samples.peak))]
     return [
         ("overshoot", "%", m.overshoot, own.overshoot.value, m.overshoot_joints[m.worst]),

@@ -36,9 +36,6 @@ PRESETS = {
     "given": "Weights as given",
 }
 
-#: Disturbances of a problem: how their names begin.
-KINDS = {"link_position": "the command", "link_torque": "link torque", "motor_torque": "motor torque"}
-
 #: Candidates of the trade-off of noise levels in a table, beside the default and the one that is used.
 ROWS = 6
 
@@ -54,7 +51,15 @@ class Weight(NamedTuple):
 def weights(design: Design) -> Blocks:
     """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
     problem, names = design.design_problem, design.problem.disturbance_names
-    kinds = [text for kind, text in KINDS.items() if any(name.startswith(kind) for name in names)]
+    kinds = [
+        text
+        for kind, text in (
+            ("link_position", "the command"),
+            ("link_torque", "link torque"),
+            ("motor_torque", "motor torque"),
+        )
+        if any(name.startswith(kind) for name in names)
+    ]
     which = " of this problem, with the channels of the tolerances" if problem.robustness is not None else ""
     yield Paragraph(
         f"{PRESETS[problem.preset]} ({problem.source}). Disturbances of the problem: "
@@ -66,8 +71,10 @@ def weights(design: Design) -> Blocks:
         yield from _search(design, problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
-        yield robust_table(problem.robustness)
-        yield Paragraph(_robust_text(problem.robustness))
+        yield from (
+            robust_table(problem.robustness),
+            Paragraph(_robust_text(problem.robustness)),
+        )
     yield from _weight_table(design)
 
 
@@ -88,23 +95,25 @@ def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Bl
         return Line(weights, np.where(np.isfinite(seen), seen, np.nan), name, style)
 
     over: dict[str, Any] = {"vertical": search.chosen.damping_weight, "across": "largest damping weight ζ"}
-    yield lambda: draw_figure(
-        "search",
-        (
-            Panel(
-                "smallest damping ratio", "",
-                (
-                    line([c.behaviour.damping for c in candidates], "worst of the tolerances", SERIES[1]),
-                    line([c.behaviour.nominal_damping for c in candidates], "nominal robot", SERIES[0]),
+    yield from (
+        lambda: draw_figure(
+            "search",
+            (
+                Panel(
+                    "smallest damping ratio", "",
+                    (
+                        line([c.behaviour.damping for c in candidates], "worst of the tolerances", SERIES[1]),
+                        line([c.behaviour.nominal_damping for c in candidates], "nominal robot", SERIES[0]),
+                    ),
+                    dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
                 ),
-                dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
+                Panel("γ*", "", [line([c.design.gamma_star for c in candidates], None, SERIES[0])], **over),
             ),
-            Panel("γ*", "", [line([c.design.gamma_star for c in candidates], None, SERIES[0])], **over),
+            "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
+            3.2, columns=3,
         ),
-        "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
-        3.2, columns=3,
+        candidate_table(design),
     )  # fmt: skip
-    yield candidate_table(design)
 
 
 def candidate_table(design: Design) -> Table:
@@ -178,16 +187,15 @@ def whole_loop_rows(search: WholeLoopSearch) -> list[tuple[str, str, float, floa
 
 def robust_table(r: Robustness) -> Table:
     """Table of γ* and of the attained level, without and with the tolerance channels."""
-    levels = (
-        ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
-        ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
-    )
     return Table(
         (
             "", Column("without tolerances", brief="without"), Column("with tolerances", brief="with"),
             Column("cost", "%", 1),
         ),
-        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in levels],
+        [(what, plain, robust, 100.0 * (robust / plain - 1.0)) for what, plain, robust in (
+            ("γ* of the problem", r.nominal_gamma_star, r.gamma_star),
+            ("level that the nominal robot attains", r.nominal_gain, r.robust_gain),
+        )],
         "What covering the tolerances costs (linear part)", "table-robust",
         title=f"Cost of the tolerances: {r.channels} channels, {100.0 * r.fraction:.3g} % of them covered",
     )  # fmt: skip
@@ -197,14 +205,16 @@ def _robust_text(r: Robustness) -> str:
     which = f"{'all' if r.all_corners else 'the sampled'} {r.corners} corners"
     larger = f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
     products = (
-        f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
-        "tolerances that act at the goal."
-    )
-    if r.failing_corners:
-        products = (
+        (
             f" the inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at "
             "the goal, so it holds for each tolerance alone, and not for all of them together."
         )
+        if r.failing_corners
+        else (
+            f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
+            "tolerances that act at the goal."
+        )
+    )
     tolerances, beyond = "the whole of the stated tolerances", ""
     if r.fraction < 1.0:
         tolerances = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
@@ -247,10 +257,13 @@ def _weight_table(design: Design) -> Blocks:
         np.asarray(design.problem.r2, float),
     )
     for weight in state_weights(design.problem, joints):
-        joint = next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
-        alone = not joint or len(joints) == 1
-        signal = weight.signal if alone else weight.signal.replace(f"_{joint}", "", 1)
-        rows.setdefault(signal.replace("_", " "), {})[joints[0] if alone else joint] = weight
+        joint = (
+            next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
+            if len(joints) > 1
+            else ""
+        )
+        signal = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
+        rows.setdefault(signal.replace("_", " "), {})[joint or next(iter(joints))] = weight
     if rows:
         yield Table(
             ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"),
@@ -291,9 +304,12 @@ def noise_levels(design: Design) -> Blocks:
     )
     if search is None:
         return
-    yield lambda: _noise_figure(design, search)
-    yield _noise_table(design, search)
-    yield from _hardly_seen(design, search)
+    yield from (
+        lambda: _noise_figure(design, search),
+        _noise_table(design, search),
+    )
+    if "damping" in search.chosen.missed and all(n.startswith("motor") for n in design.setup.model.outputs):
+        yield _hardly_seen(design)
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
         yield Table(
@@ -321,25 +337,21 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
         return f"{beyond} The default levels keep {kept}."
     if chosen.feasible:
         return f"{beyond} The search took the levels with the least noise that keep {kept}."
-    missed = (f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in chosen.avoidable.items())
-    parts = [f"missed: {', '.join(missed)}"] if chosen.avoidable else []
-    parts += [f"{chosen.unstable} corners of the tolerances are unstable"] if chosen.unstable else []
+    missed = [f"{limit} by {100.0 * np.expm1(value):.0f} %" for limit, value in chosen.avoidable.items()]
+    parts = [
+        *([f"missed: {', '.join(missed)}"] if missed else []),
+        *([f"{chosen.unstable} corners of the tolerances are unstable"] if chosen.unstable else []),
+    ]
     return f"{beyond} No levels were found that keep {kept}: used are those that miss them least ({'; '.join(parts)})."
 
 
-def _hardly_seen(design: Design, search: NoiseSearch) -> Blocks:
-    """Why motor positions alone limit the damping, where it is missed with them."""
+def _hardly_seen(design: Design) -> Paragraph:
     setup = design.setup
-    if (
-        any(not name.startswith("motor") for name in setup.model.outputs)
-        or "damping" not in search.chosen.missed
-    ):
-        return
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
     worst = int(np.argmin(part))
     zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
-    yield Paragraph(
+    return Paragraph(
         "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
         f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings while the motor stands "
         f"still ({zero:.3g} Hz there): near that zero the error of any estimator stays undamped unless noise is "
@@ -403,8 +415,8 @@ def _noise_table(design: Design, search: NoiseSearch) -> Table:
     rows = []
     for candidate, note in sorted([*others, *apart], key=lambda each: each[0].input_noise):
         missed = f"{'missed: ' if note and candidate.missed else ''}{', '.join(candidate.missed)}"
-        *finite_metrics, gain = metrics(candidate)
-        rows.append((*finite_metrics, finite(gain), "; ".join(filter(None, (note, missed)))))
+        *sizes, gain = metrics(candidate)
+        rows.append((*sizes, finite(gain), "; ".join(filter(None, (note, missed)))))
     return Table(
         (
             Column("noise at the noisiest motor (rms)", unit, digits=3, brief=f"noise, {unit}"),
