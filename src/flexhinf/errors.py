@@ -75,6 +75,15 @@ class InvalidInput(FlexhinfError, ValueError):
     """A value, shape, name or file that cannot be used."""
 
 
+def refuse_if(wrong: object, what: str, found: str, advice: str) -> None:
+    """Raise InvalidInput with these three parts if `wrong` is true.
+
+    The texts are made in any case: they must be cheap, and must not fail where nothing is wrong.
+    """
+    if wrong:
+        raise InvalidInput(what, found, advice)
+
+
 @contextmanager
 def located(where: str) -> Iterator[None]:
     """Say in an error of the block where it is: "arm.toml: joint 'elbow'"."""

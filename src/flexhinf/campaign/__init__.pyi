@@ -9,7 +9,6 @@ from .draws import (
     Sample as Sample,
     Tolerances as Tolerances,
     Variable as Variable,
-    one_of as one_of,
     sample_seed as sample_seed,
 )
 from .driver import (

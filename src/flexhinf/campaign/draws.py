@@ -31,7 +31,7 @@ import numpy as np
 from flexhinf.codegen.noise import philox, seed_key
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_text, distinct, is_real, unknown_name, value_text
+from flexhinf.validation import checked_text, distinct, is_real, one_of, value_text
 
 #: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
 #: differ from machine to machine.
@@ -225,7 +225,7 @@ class Variable:
 
     def __post_init__(self) -> None:
         checked_text("the name of a variable", self.name)
-        one_of("distribution", self.distribution, DISTRIBUTIONS)
+        one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         ends = (self.low, self.high)
         if not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high:
             raise InvalidInput(
@@ -378,7 +378,7 @@ class Tolerances(Draw):
     build: Callable[[Mapping[str, float]], Sample] | None = None
 
     def __post_init__(self) -> None:
-        one_of("method", self.method, METHODS)
+        one_of("There is no such method.", self.method, METHODS)
         if not self.variables:
             raise InvalidInput(
                 "Nothing differs from sample to sample.",
@@ -428,12 +428,6 @@ class Tolerances(Draw):
         """The method, every variable, and the fingerprint of a user's `build`."""
         own = {} if self.build is None or is_library_code(self.build) else {"build": fingerprint(self.build)}
         return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
-
-
-def one_of(what: str, value: Any, known: Sequence[str]) -> None:
-    """Refuse with InvalidInput a name that is not one of the known ones."""
-    if value not in known:
-        raise unknown_name(f"There is no such {what}.", value, known)
 
 
 def sample_seed(seed: int, index: int) -> int:
