@@ -25,7 +25,7 @@ from flexhinf.campaign.results import (
     success_interval,
     violations,
 )
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
@@ -82,12 +82,12 @@ class PairedMetric:
 
     @property
     def medians(self) -> tuple[float, float]:
-        """Medians of a and of b over the pairs, each one of the values; NaN without pairs."""
+        """Lower medians of a and of b over the pairs, each one of the values; NaN without pairs."""
         return _median(self.a[self.pairs]), _median(self.b[self.pairs])
 
     @cached_property
     def median(self) -> float:
-        """Median of the differences, one of them; NaN without pairs."""
+        """Lower median of the differences, one of them; NaN without pairs."""
         return _median(self.differences)
 
     @cached_property
@@ -106,7 +106,6 @@ class PairedMetric:
 
     @property
     def _gains(self) -> tuple[np.ndarray, np.ndarray]:
-        """By how much a is better in each pair, and by how much b is."""
         worse = -self.differences if self.largest_is_best else self.differences
         return worse, -worse
 
@@ -129,7 +128,6 @@ class PairedMetric:
 
 
 def _median(values: np.ndarray) -> float:
-    """A lower median that is one of the values; NaN without values."""
     return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
@@ -195,12 +193,12 @@ class PairedCampaigns:
 
     def metric(self, name: str) -> PairedMetric:
         """One metric of both campaigns; InvalidInput if not both have it."""
-        if name not in (*self.metrics, *self.parts):
-            raise InvalidInput(
-                f"Not both campaigns have a metric {name!r}.",
-                f"expected one of {', '.join(self.metrics) or 'none'}",
-                "campaigns with the same metrics",
-            )
+        refuse_if(
+            name not in (*self.metrics, *self.parts),
+            f"Not both campaigns have a metric {name!r}.",
+            f"expected one of {', '.join(self.metrics) or 'none'}",
+            "campaigns with the same metrics",
+        )
         best = any(rule.metric == name and not rule.at_most for rule in self.requirements)
         lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (
@@ -218,10 +216,6 @@ class PairedCampaigns:
         )
         return McNemar(*(int(pairs.sum()) for pairs in (a & b, a & ~b, ~a & b, ~a & ~b)))
 
-    def numbers(self, sample: int) -> dict[str, float]:
-        """Values of the varied numbers of a sample, by name."""
-        return self.a.numbers(sample)
-
 
 def compare(
     a: xr.Dataset | MergedTable, b: xr.Dataset | MergedTable, requirements: Sequence[str] = ()
@@ -233,27 +227,27 @@ def compare(
     Returns: differences b − a of each metric, success and failure.
     Raises InvalidInput: if the samples are not the same: the message says what differs.
     """
-    sides = _table(a), _table(b)
-    names = [*sides[0].settings, *sides[1].settings]
+    own, other = _table(a), _table(b)
+    names = [*own.settings, *other.settings]
     bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
-    pairs = differing(sides[0].settings, sides[1].settings, bound)
+    pairs = differing(own.settings, other.settings, bound)
     differences = [f"{name}: {first} ↔ {second}" for name, first, second in pairs]
-    columns = [("sample", "seed", *side.names("parameter")) for side in sides]
-    if columns[0] != columns[1]:
-        differences.append(f"numbers: {list(columns[0][2:])} ↔ {list(columns[1][2:])}")
+    numbers = own.names("parameter")
+    if numbers != other.names("parameter"):
+        differences.append(f"numbers: {list(numbers)} ↔ {list(other.names('parameter'))}")
     elif not differences:
-        own, other = sides[0].columns, sides[1].columns
-        same = {
-            k: np.array_equal(own[k], other[k], equal_nan=k not in ("sample", "seed")) for k in columns[0]
-        }
-        differences = [f"{name}: not the same values" for name, equal in same.items() if not equal]
-    if differences:
-        raise InvalidInput(
-            "The campaigns are not on the same samples; their differences would not be those of the controllers.",
-            listed(differences, _LISTED),
-            "the same draw, samples, seed, plant, noise and duration for both, and another controller",
-        )
-    paired = PairedCampaigns(*sides)
+        differences = [
+            f"{k}: not the same values"
+            for k in ("sample", "seed", *numbers)
+            if not np.array_equal(own.columns[k], other.columns[k], equal_nan=k not in ("sample", "seed"))
+        ]
+    refuse_if(
+        differences,
+        "The campaigns are not on the same samples; their differences would not be those of the controllers.",
+        listed(differences, _LISTED),
+        "the same draw, samples, seed, plant, noise and duration for both, and another controller",
+    )
+    paired = PairedCampaigns(own, other)
     known = (*paired.metrics, *paired.parts)
     return replace(paired, requirements=tuple(Requirement.of(text, known) for text in requirements))
 
@@ -267,10 +261,12 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
             f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
             "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
         )
-    stated = source.data_vars.items()
     described = [
-        Column(str(name), array.attrs.get("kind", ""), array.attrs.get("units", "")) for name, array in stated
+        Column("sample", "own"),
+        *(
+            Column(str(name), array.attrs.get("kind", ""), array.attrs.get("units", ""))
+            for name, array in source.data_vars.items()
+        ),
     ]
-    described.insert(0, Column("sample", "own"))
     columns = {column.name: source[column.name].values for column in described}
     return CampaignTable(described, columns, {str(k): str(v) for k, v in source.attrs.items()})

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import TRACED, Campaign, Column, run_samples
+from flexhinf.campaign.batches import TRACED, Campaign, Column, rows_of
 from flexhinf.campaign.journal import Journal, numpy_column, plain_number, read_columns
 from flexhinf.campaign.metrics import COMPLETED, Requirement
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.loop import Trajectory
 
 if TYPE_CHECKING:
@@ -61,12 +61,12 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
     """
     from scipy.special import betaincinv
 
-    if not 0 <= successes <= count or count < 1:
-        raise InvalidInput(
-            "There is no such fraction.",
-            f"expected 0 <= successes <= count, got {successes} of {count}",
-            "99 of 100",
-        )
+    refuse_if(
+        not 0 <= successes <= count or count < 1,
+        "There is no such fraction.",
+        f"expected 0 <= successes <= count, got {successes} of {count}",
+        "99 of 100",
+    )
     half, failures = 0.5 * (1.0 - confidence), count - successes
     low = betaincinv(successes, failures + 1, half) if successes else 0.0
     high = betaincinv(successes + 1, failures, 1.0 - half) if failures else 1.0
@@ -123,9 +123,7 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
 
 def _terms(z: np.ndarray, kind: int) -> np.ndarray:
     """Terms (N, terms) of one of `SURROGATES` at standardised numbers (N, p)."""
-    parts = [np.ones((len(z), 1)), z]
-    if kind > 0:
-        parts.append(z**2)
+    parts = [np.ones((len(z), 1)), z, *([z**2] if kind > 0 else [])]
     if kind > 1:
         first, second = np.triu_indices(z.shape[1], 1)
         parts.append(z[:, first] * z[:, second])
@@ -232,8 +230,8 @@ class MergedTable(CampaignTable):
     def trace(self, name: str) -> np.ndarray:
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
         count = min(self.journal.batches, -(-TRACED // self.journal.size(0)))
-        columns = (read_columns(self.shards[batch], [name]).column(name) for batch in range(count))
-        return np.concatenate([numpy_column(column) for column in columns])[:TRACED]
+        tables = (read_columns(self.shards[batch], [name]) for batch in range(count))
+        return np.concatenate([numpy_column(table.column(name)) for table in tables])[:TRACED]
 
     def dataset(self) -> xr.Dataset:
         """The rows as an xarray Dataset; see `run_campaign`."""
@@ -326,9 +324,8 @@ class CampaignJudgement:
         values = self.column(metric)
         known = np.flatnonzero(~np.isnan(values))
         least = any(rule.metric == metric and not rule.at_most for rule in self.requirements)
-        if not len(known):
-            return None
-        return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
+        worst = np.argmin if least else np.argmax
+        return int(known[worst(values[known])]) if len(known) else None
 
     @property
     def worst_of_all(self) -> int | None:
@@ -339,9 +336,8 @@ class CampaignJudgement:
         """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
         values = self.column(metric)
         values = values[~np.isnan(values)]
-        if not len(values):
-            return np.full(len(QUANTILES), np.nan)
-        return np.quantile(values, QUANTILES, method="higher")
+        missing = np.full(len(QUANTILES), np.nan)
+        return np.quantile(values, QUANTILES, method="higher") if len(values) else missing
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
         """Sobol indices of a metric; see `flexhinf.campaign.sensitivity`."""
@@ -383,6 +379,6 @@ class Replayed:
 def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
     """Run one sample of a campaign again, alone; InvalidInput if it is not there or could not be run."""
     run = campaign.replay(sample)
-    rows = run_samples(campaign, range(sample, sample + 1))
-    again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}
+    rows = rows_of(campaign, [sample])
+    again = {name: plain_number(column[0]) for name, column in rows.items() if column.ndim == 1}
     return Replayed(sample, run, journal.row(sample), again)

@@ -27,7 +27,7 @@ from flexhinf.cli.options import (
     ReplayOptions,
     RunCampaignOptions,
 )
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 
 if TYPE_CHECKING:
     from flexhinf.campaign import Journal, MergedTable, Requirement
@@ -126,10 +126,12 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
 
 def _executor(o: BatchOptions) -> Executor | None:
     """Executor that runs the batches; None for this process."""
-    if o.workers and o.cluster:
-        raise InvalidInput(
-            "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
-        )
+    refuse_if(
+        o.workers and o.cluster,
+        "Batches run in processes here or on a cluster.",
+        "got --workers and --cluster",
+        "one of both",
+    )
     if o.cluster:
         return campaigns.in_cluster(o.cluster)
     return campaigns.in_processes(o.workers, note) if o.workers else None
@@ -206,21 +208,21 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
             f"expected --sample or --worst-case, got {'neither' if o.sample is None else 'both'}",
             "--sample 0",
         )
-    if o.worst_case == GAIN and o.out is not None:
-        raise InvalidInput(
-            "The worst disturbances are several runs.",
-            "got --out",
-            "disturbance.json in the campaign's folder",
-        )
+    refuse_if(
+        o.worst_case == GAIN and o.out is not None,
+        "The worst disturbances are several runs.",
+        "got --out",
+        "disturbance.json in the campaign's folder",
+    )
     campaign, journal = stored_campaign(o.folder)
     if o.worst_case == GAIN:
         rows = stored_gains(journal).rows
-        if not rows:
-            raise InvalidInput(
-                "The worst disturbance was not searched in this campaign.",
-                f"expected worst-case/disturbance.json, whole, in {o.folder}",
-                f"the campaign's command with --worst-case --metric {GAIN}",
-            )
+        refuse_if(
+            not rows,
+            "The worst disturbance was not searched in this campaign.",
+            f"expected worst-case/disturbance.json, whole, in {o.folder}",
+            f"the campaign's command with --worst-case --metric {GAIN}",
+        )
         search = GainSearch(stored_request(journal), float(journal.settings["duration"]))
         show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
         return

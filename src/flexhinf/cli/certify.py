@@ -11,7 +11,7 @@ from flexhinf.cli.arguments import reproduce_command, request_of, stated_options
 from flexhinf.cli.messages import NOT_MET, ProofProgress, note
 from flexhinf.cli.options import CERTIFY_FIELDS, PEAKS, CertifyOptions
 from flexhinf.design.options import option_name
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 
 #: In the folder that is written.
 CERTIFICATE = "certificate.json"
@@ -47,12 +47,12 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     if o.check is not None:
         _check(context, o.check, o)
         return
-    if not o.robot:
-        raise InvalidInput(
-            "Nothing is named to certify.",
-            "expected a robot, a design file, or --check FILE, got none of them",
-            "flexhinf certify design.toml",
-        )
+    refuse_if(
+        not o.robot,
+        "Nothing is named to certify.",
+        "expected a robot, a design file, or --check FILE, got none of them",
+        "flexhinf certify design.toml",
+    )
     if o.tolerances and (o.decay or o.observer is not None):
         other = "--decay" if o.decay else "--observer"
         raise InvalidInput(
@@ -77,13 +77,13 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     request = request_of(context, o, o.robot, o.elastic)
     idle = without_effect(request.robot, request.specification, o.tolerances)
     for name in stated_options(context) if len(request.robot.joint_names) == 1 else ():
-        if ("peak_effort" if name in PEAKS else name) in idle:
-            raise InvalidInput(
-                f"{option_name(name)} has no effect on this certificate.",
-                "expected several degrees, or weights that are searched for, which choose the law by such options; "
-                f"got one degree {request.specification.degrees}, and no search that runs the step",
-                f"leave out {option_name(name)}, or --preset robust",
-            )
+        refuse_if(
+            ("peak_effort" if name in PEAKS else name) in idle,
+            f"{option_name(name)} has no effect on this certificate.",
+            "expected several degrees, or weights that are searched for, which choose the law by such options; "
+            f"got one degree {request.specification.degrees}, and no search that runs the step",
+            f"leave out {option_name(name)}, or --preset robust",
+        )
     folder = check_folder(o.out)
     with ProofProgress() as bar:
         try:
@@ -124,18 +124,18 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
     from flexhinf.certify.theorem import theorem_text, verification_text
 
     for name in stated_options(context):
-        if name not in ("check", "every_cell", "threads", "robot"):
-            raise InvalidInput(
-                "A certificate is checked as it is.",
-                f"expected --check FILE with --every-cell or --threads alone, got {option_name(name)}",
-                f"flexhinf certify --check {path}",
-            )
-    if o.robot:
-        raise InvalidInput(
-            "A certificate is checked alone.",
-            f"expected --check FILE without a robot or a design, got {o.robot!r}",
+        refuse_if(
+            name not in ("check", "every_cell", "threads", "robot"),
+            "A certificate is checked as it is.",
+            f"expected --check FILE with --every-cell or --threads alone, got {option_name(name)}",
             f"flexhinf certify --check {path}",
         )
+    refuse_if(
+        o.robot,
+        "A certificate is checked alone.",
+        f"expected --check FILE without a robot or a design, got {o.robot!r}",
+        f"flexhinf certify --check {path}",
+    )
     certificate = load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")

@@ -14,7 +14,7 @@ from flexhinf import export, pages
 from flexhinf.cli.arguments import request_of, with_options
 from flexhinf.cli.messages import NOT_MET, note, show, step_progress
 from flexhinf.cli.options import RUN_FIELDS, CompileOptions, ExportCOptions, ExportFmuOptions, RunOptions
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import checked_path, value_text
 
 if TYPE_CHECKING:
@@ -92,12 +92,12 @@ def controller_of(source: str) -> tuple[Controller, str]:
     if not is_design_file(path):
         named = source in catalogue()
         is_robot = named or (path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists())
-        if is_robot and not Path(source).is_dir():
-            raise InvalidInput(
-                "A robot has no controller; a design of it has one.",
-                f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
-                f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
-            )
+        refuse_if(
+            is_robot and not Path(source).is_dir(),
+            "A robot has no controller; a design of it has one.",
+            f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
+            f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
+        )
         return load_controller(path), "controller"
     robot, specification = load_design(path)
     beside = path.parent / "controller"
@@ -133,12 +133,12 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
             f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
             "flexhinf design ROBOT --out DIR, then DIR in its place",
         )
-    if only_design and not is_design_file(file):
-        raise InvalidInput(
-            only_design,
-            f"expected design.toml or a report's folder, got {source!r}",
-            f"flexhinf design ROBOT --out DIR, then {then}",
-        )
+    refuse_if(
+        only_design and not is_design_file(file),
+        only_design,
+        f"expected design.toml or a report's folder, got {source!r}",
+        f"flexhinf design ROBOT --out DIR, then {then}",
+    )
     return file
 
 
@@ -155,10 +155,12 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
     2 for a mistake; 130 if interrupted.
     """
     file_of(o.source)
-    if not o.mujoco:
-        raise InvalidInput(
-            "It is not said which robot is driven.", "expected --mujoco, the robot in MuJoCo, got none", "--mujoco"
-        )  # fmt: skip
+    refuse_if(
+        not o.mujoco,
+        "It is not said which robot is driven.",
+        "expected --mujoco, the robot in MuJoCo, got none",
+        "--mujoco",
+    )
     from flexhinf.robot.mujoco import MuJoCoView, check_display
 
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]

@@ -21,7 +21,7 @@ from flexhinf import __version__
 from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.program import Step
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
@@ -300,10 +300,12 @@ static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const 
 
 def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
     """The code of a controller in a type, checked."""
-    if real not in ("double", "float"):
-        raise InvalidInput(
-            "There is no such type of numbers.", f"expected double or float, got {value_text(real)}", "double"
-        )
+    refuse_if(
+        real not in ("double", "float"),
+        "There is no such type of numbers.",
+        f"expected double or float, got {value_text(real)}",
+        "double",
+    )
     if not isinstance(controller, Controller):
         raise InvalidInput(
             "There is no controller to export.",

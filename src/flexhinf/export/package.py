@@ -16,7 +16,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import build, cortex_m4_bytes
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
 from flexhinf.export.run_log import Recording, record
@@ -87,16 +87,18 @@ def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     Raises InvalidInput: if it is a file, or is not empty and `force` is not set.
     """
     path = checked_path("The folder", folder).absolute()
-    if path.exists() and not path.is_dir():
-        raise InvalidInput(
-            "The output is no folder.", f"expected a folder, got the file {path}", "another name"
-        )
-    if not force and path.is_dir() and any(path.iterdir()):
-        raise InvalidInput(
-            "The output folder is not empty.",
-            f"expected a new or empty folder, got {path}",
-            "another folder, or force=True (--force): files of the same names are then replaced",
-        )
+    refuse_if(
+        path.exists() and not path.is_dir(),
+        "The output is no folder.",
+        f"expected a folder, got the file {path}",
+        "another name",
+    )
+    refuse_if(
+        not force and path.is_dir() and any(path.iterdir()),
+        "The output folder is not empty.",
+        f"expected a new or empty folder, got {path}",
+        "another folder, or force=True (--force): files of the same names are then replaced",
+    )
     return path
 
 
@@ -121,12 +123,12 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
     arm-none-eabi-gcc is installed. Raises InvalidInput: if the period is another one, or code, constants or state are
     larger.
     """
-    if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
-        raise InvalidInput(
-            "The firmware's period is not the controller's.",
-            f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
-            "a design with --period of that length",
-        )
+    refuse_if(
+        period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period,
+        "The firmware's period is not the controller's.",
+        f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
+        "a design with --period of that length",
+    )
     code = code_of(controller, "controller", real)
     whole = cortex_m4_bytes(code) if flash else None
     constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
@@ -140,12 +142,12 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
          "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
     )  # fmt: skip
     for option, stated, what, needed, where, advice in rows:
-        if stated and needed > _quantity(stated, BYTES):
-            raise InvalidInput(
-                f"The controller does not fit: its {what} more room.",
-                f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
-                advice,
-            )
+        refuse_if(
+            stated and needed > _quantity(stated, BYTES),
+            f"The controller does not fit: its {what} more room.",
+            f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
+            advice,
+        )
 
 
 #: Units of times and sizes.
@@ -213,13 +215,13 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
         no = "not measured: no C compiler for this machine was found"
         return most, f"{no}; the test vector allows {100 * most:g} %"
     worst = max(fused, plain)
-    if worst > most:
-        raise InvalidInput(
-            "The controller loses too much in float.",
-            f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
-            f"got {100 * worst:.2g} %",
-            "--real double; or larger noise levels of the estimator, which condition its covariances better",
-        )
+    refuse_if(
+        worst > most,
+        "The controller loses too much in float.",
+        f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
+        f"got {100 * worst:.2g} %",
+        "--real double; or larger noise levels of the estimator, which condition its covariances better",
+    )
     allowed = min(most, max(LEAST_TOLERANCE, SPARE * worst))
     return (
         allowed,

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Loop, Trajectory
@@ -267,12 +267,12 @@ def _check_library(library: CompiledController, controller: Any) -> None:
     }  # fmt: skip
     for name, value in own.items():
         stated = getattr(library, name)
-        if stated != value:
-            raise InvalidInput(
-                f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
-                f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
-                "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
-            )
+        refuse_if(
+            stated != value,
+            f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
+            f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
+            "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
+        )
     expected = code_of(controller, "controller", "double").digest
     if library.digest != expected:
         raise InvalidInput(

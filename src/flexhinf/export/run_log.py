@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
@@ -151,12 +151,12 @@ def check_log(path: str | os.PathLike[str]) -> Path:
     Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
     """
     path = checked_path("The log", path)
-    if path.suffix not in FORMATS:
-        raise InvalidInput(
-            "The format of the log is not known.",
-            f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
-            f"--log {path.stem or 'run'}.csv",
-        )
+    refuse_if(
+        path.suffix not in FORMATS,
+        "The format of the log is not known.",
+        f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
+        f"--log {path.stem or 'run'}.csv",
+    )
     missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
     if missing:
         raise InvalidInput(
