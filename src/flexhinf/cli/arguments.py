@@ -6,6 +6,7 @@ import inspect
 import math
 import warnings
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import MISSING, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +17,7 @@ from flexhinf.cli.messages import note
 from flexhinf.cli.options import PEAKS, PointOptions
 from flexhinf.design.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
 from flexhinf.design.specification import FIELDS
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
@@ -42,11 +43,11 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
             about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
             parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
 
-    def decorated(command: Callable[..., None]) -> Any:
-        def run(context: typer.Context, **values: Any) -> None:
+    def decorated(command: Callable[..., int | None]) -> Any:
+        def run(context: typer.Context, **values: Any) -> int | None:
             stated = stated_options(context).items()
             read = {name: _value(own[name], value) for name, value in stated if name in own}
-            command(context, options(**{name: value for name, value in read.items() if value is not None}))
+            return command(context, options(**{k: value for k, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
         run.__dict__.update(
@@ -59,21 +60,26 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
 
 def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     """The parameter of a field; of a flag with ``--no-…`` where `both` is wanted."""
-    about, default = field.about, field.default
+    about, value = field.about, field.default
     kind: Any = (
-        bool if isinstance(default, bool) else list[str] if field.several or field.name == "via" else str
+        bool if isinstance(value, bool) else list[str] if field.several or field.name == "via" else str
     )
-    value: Any = [] if kind == list[str] else default
-    if kind is str and default is not MISSING:
-        value = ",".join(default) if isinstance(default, tuple) else "" if default is None else str(default)
+    if kind == list[str]:
+        value = []
+    elif kind is str and value is not MISSING:
+        value = ",".join(value) if isinstance(value, tuple) else "" if value is None else str(value)
     help = about.text.replace("[", r"\[")
-    if not about.group:
-        shape = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
-    else:
-        shape = typer.Option(
-            field.option if both else field.option.partition("/")[0], help=help, rich_help_panel=about.group,
-            metavar=None if kind is bool else f"<{about.unit or 'value'}>", show_default=bool(value) or default == 0,
-        )  # fmt: skip
+    shape = (
+        typer.Option(
+            field.option if both else field.option.partition("/")[0],
+            help=help,
+            rich_help_panel=about.group,
+            metavar=None if kind is bool else f"<{about.unit or 'value'}>",
+            show_default=bool(value) or field.default == 0,
+        )
+        if about.group
+        else typer.Argument(help=help, metavar=about.unit or None, show_default=False)
+    )
     value = inspect.Parameter.empty if value is MISSING else value
     keyword = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(field.name, keyword, default=value, annotation=Annotated[kind, shape])
@@ -81,26 +87,24 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
 
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
-    stated = stated_options(context)
-    peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
-    if len(peaks) > 1:
-        names, got = (", ".join(map(option_name, some)) for some in (("peak_effort", *PEAKS), peaks))
-        raise InvalidInput(
-            "The peak of the input is given twice.",
-            f"expected one of {names}, got {got}",
-            "leave out one of them",
-        )
+    stated, names = stated_options(context), ("peak_effort", *PEAKS)
+    peaks = [name for name in names if name in stated]
+    refuse_if(
+        len(peaks) > 1,
+        "The peak of the input is given twice.",
+        f"expected one of {', '.join(map(option_name, names))}, got {', '.join(map(option_name, peaks))}",
+        "leave out one of them",
+    )
     if peaks:
         stated["peak_effort"] = stated.pop(peaks[0])
     fields = {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
     request = read_source(source, elastic, fields, o.payload, o.pose_xyz, o.tool)
-    robot, fitting = request.robot, {drive: name for name, (drive, _) in PEAKS.items()}
-    drive = PEAKS[peaks[0]][0] if peaks and peaks[0] in PEAKS else robot.drive
-    if drive != robot.drive:  # volts for a robot that is driven by torques, and so on
-        right = option_name(fitting[robot.drive])
-        raise InvalidInput(
-            f"--peak-{drive} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
-            f"expected {right} or --peak-effort, got --peak-{drive} {context.params[peaks[0]]}",
+    robot, right = request.robot, f"--peak-{request.robot.drive}"
+    for name in peaks[:1]:  # volts for a robot that is driven by torques, and so on
+        refuse_if(
+            name in PEAKS and option_name(name) != right,
+            f"{option_name(name)} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
+            f"expected {right} or --peak-effort, got {option_name(name)} {context.params[name]}",
             f"{right} …",
         )
     return request
@@ -143,10 +147,9 @@ def _text(field: FieldInfo, value: Any) -> Any:
         return value
     if isinstance(value, list):
         return [text for text in value if text]
-    try:
+    zero = False
+    with suppress(ValueError):
         zero = bool(field.about.zero) and float(value) == 0.0
-    except ValueError:
-        zero = False
     if zero and field.about.zero == NO_LIMIT:
         return math.inf
     return None if zero or not value.strip() else value
@@ -177,10 +180,9 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
             values = [Path(path).name for path in values]
         if isinstance(value, bool):
             parts.append((parameter.opts if value else parameter.secondary_opts)[0])
-        elif parameter.param_type_name == "argument":
-            parts += map(str, values)
         else:
-            parts += [text for entry in values for text in (parameter.opts[0], str(entry))]
+            flag = [] if parameter.param_type_name == "argument" else [parameter.opts[0]]
+            parts += [text for entry in values for text in (*flag, str(entry))]
     return parts
 
 

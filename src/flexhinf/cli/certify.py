@@ -8,7 +8,7 @@ from shlex import join
 import typer
 
 from flexhinf.cli.arguments import reproduce_command, request_of, stated_options, with_options
-from flexhinf.cli.messages import NOT_MET, ProofProgress, note
+from flexhinf.cli.messages import NOT_MET, ProofProgress, show
 from flexhinf.cli.options import CERTIFY_FIELDS, PEAKS, CertifyOptions
 from flexhinf.design.options import option_name
 from flexhinf.errors import InvalidInput, refuse_if
@@ -18,7 +18,7 @@ CERTIFICATE = "certificate.json"
 
 
 @with_options(CertifyOptions, CERTIFY_FIELDS)
-def certify(context: typer.Context, o: CertifyOptions) -> None:
+def certify(context: typer.Context, o: CertifyOptions) -> int:
     """Prove how far the law of a design can be trusted: a folder with a page and certificate.json.
 
     The largest level of V that can be proved about the goal, by arithmetic that
@@ -38,34 +38,32 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
     Exit code: 0 if something is proved; 1 if a check refuses a certificate;
     2 for a mistake, or where nothing can be proved; 130 if interrupted.
     """
-    if o.every_cell and o.check is None:
-        raise InvalidInput(
-            "Every cell is proved twice in a check only.",
-            "expected --every-cell with --check FILE, got it without",
-            "flexhinf certify --check certificate.json --every-cell",
-        )
+    refuse_if(
+        o.every_cell and o.check is None,
+        "Every cell is proved twice in a check only.",
+        "expected --every-cell with --check FILE, got it without",
+        "flexhinf certify --check certificate.json --every-cell",
+    )
     if o.check is not None:
-        _check(context, o.check, o)
-        return
+        return _check(context, o.check, o)
     refuse_if(
         not o.robot,
         "Nothing is named to certify.",
         "expected a robot, a design file, or --check FILE, got none of them",
         "flexhinf certify design.toml",
     )
-    if o.tolerances and (o.decay or o.observer is not None):
-        other = "--decay" if o.decay else "--observer"
-        raise InvalidInput(
-            f"--tolerances and {other} contradict each other.",
-            "expected a proof for all tolerances, of the law fed the true state and without a rate of decay, or one "
-            "for the nominal robot; got both",
-            f"leave out {other}, or --tolerances",
-        )
-    from rich.console import Console
-
+    other = "--decay" if o.decay else "--observer"
+    refuse_if(
+        o.tolerances and (o.decay or o.observer is not None),
+        f"--tolerances and {other} contradict each other.",
+        "expected a proof for all tolerances, of the law fed the true state and without a rate of decay, or one "
+        "for the nominal robot; got both",
+        f"leave out {other}, or --tolerances",
+    )
     from flexhinf import pages
     from flexhinf.certify.theorem import theorem_text
     from flexhinf.design.certification import (
+        SAMPLED_ADVICE,
         SeveralJoints,
         certify_design,
         evidence,
@@ -92,33 +90,26 @@ def certify(context: typer.Context, o: CertifyOptions) -> None:
                 tolerances=o.tolerances, threads=o.threads,
             )  # fmt: skip
         except SeveralJoints as error:
-            raise InvalidInput(error.what, error.found, _sampled_instead(context)) from None
+            own = ("out", "check", "every_cell", "degree", "decay", "observer", "tolerances", "threads")
+            command = reproduce_command(context, (*own, "degrees", "damping"))
+            command[command.index("certify")] = "design"
+            again = join([*command, "--degrees", "2", "--damping", "0.3", "--rays", "50"])
+            raise InvalidInput(error.what, error.found, SAMPLED_ADVICE.format(again)) from None
         law = proved(laws, o.degree, o.tolerances or laws[0].box is not None)
         bar.step("pictures, and the worst disturbance")
         result = evidence(request.robot, request.specification, law)
-        command = reproduce_command(context)
-        html = pages.certificate_page(laws, law, result, request.specification, command).html()
-    for table in pages.certification_tables(laws):
-        Console().print(table)
-    for text in pages.certification_notes(laws):
-        note(text)
+        page = pages.certificate_page(laws, law, result, request.specification, reproduce_command(context))
+        html = page.html()
+    show(pages.certification_tables(laws), pages.certification_notes(laws))
     write(folder, {"index.html": html, CERTIFICATE: result.certificate.text()})
     typer.echo(theorem_text(result.certificate, result.certificate.stated))
     file = folder / CERTIFICATE
     again = join(["flexhinf", "certify", "--check", str(file)])
     typer.echo(f"report:      {folder / 'index.html'}\ncertificate: {file}\ncheck:       {again}")
+    return 0
 
 
-def _sampled_instead(context: typer.Context) -> str:
-    from flexhinf.design.certification import SAMPLED_ADVICE
-
-    own = ("out", "check", "every_cell", "degree", "degrees", "decay", "observer", "tolerances", "threads")
-    command = reproduce_command(context, (*own, "damping"))
-    command[command.index("certify")] = "design"
-    return SAMPLED_ADVICE.format(join([*command, "--degrees", "2", "--damping", "0.3", "--rays", "50"]))
-
-
-def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
+def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
     from flexhinf.certify import load_certificate
     from flexhinf.certify.theorem import theorem_text, verification_text
@@ -140,8 +131,5 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> None:
     with ProofProgress() as bar:
         bar.step("check")
         result = certificate.check(threads=o.threads, sample=None if o.every_cell else 10, tick=bar.cells)
-    typer.echo(theorem_text(certificate, result))
-    typer.echo("")
-    typer.echo(verification_text(result))
-    if not result.proved:
-        raise typer.Exit(NOT_MET)
+    typer.echo(f"{theorem_text(certificate, result)}\n\n{verification_text(result)}")
+    return 0 if result.proved else NOT_MET

@@ -21,7 +21,7 @@ from flexhinf.cli.certify import certify
 from flexhinf.cli.design import compare, design, paper
 from flexhinf.cli.export import app as export, compile_design, run_design
 from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused, show
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
 
@@ -36,9 +36,8 @@ def schema() -> None:
     from flexhinf.design import design_schema
 
     encoding = str(getattr(sys.stdout, "encoding", None) or "utf-8")
-    escaped = (
-        not encoding.lower().replace("-", "").startswith("utf")
-    )  # JSON's own escapes, so that it stays JSON
+    # JSON's own escapes, so that it stays JSON
+    escaped = not encoding.lower().replace("-", "").startswith("utf")
     typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=escaped))
 
 
@@ -150,14 +149,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
     with recorded() as written:
         try:
             for word in command:  # what is no text could be printed nowhere
-                try:
-                    word.encode()
-                except UnicodeEncodeError as error:
-                    raise InvalidInput(
-                        "A word of the command is no text in UTF-8.",
-                        f"got {value_text(word)}: {error.reason} at position {error.start}",
-                        "names and folders in UTF-8",
-                    ) from None
+                refuse_if(
+                    any("\ud800" <= character <= "\udfff" for character in word),
+                    "A word of the command is no text in UTF-8.",
+                    f"got {value_text(word)}",
+                    "names and folders in UTF-8",
+                )
             code = app(args=command, prog_name="flexhinf", standalone_mode=False)
             if code == INTERRUPTED:  # the option parser has caught Ctrl-C
                 return interrupted(written())

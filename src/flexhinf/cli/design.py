@@ -17,7 +17,7 @@ COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "br
 
 
 @with_options(DesignOptions, ALL)
-def design(context: typer.Context, o: DesignOptions) -> None:
+def design(context: typer.Context, o: DesignOptions) -> int:
     """From a robot to a judged controller: weights, γ*, law, region, runs, report.
 
     The folder also holds design.toml: the specification and its result.
@@ -41,8 +41,7 @@ def design(context: typer.Context, o: DesignOptions) -> None:
     show(pages.design_tables(result), pages.notes(result))
     typer.echo(pages.verdict(result))
     typer.echo(f"report: {folder / 'index.html'}")
-    if not result.met:
-        raise typer.Exit(NOT_MET)
+    return 0 if result.met else NOT_MET
 
 
 @with_options(CompareOptions, COMPARE_FIELDS)
@@ -87,18 +86,17 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
 
     from flexhinf.paper import STAGES, PaperSettings, reproduce
 
-    settings = PaperSettings(**{name: value for name, value in asdict(o).items() if name != "out"})
+    settings = {name: value for name, value in asdict(o).items() if name != "out"}
     report.check(o.out)
     if o.degree % 2:
         note(
             f"the paper's arm is odd, so V has no terms of degree {o.degree}: it is degree {o.degree - 1} again."
         )
-    command = ["flexhinf", "paper"]  # every setting, as defaults change
-    for name, value in asdict(settings).items():
-        command += [option_name(name), str(value)]
-    command += [] if o.out == PaperOptions().out else ["--out", o.out.name]
+    # every setting, as defaults change
+    stated = [word for name, value in settings.items() for word in (option_name(name), str(value))]
+    out = [] if o.out == PaperOptions().out else ["--out", o.out.name]
     with step_progress(STAGES) as progress:
-        result = reproduce(settings, command, progress)
+        result = reproduce(PaperSettings(**settings), ["flexhinf", "paper", *stated, *out], progress)
     folder = report.write(o.out, result.files)
     title = (
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "

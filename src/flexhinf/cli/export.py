@@ -14,7 +14,7 @@ from flexhinf import export, pages
 from flexhinf.cli.arguments import request_of, with_options
 from flexhinf.cli.messages import NOT_MET, note, show, step_progress
 from flexhinf.cli.options import RUN_FIELDS, CompileOptions, ExportCOptions, ExportFmuOptions, RunOptions
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, value_text
 
 if TYPE_CHECKING:
@@ -90,10 +90,9 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
     path = file_of(source)
     if not is_design_file(path):
-        named = source in catalogue()
-        is_robot = named or (path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists())
+        robot_file = path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists()
         refuse_if(
-            is_robot and not Path(source).is_dir(),
+            (source in catalogue() or robot_file) and not Path(source).is_dir(),
             "A robot has no controller; a design of it has one.",
             f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
             f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
@@ -124,15 +123,13 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
 
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
-    if not os.path.exists(file) and source not in catalogue():
-        what = (
-            f"folder {value_text(source, 120)} holds no" if file != path else "path leads to no file and no"
-        )
-        raise InvalidInput(
-            f"There is no file or design {value_text(source, 120)}.",
-            f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-            "flexhinf design ROBOT --out DIR, then DIR in its place",
-        )
+    what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
+    refuse_if(
+        not os.path.exists(file) and source not in catalogue(),
+        f"There is no file or design {value_text(source, 120)}.",
+        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+        "flexhinf design ROBOT --out DIR, then DIR in its place",
+    )
     refuse_if(
         only_design and not is_design_file(file),
         only_design,
@@ -143,7 +140,7 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
 
 
 @with_options(RunOptions, RUN_FIELDS)
-def run_design(context: typer.Context, o: RunOptions) -> None:
+def run_design(context: typer.Context, o: RunOptions) -> int:
     """The controller of a design drives the robot in MuJoCo, in real time.
 
     By default it makes the step of the design, or its move: what no option states
@@ -181,17 +178,16 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
         typer.echo(pages.run_verdict(prepared, run))
     for path in logs:
         typer.echo(f"log: {path}")
-    with step_progress(len(films)) if films else nullcontext() as progress:
-        for path in films:
-            if progress is not None:
+    if films:
+        with step_progress(len(films)) as progress:
+            for path in films:
                 progress(f"draw {path.name}")
-            pages.write_film(prepared, run, path)
+                pages.write_film(prepared, run, path)
     for path in films:
         typer.echo(f"film: {path}")
-    if run.stopped:
-        raise typer.Exit(128 + run.stopped)
-    if run.stopped is None and not pages.run_met(prepared, run):
-        raise typer.Exit(NOT_MET)
+    if run.stopped is None:
+        return 0 if pages.run_met(prepared, run) else NOT_MET
+    return 128 + run.stopped if run.stopped else 0  # 0: the view was closed
 
 
 def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:

@@ -29,8 +29,8 @@ RENAMED = {
 
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
-_OTHERS = {"laws": "--laws", "tune": "--tune"}
-_NAMES = "|".join((*FIELDS, *_OTHERS))
+_OPTIONS = {**{name: field.option for name, field in FIELDS.items()}, "laws": "--laws", "tune": "--tune"}
+_NAMES = "|".join(_OPTIONS)
 _KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
 _NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
 _UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|a|n·?m|n", re.IGNORECASE)
@@ -47,17 +47,13 @@ def option_syntax(text: str) -> str:
     """
 
     def option(match: re.Match[str]) -> str:
-        positive, _, negative = _option_of(match[1]).partition("/")
+        positive, _, negative = _OPTIONS[match[1]].partition("/")
         if negative:
             return negative if match[2] == "False" else positive
         plain = re.sub(r"\s*,\s*", ",", match[2].strip("()[]'\"").rstrip(", "))
         return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
 
-    return _FIELD.sub(lambda match: _option_of(match[1]).partition("/")[0], _KEYWORD.sub(option, text))
-
-
-def _option_of(name: str) -> str:
-    return _OTHERS.get(name) or FIELDS[name].option
+    return _FIELD.sub(lambda match: _OPTIONS[match[1]].partition("/")[0], _KEYWORD.sub(option, text))
 
 
 def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
@@ -67,13 +63,8 @@ def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
     """
     advice = error.advice
     if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
-        advice = f"{_option_of(error.field).partition('/')[0]} {error.example}"
-    parts = [
-        error.what,
-        f"  found: {error.found}" if error.found else "",
-        f"  try:   {advice}" if advice else "",
-    ]
-    text = "\n".join(part for part in parts if part)
+        advice = f"{_OPTIONS[error.field].partition('/')[0]} {error.example}"
+    text = str(FlexhinfError(error.what, error.found, advice))
     for name in map(option_name, PEAKS):
         if any(word.split("=")[0] == name for word in arguments):
             text = text.replace("`peak_effort`", name)
@@ -89,21 +80,19 @@ def mistake(text: str, code: int = USER_ERROR) -> int:
 
 def interrupted(written: Sequence[Path]) -> int:
     """Print that a command was interrupted, and which files and folders were complete by then."""
-    names = ", ".join(str(path) for path in written)
-    return mistake(
-        f"Interrupted; written and whole: {names}." if names else "Interrupted; nothing was written.",
-        INTERRUPTED,
-    )
+    names = ", ".join(map(str, written))
+    whole = f"written and whole: {names}" if names else "nothing was written"
+    return mistake(f"Interrupted; {whole}.", INTERRUPTED)
 
 
 def refused(error: OSError | MemoryError, written: Sequence[Path]) -> str:
     """An error of the operating system in three parts, with the files and folders that were complete by then."""
-    names = ", ".join(str(path) for path in written)
-    got = str(error) or "a full memory"
+    whole = ", ".join(map(str, written)) or "nothing"
     return str(
         FlexhinfError(
             "The system refuses what this command needs.",
-            f"expected memory, and room for files and output, got: {got}; written and whole: {names or 'nothing'}",
+            "expected memory, and room for files and output, got: "
+            f"{str(error) or 'a full memory'}; written and whole: {whole}",
             "more memory; an output, a working folder and a TMPDIR that can be written, with room",
         )
     )
@@ -130,39 +119,32 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     path = context.command_path if context is not None else "flexhinf"
     known = getattr(error, "possibilities", None)
     what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
-    what = what.rstrip(".")
     typed = getattr(error, "option_name", "")
     option = RENAMED.get(typed, typed)
     commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
+    expected = f"what `{path} --help` lists"
+    # a number and its unit in two words
+    apart = next(
+        (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
+    )
     if path in commands and option != typed:
-        what, advice = f"{typed} is called {option}, as its field is", f"{option} in the place of {typed}"
-        return str(FlexhinfError(f"{what}.", f"expected {option}, got: {' '.join(arguments)}", advice))
-    expected = f"expected what `{path} --help` lists, got: {' '.join(arguments)}"
-    if commands and path not in commands:
+        what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
+    elif commands and path not in commands:
         what = f"{path} does not take {option}, which would change nothing there"
-        return str(
-            FlexhinfError(f"{what}.", expected, f"without it; it is an option of {', '.join(commands)}")
-        )
-    advice = ", ".join(known or ()) or meant.rstrip("?").strip("'") or _joined(arguments) or f"{path} --help"
-    return str(FlexhinfError(f"{what}.", expected, advice))
+        advice = f"without it; it is an option of {', '.join(commands)}"
+    elif known or meant:
+        advice = ", ".join(known or ()) or meant.rstrip("?").strip("'")
+    else:
+        advice = f"write {''.join(apart)} or '{' '.join(apart)}', in one word" if apart else f"{path} --help"
+    return str(
+        FlexhinfError(f"{what.rstrip('.')}.", f"expected {expected}, got: {' '.join(arguments)}", advice)
+    )
 
 
 def _with_option(command: Any, path: str, option: str) -> list[str]:
     own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
-    inner = getattr(command, "commands", {})
-    return own + [
-        command_path
-        for name, entry in inner.items()
-        for command_path in _with_option(entry, f"{path} {name}", option)
-    ]
-
-
-def _joined(arguments: Sequence[str]) -> str:
-    """Advice where a number and its unit are separate arguments; else empty."""
-    for value, unit in pairwise(arguments):
-        if _NUMBERS.match(value) and _UNIT.fullmatch(unit):
-            return f"write {value}{unit} or '{value} {unit}', in one word"
-    return ""
+    inner = getattr(command, "commands", {}).items()
+    return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
 
 
 def progress_bar(*columns: str) -> Any:
@@ -216,8 +198,7 @@ class ProofProgress:
 
     def share(self, cells: int, share: float) -> None:
         """Report the number of cells of a proof that are done, and their estimated share."""
-        text = f"{self._text}, {cells} cells"
-        self._bar.update(self._task, total=1.0, completed=share, description=text)
+        self._bar.update(self._task, total=1.0, completed=share, description=f"{self._text}, {cells} cells")
 
     def cells(self, more: int) -> None:
         """Report that more cells of a check are done."""

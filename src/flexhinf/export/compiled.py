@@ -385,7 +385,9 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
     without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than
     PCs have the first two in common. Raises InvalidInput: for another word.
     """
-    otherwise = "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one"
+    otherwise = (
+        "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one"
+    )
     one_of("There is no such choice of processors.", processor, ("portable", "any", "native"), otherwise)
     pc = platform.machine() in X86
     if processor == "native":

@@ -87,18 +87,10 @@ def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     Raises InvalidInput: if it is a file, or is not empty and `force` is not set.
     """
     path = checked_path("The folder", folder).absolute()
-    refuse_if(
-        path.exists() and not path.is_dir(),
-        "The output is no folder.",
-        f"expected a folder, got the file {path}",
-        "another name",
-    )
-    refuse_if(
-        not force and path.is_dir() and any(path.iterdir()),
-        "The output folder is not empty.",
-        f"expected a new or empty folder, got {path}",
-        "another folder, or force=True (--force): files of the same names are then replaced",
-    )
+    found, full = f"expected a new or empty folder, got {path}", path.is_dir() and any(path.iterdir())
+    refuse_if(path.exists() and not path.is_dir(), "The output is no folder.", found, "another name")
+    advice = "another folder, or force=True (--force): files of the same names are then replaced"
+    refuse_if(full and not force, "The output folder is not empty.", found, advice)
     return path
 
 
@@ -130,8 +122,7 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
         "a design with --period of that length",
     )
     code = code_of(controller, "controller", real)
-    whole = cortex_m4_bytes(code) if flash else None
-    constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
+    whole, constants = cortex_m4_bytes(code) if flash else None, code.constants * code.real.bytes
     kind, where = (
         ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
     )
@@ -160,12 +151,12 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
     value = -1.0
     with suppress(ValueError, KeyError):
         value = float(match.group(1)) * units[match.group(2)] if match else value
-    if not 0.0 < value < 1e30:
-        raise InvalidInput(
-            "This is no positive quantity.",
-            f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
-            f"1{list(units)[2]}",
-        )
+    refuse_if(
+        not 0.0 < value < 1e30,
+        "This is no positive quantity.",
+        f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
+        f"1{list(units)[2]}",
+    )
     return value
 
 
@@ -178,18 +169,16 @@ def controller_files(
     allowed, accuracy = _accuracy(code, run)
     reference = code.controller.operating_reference
 
-    def strings(names: Sequence[str]) -> str:
-        texts = (comment(name).replace('"', "'") for name in names)
-        return ", ".join(f'"{text}"' for text in texts)
-
+    commands, measured = (
+        ", ".join('"' + comment(name).replace('"', "'") + '"' for name in code.signals[kind]) for kind in "UY"
+    )
     marks = {
         "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
         "REFERENCE": ", ".join(constant(float(v), code.real) for v in (reference if len(reference) else [0.0])),
-        "COMMAND_INTERFACES": strings(code.signals["U"]), "STATE_INTERFACES": strings(code.signals["Y"]),
+        "COMMAND_INTERFACES": commands, "STATE_INTERFACES": measured,
     }  # fmt: skip
     return {
-        f"{name}.h": code.header,
-        f"{name}.c": code.source,
+        **code.files,
         f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
         **{
@@ -208,12 +197,13 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":
         return (
-            most, f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without"
-        )  # fmt: skip
+            most,
+            f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without",
+        )
     fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
+    vector = "the test vector allows"
     if fused is None or plain is None:
-        no = "not measured: no C compiler for this machine was found"
-        return most, f"{no}; the test vector allows {100 * most:g} %"
+        return most, f"not measured: no C compiler for this machine was found; {vector} {100 * most:g} %"
     worst = max(fused, plain)
     refuse_if(
         worst > most,
@@ -226,25 +216,23 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     return (
         allowed,
         f"{100 * fused:.2g} % of the input's largest value over the test vector, {100 * plain:.2g} % without fused "
-        f"multiply-adds, measured at the export; the test vector allows {100 * allowed:.2g} %",
+        f"multiply-adds, measured at the export; {vector} {100 * allowed:.2g} %",
     )
 
 
 def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) -> float | None:
     """Largest error in the test vector, built for this machine; infinite where a result is not finite."""
-    texts = {f"{code.name}.h": code.header, f"{code.name}.c": code.source}
-    texts["test.c"] = _test(code, run, TOLERANCE[code.real.name])
+    texts = {**code.files, "test.c": _test(code, run, TOLERANCE[code.real.name])}
     try:
         with TemporaryDirectory() as work:
             program = build(texts, Path(work), ("-O1", *flags))
-            said = subprocess.run([program], capture_output=True, text=True, check=False).stdout
+            output = subprocess.run([program], capture_output=True, text=True, check=False).stdout
     except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
         return None
-    if "flags of the compiler" in said:  # it has flags of its own, and the controller refuses them
-        return None
-    match = re.search(r"largest relative error (\S+)", said)
+    match = re.search(r"largest relative error (\S+)", output)
     error = float(match.group(1)) if match else math.inf
-    return error if math.isfinite(error) else math.inf
+    refused = "flags of the compiler" in output  # it has flags of its own, and the controller refuses them
+    return None if refused else error if math.isfinite(error) else math.inf
 
 
 def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
@@ -298,7 +286,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         "type": code.real.name,
         "inputs differ from the simulation's by": accuracy,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
-        "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
+        "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
     }
     return fill(

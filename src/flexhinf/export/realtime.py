@@ -17,13 +17,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
 from flexhinf.loop import Loop, Trajectory
@@ -103,8 +103,7 @@ class Timing:
 
     def missed_spans(self) -> list[MissedSpan]:
         """Where the missed deadlines lay, those with the latest input first."""
-        missed = np.concatenate([[False], self.missed, [False]]).astype(int)
-        edges = np.flatnonzero(np.diff(missed)).reshape(-1, 2)
+        edges = np.flatnonzero(np.diff(self.missed.astype(int), prepend=0, append=0)).reshape(-1, 2)
         spans = [
             MissedSpan(float(self.time[a]), int(b - a), float(self.ready[a:b].max() - self.period))
             for a, b in edges
@@ -220,17 +219,15 @@ def run_realtime(
         As `Loop.run`; for a plant that does not integrate itself, a library of another controller, or a priority or a
         core that there is not.
     """
-    low, high = PRIORITIES
-    cores = os.cpu_count() or 1
-    if priority is not None and (not isinstance(priority, int) or not low <= priority <= high):
-        raise InvalidInput(
-            "There is no such real-time priority.",
-            f"expected {low} to {high}, got {value_text(priority)}",
-            "80: above everything but the kernel's own threads",
-        )
-    if core is not None and (not isinstance(core, int) or not 0 <= core < cores):
-        raise InvalidInput(
-            "There is no such processor core.", f"expected 0 to {cores - 1}, got {value_text(core)}", "0"
+    for what, number, (low, high), advice in (
+        ("real-time priority", priority, PRIORITIES, "80: above everything but the kernel's own threads"),
+        ("processor core", core, (0, (os.cpu_count() or 1) - 1), "0"),
+    ):
+        refuse_if(
+            number is not None and (not isinstance(number, int) or not low <= number <= high),
+            f"There is no such {what}.",
+            f"expected {low} to {high}, got {value_text(number)}",
+            advice,
         )
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
@@ -274,13 +271,13 @@ def _check_library(library: CompiledController, controller: Any) -> None:
             "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
         )
     expected = code_of(controller, "controller", "double").digest
-    if library.digest != expected:
-        raise InvalidInput(
-            "The library is one of another controller: its numbers or its program are others.",
-            f"expected the controller {expected[:12]}, got {library.digest[:12]} in {library.path.name}; signals and "
-            "period are the same",
-            "flexhinf compile with the same design, by this version",
-        )
+    refuse_if(
+        library.digest != expected,
+        "The library is one of another controller: its numbers or its program are others.",
+        f"expected the controller {expected[:12]}, got {library.digest[:12]} in {library.path.name}; signals and "
+        "period are the same",
+        "flexhinf compile with the same design, by this version",
+    )
 
 
 class _Clock:
@@ -296,9 +293,8 @@ class _Clock:
     ) -> None:
         self._period, self._start, self._real_time = loop.controller.period, start, real_time
         self.code_names, self.name = {0: "OK"}, "Controller.step"
-        if library is None:
-            self._stepped: Any = loop.controller.fresh()
-        else:
+        self._stepped: Any = loop.controller.fresh()
+        if library is not None:
             _check_library(library, loop.controller)
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
@@ -352,11 +348,10 @@ class _Clock:
         n, due = len(times), self._due[: len(times)]
         ready = np.maximum(self._ready[:n], self._woken[:n])  # a step that failed has no end
         over = np.maximum(self._over[:n], ready)
-        since = [1e-9 * (row - due) for row in (self._woken[:n], ready, over)]
+        woken, ready, ended = (1e-9 * (row - due) for row in (self._woken[:n], ready, over))
         elapsed = 1e-9 * float(over[-1] - self._woken[0]) if n else 0.0
-        return Timing(
-            self._period, self._real_time, times, since[0], 1e-9 * self._computed[:n], since[1], since[2], elapsed
-        )  # fmt: skip
+        computed = 1e-9 * self._computed[:n]
+        return Timing(self._period, self._real_time, times, woken, computed, ready, ended, elapsed)
 
 
 def wait_until(due: int) -> int:
@@ -401,12 +396,12 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
 
     Yields sentences about what was permitted and what was not.
     """
-    texts, undo = [], []
+    texts, undo = [], ExitStack()
     if priority is not None:
         try:
-            policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+            before = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-            undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
+            undo.callback(os.sched_setscheduler, 0, *before)
             texts.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system has none"
@@ -415,24 +410,20 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
             )
     if core is not None:
         try:
-            before = os.sched_getaffinity(0)
+            usual = os.sched_getaffinity(0)
             os.sched_setaffinity(0, {core})
-            undo.append(lambda: os.sched_setaffinity(0, before))
+            undo.callback(os.sched_setaffinity, 0, usual)
             texts.append(f"The loop was kept on core {core}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system cannot"
             texts.append(f"The loop could not be kept on core {core} ({reason}).")
     if sys.platform == "linux":  # this thread's sleeps end when they are over, and not up to 50 µs later
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)
-    collects = gc.isenabled()
+    if gc.isenabled():
+        undo.callback(gc.enable)
     gc.collect()
     gc.freeze()
     gc.disable()
-    try:
+    undo.callback(gc.unfreeze)
+    with undo:
         yield tuple(texts)
-    finally:
-        gc.unfreeze()
-        if collects:
-            gc.enable()
-        for back in undo:
-            back()

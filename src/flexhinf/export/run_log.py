@@ -56,11 +56,6 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
     as it may be; ``code`` is how the controller's step ended, 0 for OK.
     """
     trajectory, timing = run.trajectory, run.timing
-    signals = [
-        LogColumn(KINDS.get(kind, kind), *column)
-        for kind, values in trajectory.signals.items()
-        for column in zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
-    ]
     u, (low, high) = trajectory.signals["input"], run.input_range
     with np.errstate(invalid="ignore"):  # an infinite limit is reached by nothing: ∞ − ∞ is NaN
         limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
@@ -71,7 +66,11 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
         "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,
     }  # fmt: skip
     return [
-        *signals,
+        *(
+            LogColumn(KINDS.get(kind, kind), *column)
+            for kind, values in trajectory.signals.items()
+            for column in zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
+        ),
         *(LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()),
         *(LogColumn("timing", name, "s", values) for name, values in times.items()),
     ]
@@ -96,11 +95,10 @@ def _write_csv(run: RealTimeRun, name: str) -> None:
 
 
 def _write_parquet(run: RealTimeRun, name: str) -> None:
-    import pyarrow
-    from pyarrow import parquet
+    from pyarrow import parquet, table
 
-    table = pyarrow.table(_table(run)).replace_schema_metadata(_settings(run))
-    parquet.write_table(table, name)  # snappy, which every reader has
+    # compressed by snappy, which every reader has
+    parquet.write_table(table(_table(run)).replace_schema_metadata(_settings(run)), name)
 
 
 def _write_mcap(run: RealTimeRun, name: str) -> None:
@@ -130,10 +128,9 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
 
 
 def _settings(run: RealTimeRun) -> dict[str, str]:
-    codes = {str(number): name for number, name in run.code_names.items()}
     ended = "completed" if run.stopped is None else "stopped before its end"
     settings = {
-        **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(codes),
+        **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(run.code_names),
         "began_ns_since_1970": run.began,
     }  # fmt: skip
     return {key: str(value) for key, value in settings.items()}
@@ -151,19 +148,16 @@ def check_log(path: str | os.PathLike[str]) -> Path:
     Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
     """
     path = checked_path("The log", path)
-    refuse_if(
-        path.suffix not in FORMATS,
-        "The format of the log is not known.",
-        f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
-        f"--log {path.stem or 'run'}.csv",
-    )
+    csv = f"--log {path.stem or 'run'}.csv"
+    found = f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}"
+    refuse_if(path.suffix not in FORMATS, "The format of the log is not known.", found, csv)
     missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InvalidInput(
-            f"A log in {path.suffix[1:]} needs another package.",
-            f"expected the package {missing[0]!r}, which is not installed, for {path.name}",
-            f"pip install 'flexhinf[log]', or --log {path.stem or 'run'}.csv",
-        )
+    refuse_if(
+        missing,
+        f"A log in {path.suffix[1:]} needs another package.",
+        f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
+        f"pip install 'flexhinf[log]', or {csv}",
+    )
     return check_place(path, "log")
 
 
@@ -175,9 +169,9 @@ def check_place(path: Path, what: str) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except (OSError, ValueError) as error:
-        reason = f"{path}: {getattr(error, 'strerror', None) or error}"
+        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.", reason, "a writable folder that exists"
+            f"The {what} cannot be written.", found, "a writable folder that exists"
         ) from error
     return path
 
@@ -234,16 +228,15 @@ def record(
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
     """
-    time = np.arange(samples)
+    time = np.arange(samples)[:, None]
     rest = controller.operating_reference
-    phases = [np.sin(2.0 * np.pi * time / PERIODS[j % 2] + j) - np.sin(j) for j in range(len(rest))]
-    r = rest + SWING * np.stack(phases, axis=1) if len(rest) else np.zeros((samples, 0))
-    if controller.mode.moving:
-        r = np.tile(rest, (samples, 1))
+    j = np.arange(len(rest))
+    r = np.tile(rest, (samples, 1))
+    if not controller.mode.moving:
+        r = rest + SWING * (np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j))
     if controller.estimator is None:
         point = np.asarray(controller.law.operating_point)[: len(controller.states)]
-        swings = [np.sin(2.0 * np.pi * time / (40 + 7 * j)) for j in range(len(point))]
-        y = point + 0.01 * np.stack(swings, axis=1)
+        y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))
     else:
         y = _measured(controller, r)
     kinds = np.full(samples, MEASURED, dtype=object)
@@ -275,10 +268,9 @@ def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str
     `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: As `Recording.codes`: a sample that is missing
     is predicted over, one that is not finite refused.
     """
-    fresh = controller.fresh()
+    fresh, y = controller.fresh(), np.array(y, dtype=float)
     held = np.asarray(fresh.input_before(), dtype=float)
     inputs, estimates = [], []
-    y = np.array(y, dtype=float)
     for k, kind in enumerate(kinds):
         if kind == NOT_FINITE:
             y[k, 0] = np.nan
