@@ -79,9 +79,12 @@ class Column:
         return self.kind in ("metric", PART)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Campaign:
     """Description of a campaign: everything that its samples depend on.
+
+    `batches`: How many there are. `instants`, `time`: Samples (T,), and their instants, s, at which signals are kept,
+    the first and the last of a run among them.
 
     Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
         does not fit the plant.
@@ -116,13 +119,16 @@ class Campaign:
                 f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
                 "robot.draw, or flexhinf.campaign.Tolerances([...])",
             )
-            object.__setattr__(self, "draw", FunctionDraw(self.draw))
+            self.draw = FunctionDraw(self.draw)
         check_counts(self.samples, self.seed, self.batch)
-        object.__setattr__(self, "options", {"duration": 8.0, **self.options})
+        self.batches = -(-self.samples // self.batch)
+        self.options = {"duration": 8.0, **self.options}
         tracked = loop.controller.judged
-        object.__setattr__(self, "metrics", chosen_metrics(self.metrics, bool(tracked)))
-        object.__setattr__(self, "signals", tuple(tracked if self.signals is None else self.signals))
-        sample_count(self.options["duration"], loop.controller.period)
+        self.metrics = chosen_metrics(self.metrics, bool(tracked))
+        self.signals = tuple(tracked if self.signals is None else self.signals)
+        last = sample_count(self.options["duration"], loop.controller.period) - 1
+        self.instants = np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
+        self.time = self.instants * loop.controller.period
         names = [*OWN, *self._first.row(), *(name for metrics in self.metrics for name in metrics.units)]
         clash = sorted({name for name in names if names.count(name) > 1})
         refuse_if(
@@ -142,11 +148,6 @@ class Campaign:
     def _first(self) -> Sample:
         return self.draw.samples([0], self.samples, self.seed)[0]
 
-    @property
-    def batches(self) -> int:
-        """Number of batches."""
-        return -(-self.samples // self.batch)
-
     def indices(self, batch: int) -> range:
         """Indices of the samples of a batch."""
         return range(batch * self.batch, min((batch + 1) * self.batch, self.samples))
@@ -165,17 +166,6 @@ class Campaign:
             ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
-
-    @cached_property
-    def instants(self) -> np.ndarray:
-        """Samples (T,) at which signals are kept, the first and the last among them."""
-        last = sample_count(self.options["duration"], self.loop.controller.period) - 1
-        return np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
-
-    @property
-    def time(self) -> np.ndarray:
-        """Instants (T,) at which signals are kept, s."""
-        return self.instants * self.loop.controller.period
 
     def loop_of(self, sample: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""

@@ -219,9 +219,12 @@ def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Journal:
-    """The folder of one campaign with the entries of its manifest."""
+    """The folder of one campaign with the entries of its manifest.
+
+    `samples`, `batches`: How many there are. `metrics`: Names of the columns with a metric, of a run or of a part.
+    """
 
     folder: Path
     settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
@@ -250,10 +253,9 @@ class Journal:
                 f"{place / MANIFEST}: {type(error).__name__}: {str(error)[:400]}",
                 "a copy of it, or another folder",
             ) from error
-        columns, time = (stated[name] for name in ("columns", "time_s"))
         return Journal(
-            place, stated["settings"], stated["digest"], tuple(Column(*column) for column in columns),
-            np.array(time, dtype=float), stated["command"], stated["about"],
+            place, stated["settings"], stated["digest"], tuple(Column(*column) for column in stated["columns"]),
+            np.array(stated["time_s"], dtype=float), stated["command"], stated["about"],
         )  # fmt: skip
 
     @staticmethod
@@ -315,25 +317,14 @@ class Journal:
             "another folder for these settings, or the settings of this folder again",
         )
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of the campaign."""
-        return int(self.settings["samples"])
-
-    @property
-    def metrics(self) -> list[str]:
-        """Names of the columns with a metric, of the whole run or of a part."""
-        return [column.name for column in self.columns if column.judged]
-
-    @property
-    def batches(self) -> int:
-        """Number of batches of the campaign."""
-        return -(-self.samples // int(self.settings["batch"]))
+    def __post_init__(self) -> None:
+        self.samples, self._batch = int(self.settings["samples"]), int(self.settings["batch"])
+        self.batches = -(-self.samples // self._batch)
+        self.metrics = [column.name for column in self.columns if column.judged]
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
-        usual = int(self.settings["batch"])
-        return min(usual, self.samples - batch * usual)
+        return min(self._batch, self.samples - batch * self._batch)
 
     @contextmanager
     def driven(self, part: str = "") -> Iterator[None]:
@@ -420,7 +411,7 @@ class Journal:
 
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
-        first = batch * int(self.settings["batch"])
+        first = batch * self._batch
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
         schema = self._schema(batch=str(batch))
@@ -494,13 +485,13 @@ class Journal:
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
-        batch, place = divmod(sample, int(self.settings["batch"]))
+        batch, place = divmod(sample, self._batch)
         for path in (self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"):
             match = _SHARD.match(path.name)
             if match and not self._wrong(path, batch, match[2]):
-                kept = [column.name for column in self.columns if column.kind != "trace"]
-                table = read_columns(path, kept)
-                return {name: plain_number(numpy_column(table.column(name))[place]) for name in kept}
+                table = read_columns(path, self._schema().names)
+                columns = zip(table.column_names, table.columns)
+                return {name: plain_number(numpy_column(column)[place]) for name, column in columns}
         return {}
 
     def store(self, name: Path, content: Mapping[str, Any]) -> None:

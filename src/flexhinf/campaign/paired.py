@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -49,46 +49,39 @@ _FREE_PREFIX = "design "
 _LISTED = 6
 
 
-@dataclass(frozen=True, eq=False)
 class PairedMetric:
     """One metric of two campaigns, sample by sample.
 
     A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that
-    has no such number, is left out.
+    has no such number, is left out. Smaller values are better, unless a requirement states a least value.
+
+    `a`, `b`: (N,) values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN
+    for none. `pairs`: (P,) indices of the samples that are compared. `differences`: (P,) b − a; infinite where one has
+    no finite value, 0 where they agree to `SAME`. `medians`, `median`: Lower medians of a and of b, and of the
+    differences, each one of the values; NaN without pairs. `better`: Fractions of the pairs in which a is better and
+    in which b is, with their intervals; the rest is equal. `extremes`: The samples in which a, and in which b, is
+    better by most; None where it never is.
     """
 
-    name: str
-    unit: str
-    # a, b: (N,). Values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN
-    # for none
-    a: np.ndarray
-    b: np.ndarray
-    largest_is_best: bool = False  # Smaller values are better, unless a requirement states a least value
-
-    @cached_property
-    def pairs(self) -> np.ndarray:
-        """Indices of the samples that are compared."""
-        return np.flatnonzero(~(np.isnan(self.a) | np.isnan(self.b)))
-
-    @cached_property
-    def differences(self) -> np.ndarray:
-        """b − a of the pairs; infinite where one of them has no finite value, 0 where they agree to `SAME`."""
-        a, b = self.a[self.pairs], self.b[self.pairs]
+    def __init__(
+        self, name: str, unit: str, a: np.ndarray, b: np.ndarray, largest_is_best: bool = False
+    ) -> None:
+        self.name, self.unit, self.a, self.b, self.largest_is_best = name, unit, a, b, largest_is_best
+        self.pairs = np.flatnonzero(~(np.isnan(a) | np.isnan(b)))
+        a, b, count = a[self.pairs], b[self.pairs], len(self.pairs)
         finite = np.isfinite(a) & np.isfinite(b)
-        size = np.maximum(np.abs(a), np.abs(b))
-        apart = np.abs(np.subtract(b, a, where=finite, out=np.zeros(len(a))))
-        equal = np.where(finite, apart <= SAME * np.where(finite, size, 0.0), a == b)
-        return np.subtract(b, a, where=~equal, out=np.zeros(len(a)))
-
-    @property
-    def medians(self) -> tuple[float, float]:
-        """Lower medians of a and of b over the pairs, each one of the values; NaN without pairs."""
-        return _median(self.a[self.pairs]), _median(self.b[self.pairs])
-
-    @cached_property
-    def median(self) -> float:
-        """Lower median of the differences, one of them; NaN without pairs."""
-        return _median(self.differences)
+        size = np.where(finite, np.maximum(np.abs(a), np.abs(b)), 0.0)
+        apart = np.abs(np.subtract(b, a, where=finite, out=np.zeros(count)))
+        equal = np.where(finite, apart <= SAME * size, a == b)
+        self.differences = np.subtract(b, a, where=~equal, out=np.zeros(count))
+        self.medians, self.median = (_median(a), _median(b)), _median(self.differences)
+        worse = -self.differences if largest_is_best else self.differences
+        none = Interval(0, 0, 0.0, 1.0, CONFIDENCE)
+        wins = [np.flatnonzero(gain > 0.0) for gain in (worse, -worse)]
+        self.better = tuple(success_interval(len(won), count, CONFIDENCE) if count else none for won in wins)
+        self.extremes = tuple(
+            int(self.pairs[np.argmax(gain)]) if len(won) else None for gain, won in zip((worse, -worse), wins)
+        )
 
     @cached_property
     def interval(self) -> tuple[float, float]:
@@ -103,28 +96,6 @@ class PairedMetric:
             return math.nan, math.nan
         interval = quantile_test(self.differences, q=0, p=0.5).confidence_interval(CONFIDENCE)
         return float(interval.low), float(interval.high)
-
-    @property
-    def _gains(self) -> tuple[np.ndarray, np.ndarray]:
-        worse = -self.differences if self.largest_is_best else self.differences
-        return worse, -worse
-
-    @property
-    def better(self) -> tuple[Interval, Interval]:
-        """Fractions of the pairs in which a is better and in which b is, with their intervals; the rest is equal."""
-        a, b = (
-            success_interval(int((gain > 0.0).sum()), len(gain), CONFIDENCE)
-            if len(gain)
-            else Interval(0, 0, 0.0, 1.0, CONFIDENCE)
-            for gain in self._gains
-        )
-        return a, b
-
-    @cached_property
-    def extremes(self) -> tuple[int | None, int | None]:
-        """The samples in which a, and in which b, is better by most; None where it never is."""
-        a, b = (int(self.pairs[np.argmax(gain)]) if np.any(gain > 0.0) else None for gain in self._gains)
-        return a, b
 
 
 def _median(values: np.ndarray) -> float:
@@ -163,33 +134,20 @@ class McNemar:
         return float(binomtest(self.only_a, unequal, 0.5).pvalue) if unequal else 1.0
 
 
-@dataclass(frozen=True, eq=False)
 class PairedCampaigns:
-    """Two campaigns on the same samples, made by `compare`; a run that meets the requirements is a success."""
+    """Two campaigns on the same samples, made by `compare`; a run that meets the requirements is a success.
 
-    a: CampaignTable
-    b: CampaignTable
-    requirements: tuple[Requirement, ...] = ()
+    `count`: Number of samples. `metrics`, `parts`: Names of the metrics that both campaigns have, of the whole runs and
+    of parts, such as single joints. `main`: The metric that a verdict names, "" without any.
+    """
 
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        return len(self.a.columns["sample"])
-
-    @property
-    def main(self) -> str:
-        """The metric that a verdict names: the overshoot, or else the first one; empty without any."""
-        return main_metric(self.metrics)
-
-    @property
-    def metrics(self) -> tuple[str, ...]:
-        """Names of the metrics that both campaigns have, those of parts excepted."""
-        return tuple(name for name in self.a.names("metric") if name in self.b.names("metric"))
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Names of the metrics of parts, such as single joints, that both campaigns have."""
-        return tuple(name for name in self.a.names(PART) if name in self.b.names(PART))
+    def __init__(self, a: CampaignTable, b: CampaignTable, requirements: Sequence[str] = ()) -> None:
+        self.a, self.b, self.count = a, b, len(a.columns["sample"])
+        self.metrics, self.parts = (
+            tuple(name for name in a.names(kind) if name in b.names(kind)) for kind in ("metric", PART)
+        )
+        self.main, known = main_metric(self.metrics), (*self.metrics, *self.parts)
+        self.requirements = tuple(Requirement.of(text, known) for text in requirements)
 
     def metric(self, name: str) -> PairedMetric:
         """One metric of both campaigns; InvalidInput if not both have it."""
@@ -247,9 +205,7 @@ def compare(
         listed(differences, _LISTED),
         "the same draw, samples, seed, plant, noise and duration for both, and another controller",
     )
-    paired = PairedCampaigns(own, other)
-    known = (*paired.metrics, *paired.parts)
-    return replace(paired, requirements=tuple(Requirement.of(text, known) for text in requirements))
+    return PairedCampaigns(own, other, requirements)
 
 
 def _table(source: xr.Dataset | MergedTable) -> CampaignTable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -256,17 +256,33 @@ def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirem
     return np.column_stack([lost, *(lost | ~rule.met(values[rule.metric]) for rule in requirements)])[:, 1:]
 
 
-@dataclass(frozen=True, eq=False)
 class CampaignJudgement:
-    """The rows of a campaign, judged by requirements."""
+    """The rows of a campaign, judged by requirements.
 
-    table: MergedTable
-    requirements: tuple[Requirement, ...]
+    `count`, `failures`: Numbers of samples, and of those that fail. `rate`: The fraction of successes. `success`: The
+    same with its interval; None for samples that are not independent, as those of a Sobol sequence and of a Latin
+    hypercube: of one campaign of these no interval is known. `failed`: (F,) indices of the samples that fail: first
+    those that did not come to their end, then by the main metric. `violations`: (N, R), see `violations`. `main`: The
+    metric that ranks the samples, "" without any. `method`: One of `METHODS`; a draw that states none draws each sample
+    independently. `nominal`: Nominal values of the numbers, where they are known.
+    """
 
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        return len(self.column("sample"))
+    def __init__(self, table: MergedTable, requirements: tuple[Requirement, ...]) -> None:
+        self.table, self.requirements = table, requirements
+        self.nominal: Mapping[str, float] = table.journal.about.get("nominal", {})
+        self.method, self.main = table.settings.get("method", "random"), main_metric(table.names("metric"))
+        self.count = len(table.columns["sample"])
+        self.violations = violations(table.columns, requirements)
+        ended = table.columns["status"] == COMPLETED
+        failed = np.flatnonzero(~ended | self.violations.any(axis=1))
+        size = np.nan_to_num(
+            table.columns[self.main][failed] if self.main else np.zeros(len(failed)), posinf=1e300
+        )
+        self.failed = failed[np.lexsort((failed, -size, ended[failed]))]
+        self.failures = len(failed)
+        self.rate = 1.0 - self.failures / self.count
+        independent = self.method == "random"
+        self.success = success_interval(self.count - self.failures, self.count) if independent else None
 
     def column(self, name: str) -> np.ndarray:
         """A column of the table (N,)."""
@@ -275,46 +291,6 @@ class CampaignJudgement:
     def of_status(self, status: str) -> int:
         """Number of samples with this status."""
         return int((self.column("status") == status).sum())
-
-    @cached_property
-    def violations(self) -> np.ndarray:
-        """Violations (N, R) of the requirements; see `violations`."""
-        return violations(self.table.columns, self.requirements)
-
-    @cached_property
-    def failed(self) -> np.ndarray:
-        """Indices of the samples that fail: first those that did not come to their end, then by the main metric."""
-        ended = self.column("status") == COMPLETED
-        failed = np.flatnonzero(~ended | self.violations.any(axis=1))
-        size = self.column(self.main) if self.main else np.zeros(self.count)
-        return failed[np.lexsort((failed, -np.nan_to_num(size[failed], posinf=1e300), ended[failed]))]
-
-    @property
-    def failures(self) -> int:
-        """Number of samples that fail."""
-        return len(self.failed)
-
-    @property
-    def method(self) -> str:
-        """Sampling method, one of `METHODS`; a draw that states no method draws each sample independently."""
-        return self.table.journal.settings.get("method", "random")
-
-    @property
-    def rate(self) -> float:
-        """The fraction of successes."""
-        return 1.0 - self.failures / self.count
-
-    @cached_property
-    def success(self) -> Interval | None:
-        """The fraction of successes with its interval; None for samples that are not independent, as those of a Sobol
-        sequence and of a Latin hypercube: of one campaign of these no interval is known."""
-        independent = self.method == "random"
-        return success_interval(self.count - self.failures, self.count) if independent else None
-
-    @property
-    def main(self) -> str:
-        """The metric that ranks the samples: the overshoot, or else the first one; empty without any."""
-        return main_metric(self.table.names("metric"))
 
     def worst(self, metric: str) -> int | None:
         """The completed sample with the largest value of a metric (the smallest where a requirement is a least value).
@@ -349,11 +325,6 @@ class CampaignJudgement:
     def numbers(self, sample: int) -> dict[str, float]:
         """Values of the varied numbers of a sample, by name."""
         return self.table.numbers(sample)
-
-    @property
-    def nominal(self) -> Mapping[str, float]:
-        """Nominal values of the numbers, where they are known."""
-        return self.table.journal.about.get("nominal", {})
 
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""

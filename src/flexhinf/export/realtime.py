@@ -51,7 +51,7 @@ class MissedSpan(NamedTuple):
     worst: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Timing:
     """Times of every sample, s, on the monotonic clock of the system.
 
@@ -75,6 +75,11 @@ class Timing:
         When the simulated robot had made its step and everything was recorded.
     elapsed : float
         From the beginning of the first sample to the end of the last one.
+    missed, overrun : (N,)
+        Whether the input was not there before the next sample was due, and whether the sample ended after that, the
+        simulation of the robot included.
+    slowness : float
+        Elapsed time over the time of the run: 1 in real time.
     """
 
     period: float
@@ -86,20 +91,9 @@ class Timing:
     over: np.ndarray
     elapsed: float
 
-    @property
-    def missed(self) -> np.ndarray:
-        """Samples (N,) whose input was not there before the next sample was due."""
-        return self.ready > self.period
-
-    @property
-    def overrun(self) -> np.ndarray:
-        """Samples (N,) that ended after the next one was due, the simulation of the robot included."""
-        return self.over > self.period
-
-    @property
-    def slowness(self) -> float:
-        """Elapsed time over the time of the run: 1 in real time."""
-        return self.elapsed / (self.period * max(1, len(self.time)))
+    def __post_init__(self) -> None:
+        self.missed, self.overrun = self.ready > self.period, self.over > self.period
+        self.slowness = self.elapsed / (self.period * max(1, len(self.time)))
 
     def missed_spans(self) -> list[MissedSpan]:
         """Where the missed deadlines lay, those with the latest input first."""
