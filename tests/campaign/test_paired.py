@@ -11,7 +11,7 @@ from tests.campaign.conftest import OPTIONS, made_loop, tolerances
 
 from flexhinf.campaign import Campaign, McNemar, Sample, compare, drive, run_campaign
 from flexhinf.campaign.journal import Journal
-from flexhinf.campaign.paired import PairedMetric
+from flexhinf.campaign.results import PairedMetric
 from flexhinf.errors import InvalidInput
 
 STIFF = (90.0, 14.0, 100.0)

@@ -17,8 +17,17 @@ import typer
 from typer.core import TyperGroup
 
 from flexhinf import campaign as campaigns, pages
-from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command, with_options
-from flexhinf.cli.messages import NOT_MET, note, progress_bar, show, step_progress
+from flexhinf.cli.arguments import (
+    NOT_MET,
+    design_file_of,
+    note,
+    progress_bar,
+    read_source,
+    reproduce_command,
+    show,
+    step_progress,
+    with_options,
+)
 from flexhinf.cli.options import (
     BatchOptions,
     CompareCampaignsOptions,

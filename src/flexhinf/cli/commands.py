@@ -16,11 +16,18 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from flexhinf import __version__, pages
+from flexhinf.cli.arguments import (
+    INTERRUPTED,
+    error_text,
+    interrupted,
+    mistake,
+    parser_error,
+    show,
+    system_error,
+)
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.certify import certify
-from flexhinf.cli.design import compare, design, paper
+from flexhinf.cli.design import certify, compare, design, paper
 from flexhinf.cli.export import app as export, compile_design, run_design
-from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused, show
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -166,6 +173,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except BrokenPipeError:
             raise
         except (OSError, MemoryError) as error:
-            return mistake(refused(error, written()))
+            return mistake(system_error(error, written()))
         except (KeyboardInterrupt, typer.Abort):
             return interrupted(written())

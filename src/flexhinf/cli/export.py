@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from flexhinf import export, pages
-from flexhinf.cli.arguments import request_of, with_options
-from flexhinf.cli.messages import NOT_MET, note, show, step_progress
+from flexhinf.cli.arguments import NOT_MET, note, request_of, show, step_progress, with_options
 from flexhinf.cli.options import RUN_FIELDS, CompileOptions, ExportCOptions, ExportFmuOptions, RunOptions
 from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, value_text

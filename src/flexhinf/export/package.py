@@ -1,4 +1,8 @@
-"""All files of an exported controller, and where they are written."""
+"""All files of an exported controller, and where they are written.
+
+Its test vector is a recorded run of the controller: measurements, commands and outputs of every sample. The C code must
+give the same.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,12 +21,11 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.compiled import build, cortex_m4_bytes
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
-from flexhinf.export.run_log import Recording, record
 from flexhinf.files import write_file
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.validation import checked_path, value_text
 
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
@@ -340,3 +344,102 @@ PARTS = {
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |" for line in lines)
+
+
+#: What a sample is, by the name of the code that a step in C returns for it.
+MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
+
+#: Size of the commands' swing about the operating point, in the unit of the tracked states, and its periods, samples.
+SWING, PERIODS = 0.05, (97, 61)
+
+#: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
+LOUDEST = 0.1 * SWING
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Recorded samples of a controller, in order.
+
+    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
+    of the controller, held where the sample was refused. `codes`: "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each
+    sample.
+    """
+
+    y: np.ndarray
+    r: np.ndarray
+    u: np.ndarray
+    estimate: np.ndarray
+    codes: list[str]
+
+
+def record(
+    controller: Controller,
+    samples: int = 200,
+    interrupted: bool = True,
+    exact: type[np.floating] = np.float64,
+) -> Recording:
+    """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
+
+    The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
+    be seen. The plant starts where the estimator believes it, as the design's own step does: started elsewhere, the
+    estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The commands swing
+    about the operating point; without an estimator there is no plant, and the states swing too.
+
+    `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
+    finite. `exact`: Of numbers that hold the measurements and commands as they are.
+    """
+    time = np.arange(samples)[:, None]
+    rest = controller.operating_reference
+    j = np.arange(len(rest))
+    r = np.tile(rest, (samples, 1))
+    if not controller.mode.moving:
+        r = rest + SWING * (np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j))
+    if controller.estimator is None:
+        point = np.asarray(controller.law.operating_point)[: len(controller.states)]
+        y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))
+    else:
+        y = _measured(controller, r)
+    kinds = np.full(samples, MEASURED, dtype=object)
+    if interrupted:
+        kinds[samples // 3 : samples // 3 + 3] = NOT_FINITE
+        if controller.estimator is not None:
+            kinds[samples // 2 : samples // 2 + 5] = MISSING
+    return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
+
+
+def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
+    assert controller.estimator is not None
+    loop = Loop(controller.estimator.plant, controller)
+    time = controller.period * np.arange(len(r))
+    reference = {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)}
+    deviation = np.sqrt(np.diag(np.atleast_2d(controller.estimator.measurement_noise)))
+    run = loop.run(
+        reference,
+        noise=np.minimum(deviation, LOUDEST),
+        duration=controller.period * (len(r) - 1),
+        initial_state=np.asarray(controller.estimator.initial[0], dtype=float),
+    )
+    return np.asarray(run.data["output"])[: len(r)]
+
+
+def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
+    """Feed samples to a fresh controller.
+
+    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: As `Recording.codes`: a sample that is missing
+    is predicted over, one that is not finite refused.
+    """
+    fresh, y = controller.fresh(), np.array(y, dtype=float)
+    held = np.asarray(fresh.input_before(), dtype=float)
+    inputs, estimates = [], []
+    for k, kind in enumerate(kinds):
+        if kind == NOT_FINITE:
+            y[k, 0] = np.nan
+        try:
+            held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+        except NumericalFailure:
+            if kind != NOT_FINITE:
+                raise
+        inputs.append(held)
+        estimates.append(np.nan_to_num(fresh.estimate))
+    r = r if r.shape[1] else np.zeros((len(y), 1))
+    return Recording(y, r, np.array(inputs), np.array(estimates), kinds)

@@ -17,8 +17,7 @@ from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Move, worst_of
 from flexhinf.errors import InvalidInput
-from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
-from flexhinf.export.run_log import check_place
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
 from flexhinf.files import write_file
 from flexhinf.pages.arm_picture import ArmFilm, frames
 from flexhinf.pages.design.requirements import requirement_table
