@@ -78,9 +78,10 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
         _raise_interruption(error)
-        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
+            f"The {what} cannot be written.",
+            f"{path}: {getattr(error, 'strerror', None) or error}",
+            "a writable folder that exists",
         ) from error
 
 
@@ -212,7 +213,7 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             unpacked = sum(member.file_size for member in archive.infolist())
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
-            names = [member.filename for member in archive.infolist()]
+            names = archive.namelist()
             return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in names}, whole
     except (InvalidInput, MemoryError):
         raise

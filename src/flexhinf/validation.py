@@ -187,8 +187,9 @@ def extra_package(package: str, extra: str, what: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        advice = f"pip install 'flexhinf[{extra}]'"
-        raise InvalidInput(what, f"expected the package {package!r}: {error}", advice) from error
+        raise InvalidInput(
+            what, f"expected the package {package!r}: {error}", f"pip install 'flexhinf[{extra}]'"
+        ) from error
 
 
 # Names ----------------------------------------------------------------------------------------------
@@ -243,10 +244,10 @@ def checked_names(what: str, names: Any) -> tuple[str, ...]:
     sequence = (names,) if isinstance(names, str) else names
     scalar = isinstance(sequence, np.ndarray) and sequence.ndim == 0
     several = tuple(sequence) if isinstance(sequence, Iterable) and not scalar else None
-    if several is None or not all(isinstance(name, str) for name in several):
-        found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
-        raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")
-    return several
+    if several is not None and all(isinstance(name, str) for name in several):
+        return several
+    found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
+    raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")
 
 
 def checked_text(what: str, text: Any) -> str:
@@ -286,8 +287,11 @@ def checked_path(what: str, path: Any) -> Path:
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
     if isinstance(text, str) and text:
         return Path(text)
-    found = f"expected text or a pathlib.Path, got {value_text(path, 60)}"
-    raise InvalidInput(f"{what} has no usable path.", found, "for example 'folder/name'")
+    raise InvalidInput(
+        f"{what} has no usable path.",
+        f"expected text or a pathlib.Path, got {value_text(path, 60)}",
+        "for example 'folder/name'",
+    )
 
 
 def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
@@ -336,7 +340,6 @@ def read_toml(path: Path, what: str = "robot file") -> dict[str, Any]:
 
 
 def _toml_depth(text: str) -> tuple[int, int]:
-    """Deepest nesting of brackets, and most dots of one key, both outside of strings and comments."""
     depth = deepest = dots = most = 0
     for token in _TOKEN.finditer(text):
         mark = token[0]
@@ -394,9 +397,9 @@ def read_xml(path: Path) -> ElementTree.Element:
         raise InvalidInput(
             f"{path.name}: this is no XML.", f"expected elements, got: {error}", "a URDF file, as text"
         ) from None
-    if root is None:
-        raise InvalidInput(f"{path.name}: this is no XML.", "expected elements, got none", "a URDF file")
-    return root
+    if root is not None:
+        return root
+    raise InvalidInput(f"{path.name}: this is no XML.", "expected elements, got none", "a URDF file")
 
 
 def read_bytes(path: Path, most: int) -> bytes:

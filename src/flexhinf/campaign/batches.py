@@ -192,14 +192,10 @@ class Campaign:
         """Run one sample alone, bit by bit as in the campaign; InvalidInput where it cannot be run."""
         sample = self.sample(index)
         refuse_if(sample.failure, f"Sample {index} cannot be run.", sample.failure, "another sample")
-        return self.run_of(index, sample)
-
-    def run_of(self, index: int, sample: Sample) -> Trajectory:
-        """Run any sample, with the noise of sample `index`."""
         return next(self.trajectories([index], [sample]))
 
     def trajectories(self, indices: Sequence[int], samples: Sequence[Sample]) -> Iterator[Trajectory]:
-        """Simulate samples one after the other, with all their signals, in the given order."""
+        """Simulate samples one after the other, with all their signals and the noise of these indices, in order."""
         modes = [self._mode(sample) for sample in samples]
         runs: dict[str, Iterator[Trajectory]] = {}
         for mode in dict.fromkeys(modes):

@@ -141,7 +141,6 @@ class _Reader:
         return ""
 
     def _function(self, value: types.FunctionType | type) -> str:
-        """Text of a function or a class; one of another package goes by its name alone."""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
         if isinstance(value, type):
@@ -435,7 +434,6 @@ def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
-    """Points (N, dimensions) inside the open unit cube."""
     if method == "random":
         random = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
         bits = (random[0] << np.uint64(21)) ^ (random[1] >> np.uint64(11))

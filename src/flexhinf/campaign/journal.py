@@ -158,7 +158,6 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _check_manifest(stated: Mapping[str, Any]) -> None:
-    """Check the entries of a manifest; raises one of `UNREADABLE` for entries that no campaign writes."""
     settings, columns, time, about = (stated[name] for name in ("settings", "columns", "time_s", "about"))
 
     def texts(values: Any, kind: type = list) -> bool:
@@ -491,7 +490,7 @@ class Journal:
             if match and not self._wrong(path, batch, match[2]):
                 table = read_columns(path, self._schema().names)
                 columns = zip(table.column_names, table.columns)
-                return {name: plain_number(numpy_column(column)[place]) for name, column in columns}
+                return {name: numpy_column(column)[[place]].tolist()[0] for name, column in columns}
         return {}
 
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
@@ -566,13 +565,7 @@ class Journal:
 
 
 def _first(problems: Mapping[str, bool]) -> str:
-    """The first text whose condition is true; empty if none is."""
     return next((text for text, there in problems.items() if there), "")
-
-
-def plain_number(value: Any) -> Any:
-    """Convert a NumPy number to one of Python; another value is returned as it is."""
-    return value.item() if hasattr(value, "item") else value
 
 
 def differing(

@@ -164,7 +164,6 @@ class Metrics:
 
 
 def _tracking(run: Trajectory) -> dict[str, float | None]:
-    """Tracking metrics, the worst of all tracked states; infinite where one never settles or rises."""
     rows = [run.metrics(name) for name in run.judged]
     stepped = [row for row in rows if row["overshoot_percent"] is not None]
     times = {

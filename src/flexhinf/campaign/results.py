@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
-from flexhinf.campaign.journal import Journal, differing, listed, numpy_column, plain_number, read_columns
+from flexhinf.campaign.journal import Journal, differing, listed, numpy_column, read_columns
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
@@ -110,8 +110,7 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     if most < 0 or not count or np.ptp(y) <= 1e-12 * np.abs(y).max():
         return None
     kind = int(most >= count) + int(most >= count + count * (count - 1) // 2)
-    centre, scale = x.mean(axis=0), x.std(axis=0)
-    z = (x - centre) / scale
+    z = (x - x.mean(axis=0)) / x.std(axis=0)
 
     def fit(some: np.ndarray | slice) -> np.ndarray:
         return np.linalg.lstsq(_terms(z[some], kind), y[some], rcond=None)[0]
@@ -358,7 +357,7 @@ def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
     """Run one sample of a campaign again, alone; InvalidInput if it is not there or could not be run."""
     run = campaign.replay(sample)
     rows = rows_of(campaign, [sample])
-    again = {name: plain_number(column[0]) for name, column in rows.items() if column.ndim == 1}
+    again = {name: column.tolist()[0] for name, column in rows.items() if column.ndim == 1}
     return Replayed(sample, run, journal.row(sample), again)
 
 

@@ -97,7 +97,7 @@ class WorstCase:
             sample.failure,
             "another metric",
         )
-        return campaign.run_of(self.sample, sample)
+        return next(campaign.trajectories([self.sample], [sample]))
 
     def again(self, campaign: Campaign) -> FoundPlant:
         """Run the plant found again, alone: the same bits as in the search."""
@@ -220,7 +220,6 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
 ) -> list[FoundPlant]:
-    """Run the plants with these numbers, all with the noise of one sample."""
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]

@@ -63,8 +63,8 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
     return decorated
 
 
+# `both`: also ``--no-…`` of a flag
 def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
-    """The parameter of a field; of a flag with ``--no-…`` where `both` is wanted."""
     about, value = field.about, field.default
     kind: Any = (
         bool if isinstance(value, bool) else list[str] if field.several or field.name == "via" else str

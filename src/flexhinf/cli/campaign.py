@@ -50,8 +50,6 @@ GAIN = "gain"
 
 
 class _Runs(TyperGroup):
-    """A group of commands whose first argument is a command or else the design to run."""
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
             args = ["run", *args]

@@ -102,8 +102,8 @@ class App(typer.Typer):
         return command(*arguments, **options)
 
 
+# Some errors of the parser, such as that of a missing value, lack their command.
 def _refine(command: Any) -> None:
-    """Attach the command to every error of the parser; some, such as that of a missing value, lack it."""
     for inner in getattr(command, "commands", {}).values():
         _refine(inner)
     parse = command.parse_args

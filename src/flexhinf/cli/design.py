@@ -63,8 +63,7 @@ def design(context: typer.Context, o: DesignOptions) -> int:
         files["design.toml"] = design_text(result, request, folder)
     report.write(folder, files)
     show(pages.design_tables(result), pages.notes(result))
-    typer.echo(pages.verdict(result))
-    typer.echo(f"report: {folder / 'index.html'}")
+    typer.echo(f"{pages.verdict(result)}\nreport: {folder / 'index.html'}")
     return 0 if result.met else NOT_MET
 
 
@@ -97,8 +96,7 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     report.write(folder, files)
     typer.echo(f"Criterion: {result.criterion.text}")
     show(pages.comparison_tables(result, Console().width), pages.comparison_notes(result))
-    typer.echo(pages.comparison_verdict(result))
-    typer.echo(f"report: {folder / 'index.html'}")
+    typer.echo(f"{pages.comparison_verdict(result)}\nreport: {folder / 'index.html'}")
 
 
 @with_options(PaperOptions)
@@ -227,10 +225,11 @@ def certify(context: typer.Context, o: CertifyOptions) -> int:
         html = page.html()
     show(pages.certification_tables(laws), pages.certification_notes(laws))
     report.write(folder, {"index.html": html, CERTIFICATE: result.certificate.text()})
-    typer.echo(theorem_text(result.certificate, result.certificate.stated))
     file = folder / CERTIFICATE
-    again = join(["flexhinf", "certify", "--check", str(file)])
-    typer.echo(f"report:      {folder / 'index.html'}\ncertificate: {file}\ncheck:       {again}")
+    typer.echo(
+        f"{theorem_text(result.certificate, result.certificate.stated)}\nreport:      {folder / 'index.html'}\n"
+        f"certificate: {file}\ncheck:       {join(['flexhinf', 'certify', '--check', str(file)])}"
+    )
     return 0
 
 

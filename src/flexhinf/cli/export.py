@@ -40,8 +40,7 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     name = o.name or export.identifier_of(title)
     export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram)
     export.write_files(folder, export.controller_files(controller, name, o.real))
-    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}")
-    typer.echo(f"test:  make -C {o.out} test")
+    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 
 
 @app.command("fmu")
@@ -76,8 +75,8 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
     output is the simulation's. For this platform; needs a C compiler.
     """
-    written = export.compile_controller(controller_of(o.source)[0], o.out, o.processor)
-    typer.echo(f"library: {written}")
+    controller, _ = controller_of(o.source)
+    typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
 
 
 def controller_of(source: str) -> tuple[Controller, str]:

@@ -105,8 +105,11 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            reason = f"{path.parent}: {error.strerror or error}"
-            raise InvalidInput("The output folder cannot be made.", reason, "another folder") from error
+            raise InvalidInput(
+                "The output folder cannot be made.",
+                f"{path.parent}: {error.strerror or error}",
+                "another folder",
+            ) from error
         data = content.encode("utf-8") if isinstance(content, str) else content
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
@@ -408,16 +411,14 @@ def record(
 
 
 def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
-    assert controller.estimator is not None
-    loop = Loop(controller.estimator.plant, controller)
-    time = controller.period * np.arange(len(r))
-    reference = {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)}
-    deviation = np.sqrt(np.diag(np.atleast_2d(controller.estimator.measurement_noise)))
-    run = loop.run(
-        reference,
+    estimator, time = controller.estimator, controller.period * np.arange(len(r))
+    assert estimator is not None
+    deviation = np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise)))
+    run = Loop(estimator.plant, controller).run(
+        {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)},
         noise=np.minimum(deviation, LOUDEST),
         duration=controller.period * (len(r) - 1),
-        initial_state=np.asarray(controller.estimator.initial[0], dtype=float),
+        initial_state=np.asarray(estimator.initial[0], dtype=float),
     )
     return np.asarray(run.data["output"])[: len(r)]
 

@@ -485,7 +485,6 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
 
 
 def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
-    """Values by label, the time first; a label that occurs twice gets a number."""
     table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
     for column in log_columns(run):
         label, count = column.label, 2
