@@ -213,8 +213,9 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             unpacked = sum(member.file_size for member in archive.infolist())
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
-            names = archive.namelist()
-            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in names}, whole
+            return {
+                name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()
+            }, whole
     except (InvalidInput, MemoryError):
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
@@ -274,8 +275,9 @@ def recorded() -> Iterator[Callable[[], list[Path]]]:
     record: list[tuple[Path, tuple[int, int]]] = []
 
     def written() -> list[Path]:
-        last = dict(record).items()
-        return [path for path, identity in last if path.exists() and _identity(path) == identity]
+        return [
+            path for path, identity in dict(record).items() if path.exists() and _identity(path) == identity
+        ]
 
     token = _record.set(record)
     try:

@@ -226,8 +226,9 @@ def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") ->
 def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> InvalidInput:
     """The error for a name that is none of the known ones."""
     known = list(known)
-    found = f"expected one of {known}, got {value_text(name, 60)}"
-    return InvalidInput(what, found, nearest(name, known, otherwise))
+    return InvalidInput(
+        what, f"expected one of {known}, got {value_text(name, 60)}", nearest(name, known, otherwise)
+    )
 
 
 def one_of(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> None:
@@ -436,8 +437,11 @@ def _regular(path: Path) -> Iterator[BufferedReader]:
 def array_of(content: bytes) -> np.ndarray:
     """An array from its file in an archive; what its head promises beyond the file's own bytes takes no memory."""
     file = io.BytesIO(content)
-    version = np.lib.format.read_magic(file)
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    header = (
+        np.lib.format.read_array_header_1_0
+        if np.lib.format.read_magic(file) == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
     shape, by_columns, kind = header(file)
     if kind.hasobject or min(shape, default=0) < 0:
         raise ValueError("no array of numbers or texts")

@@ -396,8 +396,9 @@ class Journal:
     @cached_property
     def _draw(self) -> Tolerances | None:
         """The draw of the samples; None for a user's function, whose code is not in the manifest."""
-        names = [column.name for column in self.columns if column.kind == "parameter"]
-        return Tolerances.stated(self.settings, names)
+        return Tolerances.stated(
+            self.settings, [column.name for column in self.columns if column.kind == "parameter"]
+        )
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """What is wrong with the file of a batch whose name has this digest; empty for a valid file.
@@ -422,8 +423,9 @@ class Journal:
         try:
             with parquet.ParquetFile(path) as file:
                 stored, rows = file.schema_arrow, file.metadata.num_rows
-                groups = range(file.metadata.num_row_groups)
-                unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
+                unpacked = sum(
+                    file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)
+                )
                 lists = [entry.type.list_size for entry in schema if types.is_fixed_size_list(entry.type)]
                 texts = sum(types.is_string(entry.type) for entry in schema)
                 # most bytes of one row, twice what it takes; texts are sentences of an error
@@ -528,8 +530,7 @@ class Journal:
         self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
         damaged = ", ".join(f"{path}: {wrong}" for path, wrong in bad[:1])
-        advice = "the campaign's command again, which runs it again"
-        refuse_if(bad, "A shard is damaged.", damaged, advice)
+        refuse_if(bad, "A shard is damaged.", damaged, "the campaign's command again, which runs it again")
         fresh = {batch: path for batch, path in there.items() if batch not in here}
         with disk_refusals(self.folder):
             for batch, path in fresh.items():

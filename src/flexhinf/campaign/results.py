@@ -123,8 +123,14 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     coefficients = fit(slice(None))
     first, total = _indices(lambda points: _terms(points, kind) @ coefficients, z)
     order = np.argsort(-total, kind="stable")
-    chosen = tuple(names[varied[int(k)]] for k in order)
-    return Sensitivity(chosen, first[order], total[order], r_squared, SURROGATES[kind], len(kept))
+    return Sensitivity(
+        tuple(names[varied[int(k)]] for k in order),
+        first[order],
+        total[order],
+        r_squared,
+        SURROGATES[kind],
+        len(kept),
+    )
 
 
 def _terms(z: np.ndarray, kind: int) -> np.ndarray:
@@ -247,8 +253,9 @@ class MergedTable(CampaignTable):
 
 def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
     """Merge the table of a journal of which every batch's shard is there, and read it; raises as `Journal.merge`."""
-    columns = StoredColumns(journal.merge(good))
-    return MergedTable(journal.columns, columns, journal.settings, journal, dict(good))
+    return MergedTable(
+        journal.columns, StoredColumns(journal.merge(good)), journal.settings, journal, dict(good)
+    )
 
 
 def main_metric(names: Sequence[str]) -> str:
@@ -519,10 +526,15 @@ def compare(
     Raises InvalidInput: if the samples are not the same: the message says what differs.
     """
     own, other = _table(a), _table(b)
-    names = [*own.settings, *other.settings]
-    bound = [name for name in names if name not in _FREE and not name.startswith(_FREE_PREFIX)]
-    pairs = differing(own.settings, other.settings, bound)
-    differences = [f"{name}: {first} ↔ {second}" for name, first, second in pairs]
+    bound = [
+        name
+        for name in [*own.settings, *other.settings]
+        if name not in _FREE and not name.startswith(_FREE_PREFIX)
+    ]
+    differences = [
+        f"{name}: {first} ↔ {second}"
+        for name, first, second in differing(own.settings, other.settings, bound)
+    ]
     numbers = own.names("parameter")
     if numbers != other.names("parameter"):
         differences.append(f"numbers: {list(numbers)} ↔ {list(other.names('parameter'))}")
@@ -557,5 +569,8 @@ def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
             for name, array in source.data_vars.items()
         ),
     ]
-    columns = {column.name: source[column.name].values for column in described}
-    return CampaignTable(described, columns, {str(k): str(v) for k, v in source.attrs.items()})
+    return CampaignTable(
+        described,
+        {column.name: source[column.name].values for column in described},
+        {str(k): str(v) for k, v in source.attrs.items()},
+    )

@@ -122,8 +122,9 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
     nameless = [text for text in o.tolerance if "=" not in text]
     found = f"expected NAME=x, got {', '.join(nameless[:1])!r}"
     refuse_if(nameless, "The tolerance names no parameter.", found, "--tolerance stiffness=15%")
-    pairs = (text.split("=", 1) for text in o.tolerance)
-    values["tolerances"] = tuple((name.strip(), value.strip()) for name, value in pairs)
+    values["tolerances"] = tuple(
+        (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
+    )
     return DesignCampaign(
         read_source(source, o.elastic, {}), CampaignOptions(**values), design_file_of(source)
     )
@@ -178,8 +179,10 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
         return journal
 
     journal = read(o.folder)
-    texts = o.require or journal.about.get("requirements", [])
-    checked = [campaigns.Requirement.of(text, journal.metrics) for text in texts]
+    checked = [
+        campaigns.Requirement.of(text, journal.metrics)
+        for text in (o.require or journal.about.get("requirements", []))
+    ]
     with journal.driven():
         for other in o.others:
             typer.echo(f"{journal.take(read(other))} batches from {other}")
@@ -308,9 +311,14 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 
     names = o.first, o.second
-    both = judged(tables[0]), judged(tables[1])
-    paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
-    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(command))
+    result = PairResult(
+        pair,
+        o.out.expanduser().absolute(),
+        names,
+        (judged(tables[0]), judged(tables[1])),
+        campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked]),
+        tuple(command),
+    )
     path = pages.write_pair(result)
     show([pages.pair_table(result)])
     for name, source in zip("AB", names):

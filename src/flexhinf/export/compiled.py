@@ -107,8 +107,7 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
 
     Raises InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
-    names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
-    compiler = next(filter(None, map(shutil.which, names)), None)
+    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
     if compiler is None:
         raise InvalidInput(
             "There is no C compiler.",
@@ -231,8 +230,10 @@ class CompiledController:
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
         self._kept = (self._state, self._r, self._u, self.estimate)  # what copies and pickles hold
-        arrays = (self._state, self._y, self._r, self._u, self.estimate)
-        state, y, r, u, estimate = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+        state, y, r, u, estimate = (
+            ctypes.c_void_p(array.ctypes.data)
+            for array in (self._state, self._y, self._r, self._u, self.estimate)
+        )
         step = self._library.flexhinf_step
         self._run = lambda measured: step(state, y, r, measured, u, estimate)
         self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
@@ -284,8 +285,12 @@ class CompiledController:
         InvalidInput
             If they do not fit, or this controller's estimate cannot be set.
         """
-        fixed = state is not None and not self._starts_anywhere
-        refuse_if(fixed, "The estimate of this controller cannot be set.", "expected state=None", "reset()")
+        refuse_if(
+            state is not None and not self._starts_anywhere,
+            "The estimate of this controller cannot be set.",
+            "expected state=None",
+            "reset()",
+        )
         x, u = np.zeros(len(self.states)), np.zeros(len(self.inputs))
         if state is not None:
             self._fill(x, state, "state", self.states)
@@ -374,8 +379,7 @@ def instructions() -> frozenset[str]:
             return frozenset()
         return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
-    flags = line.partition(":")[2].split()
-    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in flags)
+    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in line.partition(":")[2].split())
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:

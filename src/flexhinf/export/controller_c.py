@@ -152,8 +152,9 @@ class ControllerCode:
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        lanes = LANES if self.controller.composed and self.real.name == "double" else 1
-        translator = Translator(self.name, self.real, lanes)
+        translator = Translator(
+            self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
+        )
         for name, program in self.programs.items():
             translator.add(program, name)
         return translator
@@ -199,7 +200,6 @@ class ControllerCode:
                 texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
             signals += [enumeration(list(rows))] if names else []
-        same = "the estimate begins where that of @NAME@_init does"
         return fill(
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
@@ -208,7 +208,8 @@ class ControllerCode:
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
-            SETS="about another state" if self.starts_anywhere else same,
+            SETS="about another state" if self.starts_anywhere
+            else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
             FIRST=c.first_input.text, HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
@@ -339,10 +340,10 @@ def template(name: str) -> str:
 def arithmetic(name: str, real: Real) -> str:
     """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro."""
     about = np.finfo(np.float64 if real.name == "double" else np.float32)
-    sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
     return fill(
         template("arithmetic.c"), name, real, BYTES=real.bytes, F=real.suffix, SUFFIX=real.suffix.upper(),
-        **{mark: constant(float(value), real) for mark, value in sizes.items()},
+        EPSILON=constant(float(about.eps), real), SMALLEST=constant(float(about.tiny), real),
+        LARGEST=constant(float(about.max), real),
     )  # fmt: skip
 
 

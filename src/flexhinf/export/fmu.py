@@ -115,23 +115,28 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
         ("u", "output", u, code.safe_input, ""),
         ("estimate", "output", x, np.zeros(len(x)), ""),
     )  # fmt: skip
-    missing = MISSING_LIMIT if code.predicts else 0
-    held = "samples without a measurement until the output is held"
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
-        Variable("missing_limit", "parameter", missing, kind="Integer", about=held),
+        Variable(
+            "missing_limit",
+            "parameter",
+            MISSING_LIMIT if code.predicts else 0,
+            kind="Integer",
+            about="samples without a measurement until the output is held",
+        ),
         Variable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
-    starts = [variable.start for variable in variables if variable.kind == "Real"]
     model = fill(
         template("fmu_controller.h"), code.name, DOUBLE,
-        PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}", START=code.numbers(starts, "        "),
+        PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}",
+        START=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
         STARTS=0 if belief is None else len(belief),
     )  # fmt: skip
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
-    about = f"sampled controller of {c.period:g} s"
-    return _write(Model(code.name, about, c.period, tuple(variables), sources), path)
+    return _write(
+        Model(code.name, f"sampled controller of {c.period:g} s", c.period, tuple(variables), sources), path
+    )
 
 
 def export_plant_fmu(

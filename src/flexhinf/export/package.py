@@ -232,8 +232,9 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
     texts = {**code.files, "test.c": _test(code, run, TOLERANCE[code.real.name])}
     try:
         with TemporaryDirectory() as work:
-            program = build(texts, Path(work), ("-O1", *flags))
-            output = subprocess.run([program], capture_output=True, text=True, check=False).stdout
+            output = subprocess.run(
+                [build(texts, Path(work), ("-O1", *flags))], capture_output=True, text=True, check=False
+            ).stdout
     except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
         return None
     match = re.search(r"largest relative error (\S+)", output)
@@ -345,8 +346,10 @@ PARTS = {
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |" for line in lines)
+    return "\n".join(
+        f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |"
+        for line in [head, ["---"] * len(head), *rows]
+    )
 
 
 #: What a sample is, by the name of the code that a step in C returns for it.
@@ -413,10 +416,9 @@ def record(
 def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
     estimator, time = controller.estimator, controller.period * np.arange(len(r))
     assert estimator is not None
-    deviation = np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise)))
     run = Loop(estimator.plant, controller).run(
         {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)},
-        noise=np.minimum(deviation, LOUDEST),
+        noise=np.minimum(np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise))), LOUDEST),
         duration=controller.period * (len(r) - 1),
         initial_state=np.asarray(estimator.initial[0], dtype=float),
     )

@@ -354,8 +354,9 @@ class _Clock:
         over = np.maximum(self._over[:n], ready)
         woken, ready, ended = (1e-9 * (row - due) for row in (self._woken[:n], ready, over))
         elapsed = 1e-9 * float(over[-1] - self._woken[0]) if n else 0.0
-        computed = 1e-9 * self._computed[:n]
-        return Timing(self._period, self._real_time, times, woken, computed, ready, ended, elapsed)
+        return Timing(
+            self._period, self._real_time, times, woken, 1e-9 * self._computed[:n], ready, ended, elapsed
+        )
 
 
 def wait_until(due: int) -> int:
@@ -521,8 +522,11 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
         channels = dict[str, int]()
         for kind, group in columns.items():
             properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
-            text = json.dumps({"type": "object", "properties": properties}).encode()
-            schema = writer.register_schema(f"flexhinf.{kind}", "jsonschema", text)
+            schema = writer.register_schema(
+                f"flexhinf.{kind}",
+                "jsonschema",
+                json.dumps({"type": "object", "properties": properties}).encode(),
+            )
             channels[kind] = writer.register_channel(f"/{kind}", "json", schema)
         for k, at in enumerate(run.trajectory.time.tolist()):
             moment = run.began + round(1e9 * at)
