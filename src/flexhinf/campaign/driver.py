@@ -141,9 +141,9 @@ def _worker_campaign(sent: bytes) -> Campaign:
     return pickle.loads(sent)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Shard:
-    """Every n-th batch, for one of n jobs: `number` is 1 … `of`."""
+    """Every n-th batch, for one of n jobs: `number` is 1 … `of`; `name` is in its lock file, "" for the campaign."""
 
     number: int = 1
     of: int = 1
@@ -155,6 +155,7 @@ class Shard:
             f"expected 1/n to n/n, got {self.number}/{self.of}",
             "--shard 1/8",
         )
+        self.name = "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
     @staticmethod
     def read(text: str) -> Shard:
@@ -167,11 +168,6 @@ class Shard:
             "--shard 1/8 … --shard 8/8",
         )
         return Shard(int(number), int(of))
-
-    @property
-    def name(self) -> str:
-        """Name of the shard in its lock file; empty for the whole campaign."""
-        return "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
 
 @dataclass(frozen=True)

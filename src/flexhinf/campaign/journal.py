@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -34,9 +34,6 @@ from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import locked, make_durable, note_written, part_file
 from flexhinf.validation import checked_path, extra_package, file_digest, read_bytes, value_text
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 Stored = TypeVar("Stored")
 
 FORMAT: dict[str, Any] = {
@@ -46,8 +43,8 @@ FORMAT: dict[str, Any] = {
 }
 
 
-def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
-    """Columns of a file, all by default; InvalidInput if it cannot be read."""
+def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
+    """Columns of a file as an Arrow table, all by default; InvalidInput if it cannot be read."""
     from pyarrow import ArrowException, parquet
 
     try:
@@ -63,7 +60,7 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
         ) from error
 
 
-def _arrow(values: np.ndarray) -> pa.Array:
+def _arrow(values: np.ndarray) -> Any:
     import pyarrow as pa
 
     if values.ndim == 2:
@@ -471,7 +468,7 @@ class Journal:
                 return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {numbers[k]:g}"
         return ""
 
-    def _schema(self, **about: str) -> pa.Schema:
+    def _schema(self, **about: str) -> Any:
         """Arrow schema of a batch (kept signals are lists), or of the whole table, which has no kept signals."""
         import pyarrow as pa
 

@@ -442,12 +442,13 @@ def _median(values: np.ndarray) -> float:
     return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
 
 
-@dataclass(frozen=True)
+@dataclass
 class McNemar:
     """Success and failure of pairs, and the exact test that both fail equally often.
 
     McNemar, "Note on the sampling error of the difference between correlated proportions", 1947, with the binomial
-    distribution of the pairs in which only one fails. The attributes are numbers of pairs by which of them fails.
+    distribution of the pairs in which only one fails. The attributes are numbers of pairs by which of them fails;
+    `count`: of all, `failures`: of those that a, and that b, fails.
     """
 
     both_fail: int
@@ -455,15 +456,9 @@ class McNemar:
     only_b: int
     neither: int
 
-    @property
-    def count(self) -> int:
-        """Number of pairs."""
-        return self.both_fail + self.only_a + self.only_b + self.neither
-
-    @property
-    def failures(self) -> tuple[int, int]:
-        """Number of failures of a, and of b."""
-        return self.both_fail + self.only_a, self.both_fail + self.only_b
+    def __post_init__(self) -> None:
+        self.count = self.both_fail + self.only_a + self.only_b + self.neither
+        self.failures = self.both_fail + self.only_a, self.both_fail + self.only_b
 
     @property
     def p_value(self) -> float:

@@ -117,10 +117,11 @@ class ControllerCode:
     `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
     samples without a measurement can be predicted over. `programs`: The step with a measurement, and without.
     `scratch`: Numbers of working memory, beside "after" and "estimated". `constants`: Numbers of data and first memory.
-    `safe_input`: The input before the first sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`:
-    Names of the elements of y, r, u and the state. `units`: Units of signals by name, as far as the model of the
-    estimator has them. `belief`: Where the estimate begins, (n,), and the robot must be; None without an estimator.
-    `oldest`: Age beyond which a measurement counts as missing, s.
+    `state_bytes`: Memory that the caller gives, but for a few integers. `safe_input`: The input before the first
+    sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
+    state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
+    estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
+    counts as missing, s.
     """
 
     def __init__(self, controller: Controller, name: str, real: Real) -> None:
@@ -141,6 +142,8 @@ class ControllerCode:
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
+        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
+        self.state_bytes = (own + max(1, self.scratch)) * real.bytes
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
@@ -158,12 +161,6 @@ class ControllerCode:
         for name, program in self.programs.items():
             translator.add(program, name)
         return translator
-
-    @property
-    def state_bytes(self) -> int:
-        """Memory that the caller gives, but for a few integers."""
-        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
-        return (own + max(1, self.scratch)) * self.real.bytes
 
     @property
     def operations(self) -> int:
