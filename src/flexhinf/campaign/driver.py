@@ -136,9 +136,7 @@ def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
     return run_batch(_worker_campaign(sent), batch)
 
 
-@lru_cache(2)
-def _worker_campaign(sent: bytes) -> Campaign:
-    return pickle.loads(sent)
+_worker_campaign = lru_cache(2)(pickle.loads)  # compiled code is kept from batch to batch
 
 
 @dataclass

@@ -10,7 +10,7 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import MISSING, replace
 from itertools import pairwise
 from pathlib import Path
@@ -362,20 +362,14 @@ def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
         yield begin
 
 
-class ProofProgress:
+class ProofProgress(ExitStack):
     """A bar of the estimated share of a proof, with the cells done; silent where standard error is not a terminal."""
 
     def __init__(self) -> None:
-        self._bar = progress_bar("Bar", "TaskProgress", "TimeElapsed")
+        super().__init__()
+        self._bar = self.enter_context(progress_bar("Bar", "TaskProgress", "TimeElapsed"))
         self._task = self._bar.add_task("", total=None)
         self._text, self._cells = "", 0
-
-    def __enter__(self) -> ProofProgress:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._bar.stop()
 
     def step(self, text: str) -> None:
         """Begin another step, whose length is not known."""
