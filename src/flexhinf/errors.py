@@ -47,16 +47,9 @@ class FlexhinfError(Exception):
     """
 
     def __init__(self, what: str, found: str = "", advice: str = "") -> None:
-        what, found, advice = readable(what), readable(found), readable(advice)
-        self.what = what
-        self.found = found
-        self.advice = advice
-        parts = [what]
-        if found:
-            parts.append(f"  found: {found}")
-        if advice:
-            parts.append(f"  try:   {advice}")
-        super().__init__("\n".join(parts))
+        self.what, self.found, self.advice = readable(what), readable(found), readable(advice)
+        rows = ("", self.what), ("  found: ", self.found), ("  try:   ", self.advice)
+        super().__init__("\n".join(head + text for head, text in rows if text or not head))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle and copy without the arguments of ``__init__``, which each subclass chooses and formats into text."""
@@ -115,8 +108,7 @@ class InfeasibleGamma(FlexhinfError):
     """
 
     def __init__(self, gamma: float, gamma_star: float) -> None:
-        self.gamma = gamma
-        self.gamma_star = gamma_star
+        self.gamma, self.gamma_star = gamma, gamma_star
         super().__init__(
             "No stabilising solution exists at this attenuation level.",
             f"expected gamma > gamma* = {gamma_star:.10g}, got gamma = {gamma:.10g}",

@@ -78,9 +78,10 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
         _raise_interruption(error)
-        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
+            f"The {what} cannot be written.",
+            f"{path}: {getattr(error, 'strerror', None) or error}",
+            "a writable folder that exists",
         ) from error
 
 
@@ -116,32 +117,37 @@ def part_file(folder: Path, prefix: str) -> Iterator[str]:
     try:
         yield name
     finally:
-        _remove(name)
+        Path(name).unlink(missing_ok=True)
         if handle >= 0:
             os.close(handle)
+
+
+def _lock(handle: int) -> Literal["held", "busy", "none"]:
+    """Lock an open file without waiting: held from now on, held by another one, or there are no such locks here."""
+    if fcntl is None:
+        return "none"
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return "busy"
+    except OSError as error:
+        if error.errno not in NO_LOCKS:
+            raise
+        return "none"
+    return "held"
 
 
 def _locked_part(folder: Path, prefix: str) -> tuple[int, str]:
     """A new file, and the handle that keeps it locked; -1 where there are no locks."""
     while True:
         handle, name = tempfile.mkstemp(dir=folder, prefix=prefix, suffix=_PART)
-        try:
-            if fcntl is not None:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                if _is_file(handle, name):
-                    return handle, name
-                os.close(handle)  # taken for a left-over before it was locked
-                continue
-        except BlockingIOError:  # likewise, this very moment
-            os.close(handle)
-            continue
-        except OSError as error:
-            if error.errno not in NO_LOCKS:
-                os.close(handle)
-                _remove(name)
-                raise
+        state = _lock(handle)
+        if state == "held" and _is_file(handle, name):
+            return handle, name
         os.close(handle)
-        return -1, name
+        if state == "none":
+            return -1, name
+        # else it was taken for a left-over before, or at the very moment when, it was locked
 
 
 def _clear_parts(folder: Path, prefix: str) -> None:
@@ -153,24 +159,12 @@ def _clear_parts(folder: Path, prefix: str) -> None:
                 continue
             handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | _NO_FOLLOWING)
             try:
-                if _abandoned(handle) and _is_file(handle, path):
+                state, age = _lock(handle), time.time() - os.fstat(handle).st_mtime
+                left = state == "held" or (state == "none" and age > ABANDONED_AFTER_S)
+                if left and _is_file(handle, path):
                     os.unlink(path)
             finally:
                 os.close(handle)
-
-
-def _abandoned(handle: int) -> bool:
-    """Whether nobody writes this file any more."""
-    try:
-        if fcntl is not None:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return True
-    except BlockingIOError:
-        return False
-    except OSError as error:
-        if error.errno not in NO_LOCKS:
-            raise
-    return time.time() - os.fstat(handle).st_mtime > ABANDONED_AFTER_S
 
 
 def _is_file(handle: int, name: str | os.PathLike[str]) -> bool:
@@ -219,8 +213,9 @@ def read_arrays(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], bo
             unpacked = sum(member.file_size for member in archive.infolist())
             if unpacked > min(_LARGEST, 64_000_000 + 2000 * len(content)):
                 raise _unreadable(f"an archive of {len(content)} bytes that unpacks to {unpacked}")
-            names = [member.filename for member in archive.infolist()]
-            return {name.removesuffix(".npy"): array_of(archive.read(name)) for name in names}, whole
+            return {
+                name.removesuffix(".npy"): array_of(archive.read(name)) for name in archive.namelist()
+            }, whole
     except (InvalidInput, MemoryError):
         raise
     except Exception as error:  # whatever a damaged archive makes zipfile, zlib and NumPy raise
@@ -280,8 +275,9 @@ def recorded() -> Iterator[Callable[[], list[Path]]]:
     record: list[tuple[Path, tuple[int, int]]] = []
 
     def written() -> list[Path]:
-        last = dict(record).items()
-        return [path for path, identity in last if path.exists() and _identity(path) == identity]
+        return [
+            path for path, identity in dict(record).items() if path.exists() and _identity(path) == identity
+        ]
 
     token = _record.set(record)
     try:
@@ -305,51 +301,37 @@ def locked(path: Path, patience: float = 0.0) -> Iterator[Literal["held", "busy"
     `path`: The file, in a folder that exists. `patience`: How long to wait for another one who holds it, s. Yields
     {"held", "busy", "none"}: Held; still held by another one after that time; or there are no such locks here.
     """
-    handle, state, until = -1, "busy", time.monotonic() + patience
-    while state == "busy":
-        try:
-            handle = _acquired(path)
-            state = "none" if handle < 0 else "held"
-        except BlockingIOError:
-            if time.monotonic() >= until:
-                break
-            time.sleep(POLL_S)
+    until = time.monotonic() + patience
+    handle, state = _acquired(path)
+    while state == "busy" and time.monotonic() < until:
+        time.sleep(POLL_S)
+        handle, state = _acquired(path)
     try:
         yield state
     finally:
-        if handle >= 0:
-            _remove(str(path))
-            if fcntl is not None:
-                fcntl.flock(handle, fcntl.LOCK_UN)  # a child process may have a copy of the handle
+        if fcntl is not None and handle >= 0:
+            path.unlink(missing_ok=True)
+            fcntl.flock(handle, fcntl.LOCK_UN)  # a child process may have a copy of the handle
             os.close(handle)
 
 
-def _acquired(path: Path) -> int:
-    """The handle of the locked file, or -1 where there are no locks; BlockingIOError where another one has it."""
-    for _ in range(MOST_TRIES):
-        if fcntl is None:
-            return -1
-        handle = -1
+def _acquired(path: Path) -> tuple[int, Literal["held", "busy", "none"]]:
+    """The handle of the lock file, -1 where it is not held, and whether it is."""
+    for _ in range(0 if fcntl is None else MOST_TRIES):
         try:
             # never through a symbolic link, which would make a file elsewhere
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | _NO_FOLLOWING, 0o666)
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if _is_file(handle, path):
-                return handle
-            os.close(handle)  # whoever held it has removed the file meanwhile
-        except BlockingIOError:
-            os.close(handle)
-            raise
         except OSError as error:
-            if handle >= 0:
-                os.close(handle)
             if error.errno in NO_LOCKS:
-                return -1
+                return -1, "none"
             if error.errno != errno.ENOENT or not path.parent.is_dir():
                 raise
-    return -1  # a folder that is there and takes no files, as /proc is
-
-
-def _remove(name: str) -> None:
-    if name and os.path.exists(name):
-        os.unlink(name)
+            continue
+        state = _lock(handle)
+        if state == "held" and _is_file(handle, path):
+            return handle, state
+        os.close(handle)
+        if state != "held":
+            return -1, state
+        # else whoever held it has removed the file meanwhile
+    return -1, "none"  # a folder that is there and takes no files, as /proc is

@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, readable
+from flexhinf.errors import InvalidInput, readable, refuse_if
 
 #: Longest name of a joint, a robot or a signal, and longest description or source, in characters.
 LONGEST_NAME, LONGEST_TEXT = 100, 10_000
@@ -133,9 +133,7 @@ def real_number(value: Any) -> float:
 
 def is_real(value: Any) -> bool:
     """Whether this is one real number, of Python, NumPy or another library, and neither text, masked nor complex."""
-    if isinstance(value, (float, int)):
-        return True
-    return (
+    return isinstance(value, (float, int)) or (
         not isinstance(value, (str, bytes, complex, np.complexfloating, np.datetime64, np.timedelta64))
         and value is not np.ma.masked
         and getattr(value, "shape", ()) == ()
@@ -145,18 +143,25 @@ def is_real(value: Any) -> bool:
 
 def _unmasked(values: Sequence[Any]) -> Any:
     """The same rows with NaN where an entry is masked, and rows that are masked arrays filled."""
-    if all(type(value) is float for value in values):
-        return values
-    return [
-        np.nan
-        if value is np.ma.masked
-        else np.ma.filled(value.astype(float), np.nan)
-        if isinstance(value, np.ma.MaskedArray)
-        else _unmasked(value)
-        if isinstance(value, (list, tuple))
-        else value
-        for value in values
-    ]
+    return (
+        values
+        if all(type(value) is float for value in values)
+        else [
+            np.nan
+            if value is np.ma.masked
+            else np.ma.filled(value.astype(float), np.nan)
+            if isinstance(value, np.ma.MaskedArray)
+            else _unmasked(value)
+            if isinstance(value, (list, tuple))
+            else value
+            for value in values
+        ]
+    )
+
+
+def is_integer(value: Any) -> bool:
+    """Whether this is an integer of Python or NumPy, and no bool."""
+    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
 def is_integer(value: Any) -> bool:
@@ -187,8 +192,9 @@ def extra_package(package: str, extra: str, what: str) -> Any:
     try:
         return import_module(package)
     except ImportError as error:
-        advice = f"pip install 'flexhinf[{extra}]'"
-        raise InvalidInput(what, f"expected the package {package!r}: {error}", advice) from error
+        raise InvalidInput(
+            what, f"expected the package {package!r}: {error}", f"pip install 'flexhinf[{extra}]'"
+        ) from error
 
 
 # Names ----------------------------------------------------------------------------------------------
@@ -202,22 +208,18 @@ def checked_name(
     Raises InvalidInput: for what is no text, empty or too long, begins with a mark for the letter before it, or has
     spaces, control characters or characters that change the direction of writing.
     """
-    if not _is_name(name, spaces, without) or len(name) > longest:
+    text = name if isinstance(name, str) else ""
+    words = text.split(" ") if spaces else [text]
+    plain = all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
+    if not plain or unicodedata.combining(text[0]) or len(text) > longest:
         allowed = "single spaces" if spaces else " ".join(["no spaces", *(f"{mark!r}" for mark in without)])
+        long = f" ({len(text)} characters)" if len(text) > longest else ""
         raise InvalidInput(
             f"{what[0].upper()}{what[1:]} has no usable name.",
-            f"expected 1 to {longest} printable characters with {allowed}, got {value_text(name, 60)}"
-            + (f" ({len(name)} characters)" if isinstance(name, str) and len(name) > longest else ""),
+            f"expected 1 to {longest} printable characters with {allowed}, got {value_text(name, 60)}{long}",
             "letters, digits, hyphens and underscores: 'shoulder'",
         )
     return name
-
-
-def _is_name(name: Any, spaces: bool, without: str) -> bool:
-    if not isinstance(name, str) or not name.strip() or unicodedata.combining(name[0]):
-        return False
-    parts = name.split(" ") if spaces else [name]
-    return all(word and word.isprintable() and not set(word) & set(without + " ") for word in parts)
 
 
 def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") -> str:
@@ -229,8 +231,15 @@ def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") ->
 def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> InvalidInput:
     """The error for a name that is none of the known ones."""
     known = list(known)
-    found = f"expected one of {known}, got {value_text(name, 60)}"
-    return InvalidInput(what, found, nearest(name, known, otherwise))
+    return InvalidInput(
+        what, f"expected one of {known}, got {value_text(name, 60)}", nearest(name, known, otherwise)
+    )
+
+
+def one_of(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> None:
+    """Refuse a name that is none of the known ones; `what` is the message's first sentence."""
+    if name not in known:
+        raise unknown_name(what, name, known, otherwise)
 
 
 def one_of(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> None:
@@ -247,10 +256,10 @@ def checked_names(what: str, names: Any) -> tuple[str, ...]:
     sequence = (names,) if isinstance(names, str) else names
     scalar = isinstance(sequence, np.ndarray) and sequence.ndim == 0
     several = tuple(sequence) if isinstance(sequence, Iterable) and not scalar else None
-    if several is None or not all(isinstance(name, str) for name in several):
-        found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
-        raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")
-    return several
+    if several is not None and all(isinstance(name, str) for name in several):
+        return several
+    found = f"expected a name or a sequence of distinct names, got {value_text(names)}"
+    raise InvalidInput(f"{what} are not named.", found, "('one', 'another')")
 
 
 def checked_text(what: str, text: Any) -> str:
@@ -260,9 +269,12 @@ def checked_text(what: str, text: Any) -> str:
     """
     printable = isinstance(text, str) and text.replace("\n", "").replace("\t", "").isprintable()
     if not printable or len(text) > LONGEST_TEXT:
-        expected = f"expected at most {LONGEST_TEXT} characters, none of them a control character"
-        what = f"{what[0].upper()}{what[1:]} cannot be printed."
-        raise InvalidInput(what, f"{expected}, got {value_text(text, 60)}", "plain text")
+        raise InvalidInput(
+            f"{what[0].upper()}{what[1:]} cannot be printed.",
+            f"expected at most {LONGEST_TEXT} characters, none of them a control character, got "
+            f"{value_text(text, 60)}",
+            "plain text",
+        )
     return text
 
 
@@ -285,10 +297,13 @@ def checked_path(what: str, path: Any) -> Path:
     Raises InvalidInput: for what is no text and no path object (None, numbers, bytes) or is empty.
     """
     text = os.fspath(path) if isinstance(path, os.PathLike) else path
-    if not isinstance(text, str) or not text:
-        found = f"expected text or a pathlib.Path, got {value_text(path, 60)}"
-        raise InvalidInput(f"{what} has no usable path.", found, "for example 'folder/name'")
-    return Path(text)
+    if isinstance(text, str) and text:
+        return Path(text)
+    raise InvalidInput(
+        f"{what} has no usable path.",
+        f"expected text or a pathlib.Path, got {value_text(path, 60)}",
+        "for example 'folder/name'",
+    )
 
 
 def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
@@ -304,12 +319,12 @@ def read_text(path: Path, largest: int, kind: str, what: str = "file") -> str:
             f"expected {kind}, got: {getattr(error, 'strerror', None) or error}",
             "the path of a file that you may read",
         ) from error
-    if len(content) > largest:
-        raise InvalidInput(
-            f"{path.name}: this file is too large for {kind}.",
-            f"expected at most {largest / 1e6:g} MB, got more",
-            "a file without meshes and tables of data",
-        )
+    refuse_if(
+        len(content) > largest,
+        f"{path.name}: this file is too large for {kind}.",
+        f"expected at most {largest / 1e6:g} MB, got more",
+        "a file without meshes and tables of data",
+    )
     try:
         return content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -337,7 +352,6 @@ def read_toml(path: Path, what: str = "robot file") -> dict[str, Any]:
 
 
 def _toml_depth(text: str) -> tuple[int, int]:
-    """Deepest nesting of brackets, and most dots of one key, both outside of strings and comments."""
     depth = deepest = dots = most = 0
     for token in _TOKEN.finditer(text):
         mark = token[0]
@@ -353,10 +367,10 @@ def _toml_depth(text: str) -> tuple[int, int]:
 
 def _check_depth(file: str, nesting: int, parts: int = 0) -> None:
     if max(nesting, parts) > DEEPEST:
-        what = "nested too deeply" if nesting > DEEPEST else "a key of too many parts"
+        deep = nesting > DEEPEST
         raise InvalidInput(
-            f"{file}: {'this file is' if nesting > DEEPEST else 'this file has'} {what}.",
-            f"expected at most {DEEPEST}, got {nesting if nesting > DEEPEST else parts + 1}",
+            f"{file}: this file {'is nested too deeply' if deep else 'has a key of too many parts'}.",
+            f"expected at most {DEEPEST}, got {nesting if deep else parts + 1}",
             "tables inside tables as the examples have them",
         )
 
@@ -367,12 +381,12 @@ def read_xml(path: Path) -> ElementTree.Element:
     Raises InvalidInput: for what `read_text` refuses, entities, nesting, too many elements, and what is no XML.
     """
     text = read_text(path, LARGEST_XML, "XML", "URDF or MJCF file")
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise InvalidInput(
-            f"{path.name}: this file has a document type.",
-            "expected plain elements, got <!DOCTYPE or <!ENTITY",
-            "leave it out: nothing of it is read",
-        )
+    refuse_if(
+        "<!DOCTYPE" in text or "<!ENTITY" in text,
+        f"{path.name}: this file has a document type.",
+        "expected plain elements, got <!DOCTYPE or <!ENTITY",
+        "leave it out: nothing of it is read",
+    )
     parser = ElementTree.XMLPullParser(("start", "end"))
     root, depth, count = None, 0, 0
     try:
@@ -384,20 +398,20 @@ def read_xml(path: Path) -> ElementTree.Element:
                 depth += 1 if event == "start" else -1
                 count += event == "start"
                 _check_depth(path.name, depth)
-            if count > MOST_ELEMENTS:
-                raise InvalidInput(
-                    f"{path.name}: this file has too many elements.",
-                    f"expected at most {MOST_ELEMENTS}, got more",
-                    "one robot, without meshes written out as text",
-                )
+            refuse_if(
+                count > MOST_ELEMENTS,
+                f"{path.name}: this file has too many elements.",
+                f"expected at most {MOST_ELEMENTS}, got more",
+                "one robot, without meshes written out as text",
+            )
         parser.close()
     except ElementTree.ParseError as error:
         raise InvalidInput(
             f"{path.name}: this is no XML.", f"expected elements, got: {error}", "a URDF file, as text"
         ) from None
-    if root is None:
-        raise InvalidInput(f"{path.name}: this is no XML.", "expected elements, got none", "a URDF file")
-    return root
+    if root is not None:
+        return root
+    raise InvalidInput(f"{path.name}: this is no XML.", "expected elements, got none", "a URDF file")
 
 
 def read_bytes(path: Path, most: int) -> bytes:
@@ -423,22 +437,22 @@ def file_digest(path: Path) -> str:
 
 @contextmanager
 def _regular(path: Path) -> Iterator[BufferedReader]:
-    """An open file; OSError for a folder, a pipe or a device."""
-    with open(path, "rb", opener=_without_waiting) as file:
+    """An open file; OSError for a folder, a pipe or a device, which is not waited for."""
+    no_waiting = getattr(os, "O_NONBLOCK", 0)
+    with open(path, "rb", opener=lambda name, flags: os.open(name, flags | no_waiting)) as file:
         if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             raise OSError("not a file, but a folder, a pipe or a device")
         yield file
 
 
-def _without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
-
-
 def array_of(content: bytes) -> np.ndarray:
     """An array from its file in an archive; what its head promises beyond the file's own bytes takes no memory."""
     file = io.BytesIO(content)
-    version = np.lib.format.read_magic(file)
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    header = (
+        np.lib.format.read_array_header_1_0
+        if np.lib.format.read_magic(file) == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
     shape, by_columns, kind = header(file)
     if kind.hasobject or min(shape, default=0) < 0:
         raise ValueError("no array of numbers or texts")

@@ -11,7 +11,7 @@ from tests.campaign.conftest import OPTIONS, Feedback, made_campaign, made_loop,
 
 import flexhinf as fh
 from flexhinf.campaign import STANDARD, Campaign, Metrics, Sample, run_batch, run_campaign
-from flexhinf.campaign.batches import ALONE, run_samples
+from flexhinf.campaign.batches import ALONE, rows_of
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import BlackBox
 
@@ -46,11 +46,11 @@ def test_lanes_say_what_the_signals_of_each_run_say(draw):
     """Means of squares and rise times to their rounding, the rest bit by bit."""
     lanes = run_batch(made_campaign(draw=draw), 1)
     signals = run_batch(made_campaign(draw=draw, metrics=replace(STANDARD, reduced=None)), 1)
-    for name, values in lanes.columns.items():
+    for name, values in lanes.items():
         if name in ("tracking_rmse", "estimation_rmse", "rise_time_s"):
-            np.testing.assert_allclose(values, signals.columns[name], rtol=1e-12)
+            np.testing.assert_allclose(values, signals[name], rtol=1e-12)
         else:
-            np.testing.assert_array_equal(values, signals.columns[name], name)
+            np.testing.assert_array_equal(values, signals[name], name)
 
 
 def test_a_sample_has_the_same_bits_beside_samples_that_cannot_run_in_lanes(loop):
@@ -65,9 +65,9 @@ def test_a_sample_has_the_same_bits_beside_samples_that_cannot_run_in_lanes(loop
     batchable = [ALONE not in campaign.modes([campaign.sample(k)]) for k in range(20)]
     assert 0 < sum(batchable) < 20
     for k in (0, 3, 8, 19):
-        one = run_samples(campaign, range(k, k + 1))
-        for name, values in one.columns.items():
-            np.testing.assert_array_equal(values[0], whole.columns[name][k], name)
+        one = rows_of(campaign, range(k, k + 1))
+        for name, values in one.items():
+            np.testing.assert_array_equal(values[0], whole[name][k], name)
     assert again.ensemble is not None
     assert pickle.loads(pickle.dumps(again)).digest == again.digest
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import socket
 import subprocess
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,7 @@ from flexhinf.campaign import (
     journal as campaign_storage,
     run_campaign,
 )
-from flexhinf.campaign.driver import Report, in_this_process, next_batches
+from flexhinf.campaign.driver import Report, in_this_process
 from flexhinf.campaign.journal import TABLE
 from flexhinf.errors import FlexhinfError, InvalidInput
 
@@ -42,10 +43,18 @@ def test_an_address_is_read_before_any_work() -> None:
 
 @pytest.mark.parametrize("rooms", [[2, 1, 1], [3, 0, -1, 2], [1], [7], [50]])
 def test_what_hands_out_batches_loses_none(rooms: list[int]) -> None:
-    left, given = iter(range(20)), []
-    while some := [batch for room in rooms for batch in next_batches(left, room)]:
-        given += some
-    assert given == list(range(20))
+    pending: dict[Future, int] = {}
+    room = itertools.cycle(rooms)
+
+    def submit(batch: int) -> Future:
+        done: Future = Future()
+        done.set_result(batch)
+        return done
+
+    given = campaign_driver._as_done(
+        submit, lambda: list(pending)[:1], range(20), lambda: len(pending) + next(room), pending
+    )
+    assert [batch for batch, _ in given] == list(range(20))
 
 
 def test_processes_get_every_batch_at_the_first_time(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,7 +122,7 @@ def test_a_batch_with_two_results_is_refused(whole: Path, tmp_path: Path) -> Non
     campaign = made_campaign()
     journal = Journal.opened(folder, campaign)
     rows = run_batch(campaign, 0)
-    rows.columns["peak_input"][3] += 1e-12
+    rows["peak_input"][3] += 1e-12
     journal.write(0, rows)
     with pytest.raises(InvalidInput, match=r"(?s)Batch 0 .*batch-00000000-"):
         journal.shards()

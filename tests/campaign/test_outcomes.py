@@ -108,7 +108,7 @@ def test_lanes_say_what_each_run_alone_says():
     found = []
     for metrics in (None, replace(STANDARD, reduced=None)):
         campaign = Campaign(made_loop((60.0, 12.0, 700.0)), wide, 40, 1, options, metrics, batch=40)
-        found.append(run_batch(campaign, 0).columns["status"].tolist())
+        found.append(run_batch(campaign, 0)["status"].tolist())
     assert found[0] == found[1]
     assert {"completed", "unstable"} == set(found[0]), found[0]
 

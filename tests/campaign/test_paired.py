@@ -11,7 +11,7 @@ from tests.campaign.conftest import OPTIONS, made_loop, tolerances
 
 from flexhinf.campaign import Campaign, McNemar, Sample, compare, drive, run_campaign
 from flexhinf.campaign.journal import Journal
-from flexhinf.campaign.paired import PairedMetric
+from flexhinf.campaign.results import PairedMetric
 from flexhinf.errors import InvalidInput
 
 STIFF = (90.0, 14.0, 100.0)
@@ -34,7 +34,7 @@ def test_two_laws_on_the_same_samples():
     fails = a.peak_input.values > limit, b.peak_input.values > limit
     assert paired.success.failures == (fails[0].sum(), fails[1].sum())
     assert 0 < paired.success.only_a == (fails[0] & ~fails[1]).sum()
-    assert paired.numbers(3) == {"mass": float(a.mass[3]), "stiffness": float(a.stiffness[3])}
+    assert paired.a.numbers(3) == {"mass": float(a.mass[3]), "stiffness": float(a.stiffness[3])}
 
 
 def test_tables_on_disk_say_what_datasets_say(tmp_path):

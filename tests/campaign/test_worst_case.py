@@ -93,7 +93,7 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def rows(campaign):
-    parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
+    parts = [run_batch(campaign, batch) for batch in range(campaign.batches)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 

@@ -181,13 +181,12 @@ def test_lanes_say_what_the_signals_of_each_run_say(judged: Path, monkeypatch: p
     assert ALONE not in campaign.modes([campaign.sample(0)])
     travelled = pickle.loads(pickle.dumps(campaign))
     monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
-    lanes = run_batch(travelled, 1).columns
+    lanes = run_batch(travelled, 1)
     monkeypatch.undo()
     check_by_signals(stored_request(journal), campaign, lanes)
     row, first = journal.row(int(lanes["sample"][0])), {name: values[0] for name, values in lanes.items()}
-    assert {name: first[name] for name in row if name in campaign.named("metric")} == {
-        name: row[name] for name in row if name in campaign.named("metric")
-    }
+    metrics = [column.name for column in campaign.columns if column.kind == "metric"]
+    assert {name: first[name] for name in metrics} == {name: row[name] for name in metrics}
 
 
 @pytest.mark.slow

@@ -123,7 +123,7 @@ def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
         (["nothing-here"], "'nothing-here'"),
         ([], "DESIGN"),
         (["CONTROLLER", "--name", "while"], "arm_while"),
-        (["CONTROLLER", "--real", "half"], "double or float"),
+        (["CONTROLLER", "--real", "half"], "type of numbers"),
         (["CONTROLLER", "--period", "1 s"], "0.001 s"),
         (["CONTROLLER", "--flash", "10B"], "5984 bytes"),
     ],

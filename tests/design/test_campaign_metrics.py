@@ -77,7 +77,7 @@ def check_by_signals(one: DesignCampaign, campaign: Campaign, found: Mapping[str
 def test_each_joint_has_figures_of_its_own() -> None:
     one = asked(pose=(0.3, 0.2), start=(0.2, 0.1))
     campaign = campaign_of(one)
-    found = run_batch(campaign, 0).columns
+    found = run_batch(campaign, 0)
     kinds = {column.name: (column.kind, column.unit) for column in campaign.columns}
     assert kinds["overshoot_percent"] == ("metric", "%")
     assert kinds["peak_speed_elbow"] == ("part metric", "rad/s")
@@ -110,7 +110,7 @@ def test_a_campaign_along_a_move_says_how_far_from_it_and_from_its_end(along: De
     np.testing.assert_allclose(np.degrees(along.ends), [[0.0, 0.0], [20.0, 10.0]], atol=1e-9)
     law = fh.linear_law(robot.problem(pose=along.ends[1]), math.inf)
     campaign = along.campaign(fh.Controller(law, None, 1e-3, moving=True), 2.5)
-    found = run_batch(campaign, 0).columns
+    found = run_batch(campaign, 0)
     again = campaign.replay(3)
     plan = along.plan
     assert plan is not None

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.cli.arguments import _value
-from flexhinf.cli.messages import error_text
+from flexhinf.cli.arguments import _value, error_text
 from flexhinf.design import Specification, design
 from flexhinf.design.design_file import read_request
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_steps

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.cli.messages import error_text
+from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification
 from flexhinf.design.requirements import (
     MonteCarlo,

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from flexhinf.cli.messages import error_text
+from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification, compare, design
 from flexhinf.design.design_file import check_stated_units, read_request
 from flexhinf.design.loop_setup import other_quantisation

@@ -22,7 +22,7 @@ from flexhinf.codegen.machine import host
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.export import compiled as processor
 from flexhinf.export.compiled import MARK
-from flexhinf.export.run_log import record
+from flexhinf.export.package import record
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.codegen.machine import host
 from flexhinf.export import export_c, export_plant_fmu
-from flexhinf.export.run_log import record
+from flexhinf.export.package import record
 
 #: Reads y and r as doubles, writes u; 77 where `arm_init` refuses.
 PROGRAM = """

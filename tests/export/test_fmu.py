@@ -14,7 +14,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export import export_fmu, export_plant_fmu
-from flexhinf.export.run_log import record
+from flexhinf.export.package import record
 
 fmpy = pytest.importorskip("fmpy")
 

@@ -15,7 +15,7 @@ import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.export import check_room, controller_files, export_c, package
 from flexhinf.export.controller_c import comment, constants, identifier_of
-from flexhinf.export.run_log import record
+from flexhinf.export.package import record
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ import flexhinf as fh
 from flexhinf.baselines import FeedbackLinearisation, MotorPD, lqr
 from flexhinf.codegen.machine import host
 from flexhinf.errors import NumericalFailure
-from flexhinf.export.run_log import record
+from flexhinf.export.package import record
 
 ARM = fh.paper_arm()
 NOISES = (1e-7, 1e-4, np.zeros(4), 1e-4)

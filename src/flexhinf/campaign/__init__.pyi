@@ -9,7 +9,6 @@ from .draws import (
     Sample as Sample,
     Tolerances as Tolerances,
     Variable as Variable,
-    one_of as one_of,
     sample_seed as sample_seed,
 )
 from .driver import (
@@ -26,18 +25,16 @@ from .metrics import (
     Requirement as Requirement,
     known_metric as known_metric,
 )
-from .paired import (
-    McNemar as McNemar,
-    PairedCampaigns as PairedCampaigns,
-    PairedMetric as PairedMetric,
-    compare as compare,
-)
 from .results import (
     CampaignJudgement as CampaignJudgement,
     Interval as Interval,
+    McNemar as McNemar,
     MergedTable as MergedTable,
+    PairedCampaigns as PairedCampaigns,
+    PairedMetric as PairedMetric,
     Replayed as Replayed,
     Sensitivity as Sensitivity,
+    compare as compare,
     merged as merged,
     replayed as replayed,
     sensitivity as sensitivity,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -33,11 +33,11 @@ from flexhinf.campaign.metrics import (
     is_unstable,
     rest_reduction,
 )
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
 from flexhinf.loop.simulation.inputs import sample_count, starting_state
 from flexhinf.plant import Plant
-from flexhinf.validation import unknown_name, value_text
+from flexhinf.validation import is_integer, one_of, value_text
 
 #: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
 MOST_SAMPLES = 1 << 29
@@ -79,9 +79,12 @@ class Column:
         return self.kind in ("metric", PART)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Campaign:
     """Description of a campaign: everything that its samples depend on.
+
+    `batches`: How many there are. `instants`, `time`: Samples (T,), and their instants, s, at which signals are kept,
+    the first and the last of a run among them.
 
     Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
         does not fit the plant.
@@ -102,51 +105,48 @@ class Campaign:
     about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.loop, Loop):
-            raise InvalidInput(
-                "A campaign needs a loop.",
-                f"expected a Loop, got {value_text(self.loop)}",
-                "fh.Loop(plant, controller)",
-            )
+        loop = self.loop
+        refuse_if(
+            not isinstance(loop, Loop),
+            "A campaign needs a loop.",
+            f"expected a Loop, got {value_text(loop)}",
+            "fh.Loop(plant, controller)",
+        )
         if not isinstance(self.draw, Draw):
-            if not callable(self.draw):
-                raise InvalidInput(
-                    "The draw is no function.",
-                    f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
-                    "robot.draw, or flexhinf.campaign.Tolerances([...])",
-                )
-            object.__setattr__(self, "draw", FunctionDraw(self.draw))
-        check_counts(self.samples, self.seed, self.batch)
-        object.__setattr__(self, "options", {"duration": 8.0, **self.options})
-        tracked = self.loop.controller.judged
-        object.__setattr__(self, "metrics", chosen_metrics(self.metrics, bool(tracked)))
-        object.__setattr__(self, "signals", tuple(tracked if self.signals is None else self.signals))
-        sample_count(self.options["duration"], self.loop.controller.period)
-        first = self._first
-        names = [*OWN, *first.row(), *(name for metrics in self.metrics for name in metrics.units)]
-        clash = sorted({name for name in names if names.count(name) > 1})
-        if clash:
-            raise InvalidInput(
-                "Two columns of the campaign have one name.",
-                f"expected names that are neither those of parameters and metrics at once nor of {list(OWN)}, "
-                f"got {clash}",
-                "another name for the metric or the variable",
+            refuse_if(
+                not callable(self.draw),
+                "The draw is no function.",
+                f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
+                "robot.draw, or flexhinf.campaign.Tolerances([...])",
             )
-        known = list(dict.fromkeys((*self.loop.true_plant.states, *self.loop.controller.measured)))
+            self.draw = FunctionDraw(self.draw)
+        check_counts(self.samples, self.seed, self.batch)
+        self.batches = -(-self.samples // self.batch)
+        self.options = {"duration": 8.0, **self.options}
+        tracked = loop.controller.judged
+        self.metrics = chosen_metrics(self.metrics, bool(tracked))
+        self.signals = tuple(tracked if self.signals is None else self.signals)
+        last = sample_count(self.options["duration"], loop.controller.period) - 1
+        self.instants = np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
+        self.time = self.instants * loop.controller.period
+        names = [*OWN, *self._first.row(), *(name for metrics in self.metrics for name in metrics.units)]
+        clash = sorted({name for name in names if names.count(name) > 1})
+        refuse_if(
+            clash,
+            "Two columns of the campaign have one name.",
+            f"expected names that are neither those of parameters and metrics at once nor of {list(OWN)}, "
+            f"got {clash}",
+            "another name for the metric or the variable",
+        )
+        known = list(dict.fromkeys((*loop.true_plant.states, *loop.controller.measured)))
         for name in self.signals or ():
-            if name not in known:
-                raise unknown_name(f"There is no signal {name!r}.", name, known)
-        if not first.failure and isinstance(self.loop.true_plant, Plant):
-            self.loop_of(first).prepared(**self._arguments(0, first))
+            one_of(f"There is no signal {name!r}.", name, known)
+        if not self._first.failure and isinstance(loop.true_plant, Plant):
+            self.loop_of(self._first).prepared(**self._arguments(0, self._first))
 
     @cached_property
     def _first(self) -> Sample:
         return self.draw.samples([0], self.samples, self.seed)[0]
-
-    @property
-    def batches(self) -> int:
-        """Number of batches."""
-        return -(-self.samples // self.batch)
 
     def indices(self, batch: int) -> range:
         """Indices of the samples of a batch."""
@@ -166,21 +166,6 @@ class Campaign:
             ),
             *(Column(TRACE + name, "trace", plant.get(name, "")) for name in self.signals or ()),
         )
-
-    def named(self, kind: str) -> tuple[str, ...]:
-        """Names of the columns of a kind."""
-        return tuple(column.name for column in self.columns if column.kind == kind)
-
-    @cached_property
-    def instants(self) -> np.ndarray:
-        """Samples (T,) at which signals are kept, the first and the last among them."""
-        last = sample_count(self.options["duration"], self.loop.controller.period) - 1
-        return np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))
-
-    @property
-    def time(self) -> np.ndarray:
-        """Instants (T,) at which signals are kept, s."""
-        return self.instants * self.loop.controller.period
 
     def loop_of(self, sample: Sample) -> Loop:
         """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
@@ -206,44 +191,37 @@ class Campaign:
     def replay(self, index: int) -> Trajectory:
         """Run one sample alone, bit by bit as in the campaign; InvalidInput where it cannot be run."""
         sample = self.sample(index)
-        if sample.failure:
-            raise InvalidInput(f"Sample {index} cannot be run.", sample.failure, "another sample")
-        return self.run_of(index, sample)
-
-    def run_of(self, index: int, sample: Sample) -> Trajectory:
-        """Run any sample, with the noise of sample `index`."""
+        refuse_if(sample.failure, f"Sample {index} cannot be run.", sample.failure, "another sample")
         return next(self.trajectories([index], [sample]))
 
     def trajectories(self, indices: Sequence[int], samples: Sequence[Sample]) -> Iterator[Trajectory]:
-        """Simulate samples one after the other, with all their signals, in the given order."""
+        """Simulate samples one after the other, with all their signals and the noise of these indices, in order."""
         modes = [self._mode(sample) for sample in samples]
         runs: dict[str, Iterator[Trajectory]] = {}
         for mode in dict.fromkeys(modes):
             some = [(index, sample) for index, sample, own in zip(indices, samples, modes) if own == mode]
-            if mode == ALONE:
-                runs[mode] = (self.loop_of(sample).run(**self._arguments(k, sample)) for k, sample in some)
-            else:
-                runs[mode] = self._recorder.trajectories(**self.plants(*zip(*some)))
-        for mode in modes:
-            yield next(runs[mode])
+            runs[mode] = (
+                (self.loop_of(sample).run(**self._arguments(k, sample)) for k, sample in some)
+                if mode == ALONE
+                else self._recorder.trajectories(**self.plants(*zip(*some)))
+            )
+        yield from (next(runs[mode]) for mode in modes)
 
     def plants(self, indices: Sequence[int], samples: Sequence[Sample]) -> dict[str, Any]:
         """Arguments of `Ensemble.run` for samples of one mode: their plants, seeds, starts and loads."""
-        states, controller = self.loop.true_plant.states, self.loop.controller
-        options = [{**self.options, **sample.options} for sample in samples]
+        plant = self.loop.true_plant
+        starts = [{**self.options, **sample.options}.get("initial_state") for sample in samples]
         inputs = [sample.options["initial_input"] for sample in samples if "initial_input" in sample.options]
-        channels = self.loop.true_plant.disturbances
-        for name in {name for sample in samples for name in sample.loads} - set(channels):
-            raise unknown_name(
-                f"There is no disturbance {name!r} that a load could be a factor of.", name, channels
-            )
-        loads = [[sample.loads.get(name, 1.0) for name in channels] for sample in samples]
+        for name in {name for sample in samples for name in sample.loads}:
+            what = f"There is no disturbance {name!r} that a load could be a factor of."
+            one_of(what, name, plant.disturbances)
         loaded = self.options.get("disturbance") is not None or any(sample.loads for sample in samples)
+        loads = [[sample.loads.get(name, 1.0) for name in plant.disturbances] for sample in samples]
         return {
             "parameters": [sample.parameters for sample in samples],
             "seeds": [sample_seed(self.seed, index) for index in indices],
             "initial_states": np.array(
-                [starting_state(each.get("initial_state"), states, controller) for each in options]
+                [starting_state(start, plant.states, self.loop.controller) for start in starts]
             ),
             "initial_inputs": np.array(inputs) if inputs else None,
             "loads": np.array(loads) if loaded else None,
@@ -252,9 +230,8 @@ class Campaign:
     def _mode(self, sample: Sample) -> str:
         """Execution mode of a sample: alone, or in a batch whose samples all have an initial input, or none has."""
         shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None
-        if not shared or not set(sample.options) <= _BATCHABLE:
-            return ALONE
-        return "with input" if "initial_input" in sample.options else "lanes"
+        mode = "with input" if "initial_input" in sample.options else "lanes"
+        return mode if shared and set(sample.options) <= _BATCHABLE else ALONE
 
     def modes(self, samples: Sequence[Sample]) -> dict[str, list[int]]:
         """Positions of the samples by execution mode; samples whose signals are needed are under `ALONE`."""
@@ -269,7 +246,7 @@ class Campaign:
         """Simulation of many runs at once that keeps only numbers; None where a metric needs whole signals."""
         if not isinstance(self.loop.true_plant, Plant) or any(m.reduced is None for m in self.metrics):
             return None
-        reductions = [reduction for m in self.metrics for reduction in m.reductions]
+        reductions = [reduction for metrics in self.metrics for reduction in metrics.reductions]
         ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
         return replace(ensemble, common=(*ensemble.common, rest_reduction(ensemble)))
 
@@ -293,14 +270,9 @@ class Campaign:
     @cached_property
     def settings(self) -> dict[str, str]:
         """Settings that the rows depend on, as text by name; two campaigns with the same settings are the same."""
-        options = {name: option_text(value) for name, value in sorted(self.options.items())}
-        # the first sample tells draws of the same code from each other
-        numbers = ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items())
         own = [m for m in self.metrics if m.function is not None and not is_library_code(m.function)]
         # controller, plant and the end of a short run distinguish two loops of the same description
-        loop, controller = self.loop, self.loop.controller
-        plant = loop.true_plant
-        numbers_of = {"plant": number_hash(plant.parameters.vector())} if isinstance(plant, Plant) else {}
+        plant, controller = self.loop.true_plant, self.loop.controller
         duration = min(PROBE * controller.period, float(self.options["duration"]))
         run = self.loop_of(Sample()).run(
             **{**self.options, "duration": duration, "seed": sample_seed(self.seed, 0)}
@@ -308,21 +280,25 @@ class Campaign:
         last = np.concatenate([run.signals[kind][-1] for kind in ("state", "estimate", "input")])
         return {
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
-            **dict(self.about), **dict(self.draw.settings), **options, "first sample": numbers,
+            **self.about, **self.draw.settings,
+            **{name: option_text(value) for name, value in sorted(self.options.items())},
+            # it tells draws of the same code from each other
+            "first sample": ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items()),
             "metrics": ", ".join(name for m in self.metrics for name in m.units),
             **{f"metric {', '.join(m.units)}": fingerprint(m.function) for m in own},
             "signals": ", ".join(self.signals or ()),
             "period": repr(controller.period), "measured": ", ".join(controller.measured),
-            "controller": number_hash(controller.data_vector), "sub-steps": str(loop.sub_steps),
-            **numbers_of,
+            "controller": number_hash(controller.data_vector), "sub-steps": str(self.loop.sub_steps),
+            **({"plant": number_hash(plant.parameters.vector())} if isinstance(plant, Plant) else {}),
             "short run": " ".join(f"{value:.{DIGITS}g}" for value in last),
         }  # fmt: skip
 
     @cached_property
     def digest(self) -> str:
         """Digest of everything that the rows depend on, and of their columns."""
-        columns = [[column.name, column.kind, column.unit] for column in self.columns]
-        return campaign_digest(self.settings, columns, self.time.tolist())
+        return campaign_digest(
+            self.settings, [astuple(column) for column in self.columns], self.time.tolist()
+        )
 
 
 def check_counts(samples: Any, seed: Any, batch: Any) -> None:
@@ -334,26 +310,18 @@ def check_counts(samples: Any, seed: Any, batch: Any) -> None:
 
 def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> int:
     """Return an integer between `least` and `most`; anything else is refused with InvalidInput."""
-    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if not whole or not least <= int(value) <= most:
-        usable = "The number of the campaign's samples is not usable."
-        raise InvalidInput(
-            usable if name == "samples" else f"No such {name}.",
-            f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
-            f"{name}={example}",
-        )
+    refuse_if(
+        not is_integer(value) or not least <= int(value) <= most,
+        f"No such {name}." if name != "samples" else "The number of the campaign's samples is not usable.",
+        f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
+        f"{name}={example}",
+    )
     return int(value)
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Rows of some samples: columns (N,) by name; a kept signal (N, T) of 32 bits, NaN where it is not kept and after a
-    run diverged."""
-
-    columns: Mapping[str, np.ndarray]
-
-    def __len__(self) -> int:
-        return len(self.columns["sample"])
+#: Rows of some samples: columns (N,) by name; a kept signal (N, T) of 32 bits, NaN where it is not kept and after a run
+#: diverged.
+Rows = dict[str, np.ndarray]
 
 
 def run_batch(campaign: Campaign, batch: int) -> Rows:
@@ -362,26 +330,24 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
     InvalidInput if there is no such batch, or a sample's run or metric is refused; the message names the sample.
     """
     checked_integer("batch", batch, 0, campaign.batches - 1, "0")
-    return run_samples(campaign, campaign.indices(batch))
+    return rows_of(campaign, campaign.indices(batch))
 
 
-def run_samples(campaign: Campaign, indices: range) -> Rows:
-    """Run some samples and return their rows; raises as `run_batch`."""
-    return rows_of(campaign, indices, campaign.draw.samples(indices, campaign.samples, campaign.seed))
-
-
-def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample]) -> Rows:
-    """The rows of samples that need not be drawn, each with the noise of the sample of its index in the campaign."""
-    columns, count, names = dict[str, np.ndarray](), len(indices), set(campaign.named("parameter"))
-    for column in campaign.columns:
-        trace = column.kind == "trace"
-        shape = (count, len(campaign.instants)) if trace else count
-        columns[column.name] = np.full(shape, math.nan, np.float32 if trace else float)
-    columns["sample"], columns["seed"] = (
-        np.array(indices, dtype=np.int64),
-        sample_seeds(campaign.seed, indices),
-    )
+def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample] = ()) -> Rows:
+    """The rows of samples, drawn by the campaign or other ones, each with the noise of the sample of its index."""
+    samples = samples or campaign.draw.samples(indices, campaign.samples, campaign.seed)
+    count, names = len(indices), {column.name for column in campaign.columns if column.kind == "parameter"}
+    columns = {
+        column.name: np.full((count, len(campaign.instants)), math.nan, np.float32)
+        if column.kind == "trace"
+        else np.full(count, math.nan)
+        for column in campaign.columns
+    }
     columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
+    columns |= {
+        "sample": np.array(indices, dtype=np.int64),
+        "seed": sample_seeds(campaign.seed, indices),
+    }
     for place, (index, sample) in enumerate(zip(indices, samples)):
         row = sample.row()
         if set(row) != names:
@@ -410,13 +376,10 @@ def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample
             " ".join(str(error).split()),
             "a draw and metrics that fit every sample",
         ) from error
-    return Rows(columns)
+    return columns
 
 
-def _fill_reduced(
-    campaign: Campaign, columns: dict[str, np.ndarray], places: np.ndarray, result: EnsembleResult
-) -> None:
-    """Fill in status, metrics and kept signals of runs that were simulated side by side."""
+def _fill_reduced(campaign: Campaign, columns: Rows, places: np.ndarray, result: EnsembleResult) -> None:
     ended = np.where(result.common["unstable"] > 0.5, UNSTABLE, COMPLETED)
     columns["status"][places] = np.where(result.completed, ended, DIVERGED)
     columns["diverged_at_s"][places] = result.diverged_at
@@ -431,8 +394,7 @@ def _fill_reduced(
             columns[TRACE + name][places[kept]] = result.kept[kept, :, k]
 
 
-def _fill_run(campaign: Campaign, columns: dict[str, np.ndarray], place: int, run: Trajectory) -> None:
-    """Fill in status, metrics and kept signals of one run."""
+def _fill_run(campaign: Campaign, columns: Rows, place: int, run: Trajectory) -> None:
     if run.diverged_at is None:
         columns["status"][place] = UNSTABLE if is_unstable(run) else COMPLETED
         for metrics in campaign.metrics:

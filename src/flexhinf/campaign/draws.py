@@ -12,7 +12,6 @@ them, go by their names: their effect on a draw is seen in its first sample.
 
 from __future__ import annotations
 
-import dataclasses
 import dis
 import functools
 import hashlib
@@ -22,20 +21,24 @@ import re
 import types
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen.noise import philox, seed_key
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_text, distinct, is_real, unknown_name, value_text
+from flexhinf.validation import checked_text, distinct, is_real, one_of, value_text
 
 #: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
 #: differ from machine to machine.
 DIGITS, READ_DIGITS = 6, 12
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def is_library_code(function: Any) -> bool:
@@ -45,14 +48,13 @@ def is_library_code(function: Any) -> bool:
 
 def fingerprint(function: Any) -> str:
     """Name of a function, and a digest of its code and of the values that it reads."""
-    digest = hashlib.sha256(_Reader(_package(_base(function))).text(function).encode())
-    return f"{_name(_base(function))}, code {digest.hexdigest()[:16]}"
+    base = _base(function)
+    return f"{_name(base)}, code {_hash(_Reader(_package(base)).text(function))[:16]}"
 
 
 def number_hash(numbers: np.ndarray) -> str:
     """Hash of numbers, rounded to `DIGITS` digits: the same on machines whose last bits differ."""
-    text = " ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float)))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return _hash(" ".join(f"{value:.{DIGITS}g}" for value in np.ravel(np.asarray(numbers, dtype=float))))[:16]
 
 
 def campaign_digest(
@@ -60,8 +62,9 @@ def campaign_digest(
 ) -> str:
     """Digest of a campaign's settings, its columns (name, kind, unit) and the instants (T,), s, at which signals are
     kept: files with the same digest are parts of one table."""
-    stated = [dict(settings), [list(column) for column in columns], list(time)]
-    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
+    return _hash(
+        json.dumps([dict(settings), [list(column) for column in columns], list(time)], sort_keys=True)
+    )
 
 
 def option_text(value: Any) -> str:
@@ -78,7 +81,6 @@ def option_text(value: Any) -> str:
 
 
 def _base(function: Any) -> Any:
-    """The function behind a partial or a bound method, or the class of a callable object."""
     while isinstance(function, (functools.partial, types.MethodType)):
         function = function.func if isinstance(function, functools.partial) else function.__func__
     return function if hasattr(function, "__qualname__") else type(function)
@@ -92,12 +94,13 @@ def _package(value: Any) -> str:
     return str(getattr(value, "__module__", None) or "").partition(".")[0]
 
 
+@dataclass
 class _Reader:
     """Converts values to text that is equal for equal values and equal code."""
 
-    def __init__(self, package: str) -> None:
-        self.package, self.known = package, dict[int, str]()
-        self.kept: list[Any] = []  # so that no other value gets the identity of one that is known
+    package: str
+    known: dict[int, str] = field(default_factory=dict)
+    kept: list[Any] = field(default_factory=list)  # so that no other value gets the identity of a known one
 
     def text(self, value: Any) -> str:
         match value:
@@ -110,12 +113,10 @@ class _Reader:
         if id(value) not in self.known:
             self.kept.append(value)
             self.known[id(value)] = f"inside {_name(type(value))}"  # where it holds itself
-            text = self._part(value) or self._instance(value)
-            self.known[id(value)] = hashlib.sha256(text.encode()).hexdigest()
+            self.known[id(value)] = _hash(self._part(value) or self._instance(value))
         return self.known[id(value)]
 
     def _part(self, value: Any) -> str:
-        """Text of a container or of code; empty for another object."""
         match value:
             case set() | frozenset():
                 return f"set {sorted(map(self.text, value))}"
@@ -140,7 +141,6 @@ class _Reader:
         return ""
 
     def _function(self, value: types.FunctionType | type) -> str:
-        """Text of a function or a class; one of another package goes by its name alone."""
         if _package(value) != self.package or self.package == "flexhinf":
             return f"code {_name(value)}"
         if isinstance(value, type):
@@ -171,20 +171,18 @@ class _Reader:
         if _package(kind) == self.package != "flexhinf":
             parts = [part for base in kind.__mro__ for part in vars(base).items()]
             cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
-            fields = (
-                [entry.name for entry in dataclasses.fields(value)] if dataclasses.is_dataclass(value) else []
-            )
-            names = fields or [name for name in getattr(value, "__dict__", {}) if name not in cached]
+            stated = fields(value) if is_dataclass(value) else ()
+            names = [entry.name for entry in stated] or [
+                name for name in getattr(value, "__dict__", {}) if name not in cached
+            ]
             content = {name: getattr(value, name, None) for name in names}
         return f"{self.text(kind)} {self.text(content)}"
 
 
 def _globals(code: types.CodeType) -> list[str]:
     names = {op.argval for op in dis.get_instructions(code) if op.opname in ("LOAD_GLOBAL", "LOAD_NAME")}
-    for constant in code.co_consts:
-        if isinstance(constant, types.CodeType):
-            names |= set(_globals(constant))
-    return sorted(names)
+    inner = (_globals(constant) for constant in code.co_consts if isinstance(constant, types.CodeType))
+    return sorted(names.union(*inner))
 
 
 #: How a number is distributed in its interval.
@@ -225,14 +223,14 @@ class Variable:
 
     def __post_init__(self) -> None:
         checked_text("the name of a variable", self.name)
-        one_of("distribution", self.distribution, DISTRIBUTIONS)
+        one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         ends = (self.low, self.high)
-        if not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high:
-            raise InvalidInput(
-                f"The interval of {self.name!r} is not usable.",
-                f"expected finite low <= high, got {value_text(ends)}",
-                "its smallest and its largest value",
-            )
+        refuse_if(
+            not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high,
+            f"The interval of {self.name!r} is not usable.",
+            f"expected finite low <= high, got {value_text(ends)}",
+            "its smallest and its largest value",
+        )
         lowest, highest = self.middle - FARTHEST * self.deviation, self.middle + FARTHEST * self.deviation
         if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
             raise InvalidInput(
@@ -274,13 +272,11 @@ class Variable:
     def read(name: str, text: str) -> Variable | None:
         """Parse the text that `Variable.text` writes; None for another text."""
         match = _VARIABLE.fullmatch(text)
-        if match is None:
-            return None
         try:
-            low, high = float(match[2]), float(match[3])
+            low, high = map(float, match.group(2, 3)) if match else (math.nan, math.nan)
         except ValueError:
             return None
-        return Variable(name, low, high, match[1], match[4] or "")
+        return match and Variable(name, low, high, match[1], match[4] or "")
 
 
 _VARIABLE = re.compile(rf"({'|'.join(DISTRIBUTIONS)}) in \[([^\s,]+), ([^\s\]]+)\](?: (.+))?", re.DOTALL)
@@ -308,11 +304,10 @@ class Sample:
         stated = getattr(self.parameters, "numbers", None) if self.numbers is None else self.numbers
         if isinstance(stated, Mapping):
             return {name: float(value) for name, value in stated.items()}
-        arrays = {name: np.asarray(value, dtype=float) for name, value in self.parameters.items()}
         return {
-            f"{name}_{k + 1}" if array.ndim else name: float(value)
-            for name, array in arrays.items()
-            for k, value in enumerate(array.ravel())
+            f"{name}_{k + 1}" if np.ndim(array) else name: float(value)
+            for name, array in self.parameters.items()
+            for k, value in enumerate(np.ravel(np.asarray(array, dtype=float)))
         }
 
 
@@ -343,18 +338,16 @@ class FunctionDraw(Draw):
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
         """Draw each sample with a generator of its own (Philox 4×64, the number of the sample in its counter)."""
-        samples = []
-        for k in indices:
-            bits = np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k])
-            value = self.function(np.random.Generator(bits))
+        generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
+        values = [self.function(np.random.Generator(bits)) for bits in generators]
+        for value in values:
             if not isinstance(value, (Sample, Mapping)):
                 raise InvalidInput(
                     "The draw gives no parameters.",
                     f"expected a mapping by name or a Sample, got {value_text(value)}",
                     "{'stiffness': rng.uniform(0.9, 1.1)}",
                 )
-            samples.append(value if isinstance(value, Sample) else Sample(value))
-        return samples
+        return [value if isinstance(value, Sample) else Sample(value) for value in values]
 
     @property
     def settings(self) -> Mapping[str, str]:
@@ -378,13 +371,13 @@ class Tolerances(Draw):
     build: Callable[[Mapping[str, float]], Sample] | None = None
 
     def __post_init__(self) -> None:
-        one_of("method", self.method, METHODS)
-        if not self.variables:
-            raise InvalidInput(
-                "Nothing differs from sample to sample.",
-                "expected at least one variable, got none",
-                "Variable('stiffness', 0.9, 1.1)",
-            )
+        one_of("There is no such method.", self.method, METHODS)
+        refuse_if(
+            not self.variables,
+            "Nothing differs from sample to sample.",
+            "expected at least one variable, got none",
+            "Variable('stiffness', 0.9, 1.1)",
+        )
         distinct("variables", [variable.name for variable in self.variables])
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
@@ -405,9 +398,8 @@ class Tolerances(Draw):
         """
         variables = [Variable.read(name, settings.get(f"variable {name}", "")) for name in names]
         known = [variable for variable in variables if variable is not None]
-        if not known or len(known) < len(names) or "build" in settings or "method" not in settings:
-            return None
-        return Tolerances(known, settings["method"])
+        whole = known and len(known) == len(names) and "build" not in settings and "method" in settings
+        return Tolerances(known, settings["method"]) if whole else None
 
     def built(self, numbers: Mapping[str, float]) -> Sample:
         """The sample with these values of the variables, by name."""
@@ -430,12 +422,6 @@ class Tolerances(Draw):
         return {"method": self.method, **{f"variable {v.name}": v.text() for v in self.variables}, **own}
 
 
-def one_of(what: str, value: Any, known: Sequence[str]) -> None:
-    """Refuse with InvalidInput a name that is not one of the known ones."""
-    if value not in known:
-        raise unknown_name(f"There is no such {what}.", value, known)
-
-
 def sample_seed(seed: int, index: int) -> int:
     """The seed of a sample's measurement noise, for `Loop.run`."""
     return int(sample_seeds(seed, [index])[0])
@@ -448,7 +434,6 @@ def sample_seeds(seed: int, indices: Sequence[int]) -> np.ndarray:
 
 
 def _points(method: str, indices: np.ndarray, dimensions: int, count: int, seed: int) -> np.ndarray:
-    """Points (N, dimensions) inside the open unit cube, by one of `METHODS`."""
     if method == "random":
         random = philox((indices[:, None], np.arange(dimensions)[None, :], 0, _NUMBERS), seed_key(seed))
         bits = (random[0] << np.uint64(21)) ^ (random[1] >> np.uint64(11))
@@ -463,12 +448,12 @@ def _latin_hypercube(dimensions: int, count: int, seed: int) -> np.ndarray:
     """All points (count, dimensions) of a Latin hypercube; each depends on `count`."""
     from scipy.stats import qmc
 
-    if count * dimensions > _MOST_LATIN:
-        raise InvalidInput(
-            "A Latin hypercube of this size does not fit into memory.",
-            f"expected at most {_MOST_LATIN} numbers, got {count} samples of {dimensions}",
-            "the method sobol, which is evenly spread too",
-        )
+    refuse_if(
+        count * dimensions > _MOST_LATIN,
+        "A Latin hypercube of this size does not fit into memory.",
+        f"expected at most {_MOST_LATIN} numbers, got {count} samples of {dimensions}",
+        "the method sobol, which is evenly spread too",
+    )
     points = qmc.LatinHypercube(dimensions, rng=seed).random(count)
     points.setflags(write=False)
     return points
@@ -484,6 +469,6 @@ def _sobol(indices: np.ndarray, dimensions: int, seed: int) -> np.ndarray:
             sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS)
             if indices[run[0]]:
                 sequence.fast_forward(int(indices[run[0]]))
-            even = 1 << (len(run) - 1).bit_length()  # SciPy warns of other numbers at the beginning
-            points[run] = sequence.random(even)[: len(run)]
+            # SciPy warns of other numbers than powers of 2 at the beginning
+            points[run] = sequence.random(1 << (len(run) - 1).bit_length())[: len(run)]
     return points

@@ -23,7 +23,7 @@ from flexhinf import __version__
 from flexhinf.campaign.batches import BATCH, TRACED, Campaign, Rows, checked_integer, run_batch
 from flexhinf.campaign.journal import Journal, disk_refusals
 from flexhinf.campaign.results import MergedTable, labelled, merged
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.validation import extra_package, unknown_name, value_text
 
 if TYPE_CHECKING:
@@ -55,12 +55,12 @@ def in_cluster(address: str) -> Executor:
     is written; the same call goes on. The workers need flexhinf of the driver's version.
     InvalidInput for an address of another form, or where `distributed` is not installed.
     """
-    if not isinstance(address, str) or "://" not in address:
-        raise InvalidInput(
-            "The address of the cluster cannot be read.",
-            f"expected tcp://HOST:PORT, got {value_text(address)}",
-            "tcp://localhost:8786, which `dask scheduler` prints",
-        )
+    refuse_if(
+        not isinstance(address, str) or "://" not in address,
+        "The address of the cluster cannot be read.",
+        f"expected tcp://HOST:PORT, got {value_text(address)}",
+        "tcp://localhost:8786, which `dask scheduler` prints",
+    )
     extra_package(
         "distributed", "cluster", "A campaign on a cluster needs distributed, which is not installed."
     )
@@ -84,12 +84,15 @@ def in_cluster(address: str) -> Executor:
             done.add(future)
             return future
 
-        def room() -> int:
-            return AHEAD * max(1, sum(client.nthreads().values()))
-
         try:
             content, done = cloudpickle.dumps(campaign), as_completed(loop=client.loop)
-            yield from _as_done(submit, lambda: [next(done)], batches, room, pending)
+            yield from _as_done(
+                submit,
+                lambda: [next(done)],
+                batches,
+                lambda: AHEAD * max(1, sum(client.nthreads().values())),
+                pending,
+            )
         except (CancelledError, KilledWorker, OSError) as error:
             raise FlexhinfError(
                 "The cluster was lost, or its workers die; what is written stays.",
@@ -114,8 +117,7 @@ def _as_done(
     """Keep `most()` batches submitted, and yield each one when it is done; `pending` has the rest."""
     rest = iter(batches)
     while True:
-        for batch in next_batches(rest, most() - len(pending)):
-            pending[submit(batch)] = batch
+        pending.update((submit(batch), batch) for batch in islice(rest, max(most() - len(pending), 0)))
         if not pending:
             return
         for future in first_done():
@@ -123,56 +125,47 @@ def _as_done(
             yield pending.pop(future), rows
 
 
-def next_batches(batches: Iterator[int], count: int) -> list[int]:
-    """Take the next `count` batches from those that are left; none for a count below 1."""
-    return list(islice(batches, max(count, 0)))
-
-
 def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
     """Run a batch of a pickled campaign on a worker, and return its rows."""
-    if version != __version__:
-        raise InvalidInput(
-            "The workers run another version of flexhinf.",
-            f"expected {version}, got {__version__}",
-            "the driver's version on every worker",
-        )
+    refuse_if(
+        version != __version__,
+        "The workers run another version of flexhinf.",
+        f"expected {version}, got {__version__}",
+        "the driver's version on every worker",
+    )
     return run_batch(_worker_campaign(sent), batch)
 
 
-@lru_cache(2)
-def _worker_campaign(sent: bytes) -> Campaign:
-    return pickle.loads(sent)
+_worker_campaign = lru_cache(2)(pickle.loads)  # compiled code is kept from batch to batch
 
 
-@dataclass(frozen=True)
+@dataclass
 class Shard:
-    """Every n-th batch, for one of n jobs: `number` is 1 … `of`."""
+    """Every n-th batch, for one of n jobs: `number` is 1 … `of`; `name` is in its lock file, "" for the campaign."""
 
     number: int = 1
     of: int = 1
 
     def __post_init__(self) -> None:
-        if not 1 <= self.number <= self.of:
-            raise InvalidInput(
-                "There is no such shard.", f"expected 1/n to n/n, got {self.number}/{self.of}", "--shard 1/8"
-            )
+        refuse_if(
+            not 1 <= self.number <= self.of,
+            "There is no such shard.",
+            f"expected 1/n to n/n, got {self.number}/{self.of}",
+            "--shard 1/8",
+        )
+        self.name = "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
     @staticmethod
     def read(text: str) -> Shard:
         """Read ``3/8``; InvalidInput for another text."""
         number, _, of = (part.strip() for part in text.partition("/"))
-        if not (number.isdecimal() and of.isdecimal()):
-            raise InvalidInput(
-                "The shard cannot be read.",
-                f"expected i/n, got {value_text(text)}",
-                "--shard 1/8 … --shard 8/8",
-            )
+        refuse_if(
+            not (number.isdecimal() and of.isdecimal()),
+            "The shard cannot be read.",
+            f"expected i/n, got {value_text(text)}",
+            "--shard 1/8 … --shard 8/8",
+        )
         return Shard(int(number), int(of))
-
-    @property
-    def name(self) -> str:
-        """Name of the shard in its lock file; empty for the whole campaign."""
-        return "" if self.of == 1 else f"{self.number}-of-{self.of}"
 
 
 @dataclass(frozen=True)
@@ -215,7 +208,7 @@ def drive(
         with closing(_run(executor or in_this_process, campaign, missing)) as running:
             for batch, rows in running:
                 good[batch] = journal.write(batch, rows)
-                fresh += len(rows)
+                fresh += len(rows["sample"])
                 progress(Report(done + fresh, total, fresh))
         if shard.of > 1:
             good = journal.shards()[0]
@@ -224,8 +217,7 @@ def drive(
 
 def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
     """Run the batches in this process, one after the other."""
-    for batch in batches:
-        yield batch, run_batch(campaign, batch)
+    return ((batch, run_batch(campaign, batch)) for batch in batches)
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
@@ -275,24 +267,22 @@ def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterato
 def _run(
     executor: Executor, campaign: Campaign, batches: Sequence[int]
 ) -> Generator[tuple[int, Rows], None, None]:
-    def lost(reason: str) -> FlexhinfError:
-        return FlexhinfError(
+    left, strange = set(batches), ""
+    for batch, rows in executor(campaign, batches) if batches else ():
+        if batch not in left or len(rows["sample"]) != len(campaign.indices(batch)):
+            strange = f"; and batch {batch} with {len(rows['sample'])} samples, which was not requested"
+            break
+        left.remove(batch)
+        yield batch, rows
+    if left or strange:
+        raise FlexhinfError(
             "Batches of the campaign were not run; what is written stays.",
-            reason,
+            f"expected {len(batches)} batches, got {len(batches) - len(left)}{strange}",
             "the same command, which runs what is missing; without --cluster and --workers if it happens again",
         )
 
-    left = set(batches)
-    for batch, rows in executor(campaign, batches) if batches else ():
-        if batch not in left or len(rows) != len(campaign.indices(batch)):
-            raise lost(f"got batch {batch} with {len(rows)} samples, which was not requested")
-        left.remove(batch)
-        yield batch, rows
-    if left:
-        raise lost(f"expected {len(batches)} batches, got {len(batches) - len(left)}")
 
-
-_campaign: Campaign | None = None  # of a worker process
+_campaign: list[Campaign] = []  # of a worker process
 
 
 def _begin_worker(campaign: Campaign) -> None:
@@ -300,7 +290,6 @@ def _begin_worker(campaign: Campaign) -> None:
 
     Workers wait for work on a pipe that they hold open themselves: without the thread they would wait for ever.
     """
-    global _campaign
 
     def end_with_the_driver() -> None:
         driver = multiprocessing.parent_process()
@@ -310,12 +299,11 @@ def _begin_worker(campaign: Campaign) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_the_driver, daemon=True).start()
-    _campaign = campaign
+    _campaign.append(campaign)
 
 
 def _work(batch: int) -> Rows:
-    assert _campaign is not None
-    return run_batch(_campaign, batch)
+    return run_batch(_campaign[0], batch)
 
 
 def run_campaign(
@@ -380,10 +368,12 @@ def run_campaign(
         return table.dataset()
     parts, done = {}, 0
     for index, rows in _run(executor, campaign, range(campaign.batches)):
-        parts[index] = rows.columns
-        done += len(rows)
+        parts[index] = rows
+        done += len(rows["sample"])
         progress(Report(done, samples, done))
     ordered = [parts[index] for index in range(campaign.batches)]
-    rows = {name: np.concatenate([part[name] for part in ordered]) for name in ordered[0]}
-    kept = {name: rows[name][:TRACED] for name in campaign.named("trace")}
-    return labelled({**rows, **kept}, campaign.columns, campaign.time, campaign.settings)
+    table = {
+        c.name: np.concatenate([part[c.name] for part in ordered])[: TRACED if c.kind == "trace" else None]
+        for c in campaign.columns
+    }
+    return labelled(table, campaign.columns, campaign.time, campaign.settings)

@@ -23,19 +23,16 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from flexhinf.campaign.batches import INSTANTS, OWN, PART, Campaign, Column, Rows, check_counts
 from flexhinf.campaign.draws import Tolerances, campaign_digest, sample_seeds
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNSTABLE
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.files import locked, make_durable, note_written, part_file
 from flexhinf.validation import checked_path, extra_package, file_digest, read_bytes, value_text
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 Stored = TypeVar("Stored")
 
@@ -46,17 +43,16 @@ FORMAT: dict[str, Any] = {
 }
 
 
-def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
-    """Columns of a file, all by default; InvalidInput if it cannot be read."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
+    """Columns of a file as an Arrow table, all by default; InvalidInput if it cannot be read."""
+    from pyarrow import ArrowException, parquet
 
     try:
-        with pq.ParquetFile(path) as file:
+        with parquet.ParquetFile(path) as file:
             return file.read(columns=None if names is None else list(names))
-    except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-        if isinstance(error, MemoryError):
-            raise
+    except MemoryError:  # Arrow's is one of its exceptions too
+        raise
+    except (OSError, ValueError, KeyError, ArrowException) as error:
         raise InvalidInput(
             "A file of the campaign cannot be read.",
             f"{path}: {str(error)[:200]}",
@@ -64,7 +60,7 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> pa.Table:
         ) from error
 
 
-def _arrow(values: np.ndarray) -> pa.Array:
+def _arrow(values: np.ndarray) -> Any:
     import pyarrow as pa
 
     if values.ndim == 2:
@@ -159,7 +155,6 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def _check_manifest(stated: Mapping[str, Any]) -> None:
-    """Check the entries of a manifest; raises one of `UNREADABLE` for entries that no campaign writes."""
     settings, columns, time, about = (stated[name] for name in ("settings", "columns", "time_s", "about"))
 
     def texts(values: Any, kind: type = list) -> bool:
@@ -205,8 +200,12 @@ _LISTED = 8
 def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
     """Refuse a path that is a file or below one, or a folder with other names in it than these and hidden ones."""
     nearest = next(path for path in (place, *place.parents) if path.exists())
-    if not nearest.is_dir():
-        raise InvalidInput(f"A {what} needs a folder, and there is a file.", f"got {nearest}", "another name")
+    refuse_if(
+        not nearest.is_dir(),
+        f"A {what} needs a folder, and there is a file.",
+        f"got {nearest}",
+        "another name",
+    )
     there = [path.name for path in place.iterdir()] if place.is_dir() else []
     if strangers := sorted(name for name in there if name[:1] != "." and name not in names):
         raise InvalidInput(
@@ -216,9 +215,12 @@ def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Journal:
-    """The folder of one campaign with the entries of its manifest."""
+    """The folder of one campaign with the entries of its manifest.
+
+    `samples`, `batches`: How many there are. `metrics`: Names of the columns with a metric, of a run or of a part.
+    """
 
     folder: Path
     settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
@@ -247,10 +249,9 @@ class Journal:
                 f"{place / MANIFEST}: {type(error).__name__}: {str(error)[:400]}",
                 "a copy of it, or another folder",
             ) from error
-        columns, time = (stated[name] for name in ("columns", "time_s"))
         return Journal(
-            place, stated["settings"], stated["digest"], tuple(Column(*column) for column in columns),
-            np.array(time, dtype=float), stated["command"], stated["about"],
+            place, stated["settings"], stated["digest"], tuple(Column(*column) for column in stated["columns"]),
+            np.array(stated["time_s"], dtype=float), stated["command"], stated["about"],
         )  # fmt: skip
 
     @staticmethod
@@ -292,39 +293,34 @@ class Journal:
     def refuse_campaign(self, other: Campaign | Journal) -> None:
         """Refuse another campaign than this one; the message says what differs."""
         self.refuse_other(other.settings)
-        if self.digest != other.digest:
-            names = [[column.name for column in side.columns] for side in (self, other)]
-            strange = sorted(set(names[0]) ^ set(names[1]))[:_LISTED]
-            raise InvalidInput(
-                "The folder is that of a campaign with other columns.",
-                f"{self.folder}: {', '.join(strange) or 'other kinds, units or instants'}",
-                "another folder",
-            )
+        own, others = ({column.name for column in side.columns} for side in (self, other))
+        strange = sorted(own ^ others)[:_LISTED]
+        refuse_if(
+            self.digest != other.digest,
+            "The folder is that of a campaign with other columns.",
+            f"{self.folder}: {', '.join(strange) or 'other kinds, units or instants'}",
+            "another folder",
+        )
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and name those that differ; `partly`: compare only `settings`."""
         pairs = differing(self.settings, settings, settings if partly else (*settings, *self.settings))
-        if differences := [f"{name}: {own} → {other}" for name, own, other in pairs]:
-            raise InvalidInput(
-                "The folder is that of another campaign; it cannot be taken up again with other settings.",
-                f"{self.folder}; there → now: {listed(differences, _LISTED)}",
-                "another folder for these settings, or the settings of this folder again",
-            )
+        differences = [f"{name}: {own} → {other}" for name, own, other in pairs]
+        refuse_if(
+            differences,
+            "The folder is that of another campaign; it cannot be taken up again with other settings.",
+            f"{self.folder}; there → now: {listed(differences, _LISTED)}",
+            "another folder for these settings, or the settings of this folder again",
+        )
 
-    @property
-    def samples(self) -> int:
-        """Number of samples of the campaign."""
-        return int(self.settings["samples"])
-
-    @property
-    def batches(self) -> int:
-        """Number of batches of the campaign."""
-        return -(-self.samples // int(self.settings["batch"]))
+    def __post_init__(self) -> None:
+        self.samples, self._batch = int(self.settings["samples"]), int(self.settings["batch"])
+        self.batches = -(-self.samples // self._batch)
+        self.metrics = [column.name for column in self.columns if column.judged]
 
     def size(self, batch: int) -> int:
         """Samples of a batch."""
-        batch_size = int(self.settings["batch"])
-        return min(batch_size, self.samples - batch * batch_size)
+        return min(self._batch, self.samples - batch * self._batch)
 
     @contextmanager
     def driven(self, part: str = "") -> Iterator[None]:
@@ -340,25 +336,24 @@ class Journal:
                 return state == "busy"
 
         with disk_refusals(self.folder), locked(lock) as state:
-            if state == "busy" or any(map(busy, others)):
-                raise InvalidInput(
-                    "Another driver is at work on this campaign.",
-                    f"{self.folder}: its lock is held",
-                    "wait for it, or end it; parts of one campaign run side by side with --shard 1/4, --shard 2/4, …",
-                )
+            refuse_if(
+                state == "busy" or any(map(busy, others)),
+                "Another driver is at work on this campaign.",
+                f"{self.folder}: its lock is held",
+                "wait for it, or end it; parts of one campaign run side by side with --shard 1/4, --shard 2/4, …",
+            )
             yield
 
     def write(self, batch: int, rows: Rows) -> Path:
         """Write the rows of a batch, whole or not at all; FlexhinfError if the disk is full or refuses."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        from pyarrow import BufferOutputStream, Table, parquet
 
-        schema, stream = self._schema(batch=str(batch)), pa.BufferOutputStream()
-        arrays = [_arrow(rows.columns[name]) for name in schema.names]
-        pq.write_table(pa.Table.from_arrays(arrays, schema=schema), stream, **FORMAT)
+        schema, stream = self._schema(batch=str(batch)), BufferOutputStream()
+        table = Table.from_arrays([_arrow(rows[name]) for name in schema.names], schema=schema)
+        parquet.write_table(table, stream, **FORMAT)
         content = stream.getvalue().to_pybytes()
-        name = f"batch-{batch:08d}-{hashlib.sha256(content).hexdigest()[:16]}.parquet"
-        path = self.folder / SHARDS / name
+        digest = hashlib.sha256(content).hexdigest()[:16]
+        path = self.folder / SHARDS / f"batch-{batch:08d}-{digest}.parquet"
         with disk_refusals(self.folder):
             write_whole(path, content, _PREFIX.format(batch))
         note_written(path.parent, path.parent)
@@ -375,32 +370,32 @@ class Journal:
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
         for path in sorted((self.folder / SHARDS).glob("batch-*.parquet")):
-            if path.is_dir() and not path.is_symlink():
-                raise InvalidInput(
-                    "A folder stands where a file of the campaign belongs.",
-                    f"expected a file of rows, got the folder {path}",
-                    "move or delete that folder, and the same command again",
-                )
+            refuse_if(
+                path.is_dir() and not path.is_symlink(),
+                "A folder stands where a file of the campaign belongs.",
+                f"expected a file of rows, got the folder {path}",
+                "move or delete that folder, and the same command again",
+            )
             match = _SHARD.match(path.name)
-            wrong = "no name of a shard" if match is None else self._wrong(path, int(match[1]), match[2])
-            if match is None or wrong:
+            batch = int(match[1]) if match else -1
+            if wrong := self._wrong(path, batch, match[2]) if match else "no name of a shard":
                 bad.append((path, wrong))
-            elif (batch := int(match[1])) in good:
-                raise InvalidInput(
-                    f"Batch {batch} was written twice with different rows.",
-                    f"expected one of {good[batch].name} and {path.name}: their last bits differ where kinds of "
-                    "processors do",
-                    "delete one of the two",
-                )
-            else:
-                good[batch] = path
+                continue
+            other = good.setdefault(batch, path)
+            refuse_if(
+                other is not path,
+                f"Batch {batch} was written twice with different rows.",
+                f"expected one of {other.name} and {path.name}: their last bits differ where kinds of processors do",
+                "delete one of the two",
+            )
         return good, bad
 
     @cached_property
     def _draw(self) -> Tolerances | None:
         """The draw of the samples; None for a user's function, whose code is not in the manifest."""
-        names = [column.name for column in self.columns if column.kind == "parameter"]
-        return Tolerances.stated(self.settings, names)
+        return Tolerances.stated(
+            self.settings, [column.name for column in self.columns if column.kind == "parameter"]
+        )
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """What is wrong with the file of a batch whose name has this digest; empty for a valid file.
@@ -409,50 +404,45 @@ class Journal:
         bytes than such rows take; the status of every run is a known one, and failure, time of divergence and metrics
         agree with it; the varied numbers are those that the draw gives for these samples, where the draw is known.
         """
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        from pyarrow import ArrowException, parquet, types
 
         if not 0 <= batch < self.batches:
             return f"of no batch: there are {self.batches}"
-        first = batch * int(self.settings["batch"])
+        first = batch * self._batch
         samples, seed = range(first, first + self.size(batch)), int(self.settings["seed"])
         span = f"not the samples {samples[0]} to {samples[-1]}"
-        schema, judged = self._schema(batch=str(batch)), [c.name for c in self.columns if c.judged]
+        schema = self._schema(batch=str(batch))
         try:
             if path.stat().st_size > _MOST_SHARD or file_digest(path)[:16] != digest:
                 return "damaged: its bytes are not those of its digest"
         except OSError as error:
             return error.strerror or str(error)
         try:
-            with pq.ParquetFile(path) as file:
-                stored, about, rows = (
-                    file.schema_arrow,
-                    file.schema_arrow.metadata or {},
-                    file.metadata.num_rows,
+            with parquet.ParquetFile(path) as file:
+                stored, rows = file.schema_arrow, file.metadata.num_rows
+                unpacked = sum(
+                    file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)
                 )
-                groups = range(file.metadata.num_row_groups)
-                unpacked = sum(file.metadata.row_group(k).total_byte_size for k in groups)
-                lists = [entry.type.list_size for entry in schema if pa.types.is_fixed_size_list(entry.type)]
-                texts = sum(pa.types.is_string(entry.type) for entry in schema)
+                lists = [entry.type.list_size for entry in schema if types.is_fixed_size_list(entry.type)]
+                texts = sum(types.is_string(entry.type) for entry in schema)
                 # most bytes of one row, twice what it takes; texts are sentences of an error
                 size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
                 if wrong := _first({
                     "of another campaign, or another part of it":
-                        any(about.get(key) != value for key, value in schema.metadata.items()),
+                        not schema.metadata.items() <= (stored.metadata or {}).items(),
                     "of other columns": not stored.equals(schema),
                     f"{rows} rows instead of {len(samples)}": rows != len(samples),
                     f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
                 }):  # fmt: skip
                     return wrong
                 expected = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
-                kept = list(dict.fromkeys((*OWN, *expected)))
-                own = file.read(columns=kept)
-                values = {name: numpy_column(own.column(name)) for name in kept}
+                own = file.read(columns=list(dict.fromkeys((*OWN, *expected))))
+                values = {name: numpy_column(own.column(name)) for name in own.column_names}
                 lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
-                unread = file.read(columns=judged if lost.any() else [])
-        except (OSError, ValueError, KeyError, pa.ArrowException) as error:
-            if isinstance(error, MemoryError):
-                raise
+                unread = file.read(columns=self.metrics if lost.any() else [])
+        except MemoryError:
+            raise
+        except (OSError, ValueError, KeyError, ArrowException) as error:
             return f"no file of rows ({' '.join(str(error).split())[:100]})"
         status, failure = values["status"], values["failure"]
         strange = [text for text in set(status) if text not in (COMPLETED, UNSTABLE, DIVERGED, NOT_RUN)]
@@ -478,29 +468,28 @@ class Journal:
                 return f"not what is drawn: {name} of sample {samples[k]} is {values[name][k]:g}, not {numbers[k]:g}"
         return ""
 
-    def _schema(self, **about: str) -> pa.Schema:
+    def _schema(self, **about: str) -> Any:
         """Arrow schema of a batch (kept signals are lists), or of the whole table, which has no kept signals."""
         import pyarrow as pa
 
         own = {"sample": pa.int64(), "seed": pa.uint64(), "status": pa.string(), "failure": pa.string()}
-        lists, fields = pa.list_(pa.float32(), len(self.time)), []
-        for column in self.columns:
-            if about or column.kind != "trace":
-                kind = lists if column.kind == "trace" else own.get(column.name, pa.float64())
-                fields.append(
-                    pa.field(column.name, kind, metadata={"kind": column.kind, "unit": column.unit})
-                )
+        own |= {c.name: pa.list_(pa.float32(), len(self.time)) for c in self.columns if c.kind == "trace"}
+        fields = [
+            pa.field(c.name, own.get(c.name, pa.float64()), metadata={"kind": c.kind, "unit": c.unit})
+            for c in self.columns
+            if about or c.kind != "trace"
+        ]
         return pa.schema(fields, {"campaign": self.digest, **about})
 
     def row(self, sample: int) -> dict[str, Any]:
         """The row of a sample, without kept signals; empty where its batch is not done."""
-        batch, place = divmod(sample, int(self.settings["batch"]))
+        batch, place = divmod(sample, self._batch)
         for path in (self.folder / SHARDS).glob(f"batch-{batch:08d}-*.parquet"):
             match = _SHARD.match(path.name)
             if match and not self._wrong(path, batch, match[2]):
-                kept = [column.name for column in self.columns if column.kind != "trace"]
-                table = read_columns(path, kept)
-                return {name: plain_number(numpy_column(table.column(name))[place]) for name in kept}
+                table = read_columns(path, self._schema().names)
+                columns = zip(table.column_names, table.columns)
+                return {name: numpy_column(column)[[place]].tolist()[0] for name, column in columns}
         return {}
 
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
@@ -510,11 +499,14 @@ class Journal:
         """
 
         def plain(value: Any) -> Any:
-            if isinstance(value, float) and not math.isfinite(value):
-                return str(value)
-            if isinstance(value, Mapping):
-                return {name: plain(entry) for name, entry in value.items()}
-            return [plain(entry) for entry in value] if isinstance(value, (list, tuple)) else value
+            match value:
+                case float() if not math.isfinite(value):
+                    return str(value)
+                case Mapping():
+                    return {name: plain(entry) for name, entry in value.items()}
+                case list() | tuple():
+                    return [plain(entry) for entry in value]
+            return value
 
         path = self.folder / name
         with self.driven(), disk_refusals(self.folder):
@@ -534,12 +526,8 @@ class Journal:
         """
         self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
-        if bad:
-            raise InvalidInput(
-                "A shard is damaged.",
-                f"{bad[0][0]}: {bad[0][1]}",
-                "the campaign's command again, which runs it again",
-            )
+        damaged = ", ".join(f"{path}: {wrong}" for path, wrong in bad[:1])
+        refuse_if(bad, "A shard is damaged.", damaged, "the campaign's command again, which runs it again")
         fresh = {batch: path for batch, path in there.items() if batch not in here}
         with disk_refusals(self.folder):
             for batch, path in fresh.items():
@@ -551,38 +539,31 @@ class Journal:
 
         InvalidInput if a batch is missing.
         """
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+        from pyarrow import concat_tables, parquet
 
-        if lacking := self.batches - len(good):
-            first = islice((batch for batch in range(self.batches) if batch not in good), _LISTED)
-            raise InvalidInput(
-                "The campaign is not complete.",
-                f"expected {self.batches} batches, got {len(good)}; missing: "
-                f"{', '.join(map(str, first))}{' …' if lacking > _LISTED else ''}",
-                "the campaign's command again, or the folders of the other shards",
-            )
-        schema, path = self._schema(), self.folder / TABLE
+        lacking = self.batches - len(good)
+        first = islice((str(batch) for batch in range(self.batches) if batch not in good), _LISTED)
+        refuse_if(
+            lacking,
+            "The campaign is not complete.",
+            f"expected {self.batches} batches, got {len(good)}; missing: "
+            f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
+            "the campaign's command again, or the folders of the other shards",
+        )
+        schema, path, group = self._schema(), self.folder / TABLE, []
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
-            with pq.ParquetWriter(name, schema, **FORMAT) as writer:
-                group: list[pa.Table] = []
+            with parquet.ParquetWriter(name, schema, **FORMAT) as writer:
                 for batch in range(self.batches):
                     group.append(read_columns(good[batch], schema.names))
                     if sum(map(len, group)) >= _GROUP or batch == self.batches - 1:
-                        writer.write_table(pa.concat_tables(group).combine_chunks().cast(schema))
-                        group = []
+                        writer.write_table(concat_tables(group).combine_chunks().cast(schema))
+                        group.clear()
             publish_whole(name, path)
         return path
 
 
 def _first(problems: Mapping[str, bool]) -> str:
-    """The first text whose condition is true; empty if none is."""
     return next((text for text, there in problems.items() if there), "")
-
-
-def plain_number(value: Any) -> Any:
-    """Convert a NumPy number to one of Python; another value is returned as it is."""
-    return value.item() if hasattr(value, "item") else value
 
 
 def differing(
@@ -595,5 +576,4 @@ def differing(
 
 def listed(texts: Sequence[str], most: int) -> str:
     """The first texts in one line, and how many more there are."""
-    more = [f"{len(texts) - most} more"] if len(texts) > most else []
-    return "; ".join([*texts[:most], *more])
+    return "; ".join([*texts[:most], *([f"{len(texts) - most} more"] if len(texts) > most else [])])

@@ -27,13 +27,13 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
 from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL, Command, Place
 from flexhinf.scalars import maximum, minimum, where
-from flexhinf.validation import unknown_name, value_text
+from flexhinf.validation import one_of, value_text
 
 #: Values of a row's status.
 COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "not run"
@@ -68,8 +68,7 @@ def is_unstable(run: Trajectory) -> bool:
     kept, heights = [], []
     for name in run.judged:
         command, position = commands[:, names.index(name)], run.tracked(name)
-        begun = command[0] if np.any(command != command[0]) else position[0]
-        heights.append(command[-1] - begun)
+        heights.append(command[-1] - (command[0] if np.any(command != command[0]) else position[0]))
         beyond = position - command[-1]
         kept.append([f(part) for part in (beyond[first:second], beyond[second:]) for f in (np.min, np.max)])
     return bool(kept) and bool(_unstable(np.array(kept)[:, :, None], np.array(heights)[:, None])[0])
@@ -81,9 +80,8 @@ def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
     moving = [np.flatnonzero(np.any(values != values[-1], axis=1)) for values in signals]
     still = max((int(places[-1]) + 1 for places in moving if len(places)), default=0)
     rest = samples - still
-    if rest < max(TAIL * samples, 3):
-        return samples, samples
-    return still + rest // 3, still + 2 * rest // 3
+    moved = rest < max(TAIL * samples, 3)
+    return (samples, samples) if moved else (still + rest // 3, still + 2 * rest // 3)
 
 
 def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
@@ -166,7 +164,6 @@ class Metrics:
 
 
 def _tracking(run: Trajectory) -> dict[str, float | None]:
-    """Tracking metrics, the worst of all tracked states; infinite where one never settles or rises."""
     rows = [run.metrics(name) for name in run.judged]
     stepped = [row for row in rows if row["overshoot_percent"] is not None]
     times = {
@@ -199,9 +196,8 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 def known_metric(name: str, known: Sequence[str]) -> str:
     """Check the name of a metric; InvalidInput lists the known ones."""
-    if name not in known:
-        otherwise = "one of these, or a function of your own (metrics={'name': function})"
-        raise unknown_name(f"There is no metric {name!r}.", name, known, otherwise)
+    otherwise = "one of these, or a function of your own (metrics={'name': function})"
+    one_of(f"There is no metric {name!r}.", name, known, otherwise)
     return name
 
 
@@ -210,23 +206,19 @@ def chosen_metrics(metrics: Any, tracked: bool) -> tuple[Metrics, ...]:
     if metrics is None:
         return (STANDARD,) if tracked else ()
     parts = [metrics] if isinstance(metrics, (Metrics, Mapping, str)) else list(metrics)
-    names = [part for part in parts if isinstance(part, str)]
-    for name in names:
-        known_metric(name, list(STANDARD_UNITS) if tracked else [])
-    chosen = [part for part in parts if isinstance(part, Metrics)]
-    if names:
-        chosen.insert(0, replace(STANDARD, units={name: STANDARD_UNITS[name] for name in names}))
-    for part in parts:
-        if isinstance(part, (str, Metrics)):
-            continue
+    known = list(STANDARD_UNITS) if tracked else []
+    units = {known_metric(part, known): STANDARD_UNITS[part] for part in parts if isinstance(part, str)}
+    chosen = [replace(STANDARD, units=units)] if units else []
+    chosen += [part for part in parts if isinstance(part, Metrics)]
+    for part in [part for part in parts if not isinstance(part, (str, Metrics))]:
         own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): None}
         for name, function in own.items():
-            if not isinstance(name, str) or not name.isidentifier() or not callable(function):
-                raise InvalidInput(
-                    "A metric needs a name and a function.",
-                    f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
-                    "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
-                )
+            refuse_if(
+                not isinstance(name, str) or not name.isidentifier() or not callable(function),
+                "A metric needs a name and a function.",
+                f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
+                "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
+            )
             chosen.append(Metrics({name: ""}, function))
     return tuple(chosen)
 

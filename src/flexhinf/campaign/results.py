@@ -1,4 +1,10 @@
-"""The judgement of a campaign: samples that fail, the worst, success rate, and which number matters for a metric."""
+"""The judgement of a campaign: samples that fail, the worst, success rate, and which number matters for a metric.
+
+Two campaigns on the same samples: differences pair by pair, and their inference for all samples.
+
+The statistics were fixed before any result: of each metric the median of the differences with its exact interval by the
+sign test, the fraction of pairs in which either is better, and of success and failure the exact test of McNemar.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.campaign.batches import TRACED, Campaign, Column, run_samples
-from flexhinf.campaign.journal import Journal, numpy_column, plain_number, read_columns
+from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
+from flexhinf.campaign.journal import Journal, differing, listed, numpy_column, read_columns
 from flexhinf.campaign.metrics import COMPLETED, Requirement
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,12 +68,12 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
     """
     from scipy.special import betaincinv
 
-    if not 0 <= successes <= count or count < 1:
-        raise InvalidInput(
-            "There is no such fraction.",
-            f"expected 0 <= successes <= count, got {successes} of {count}",
-            "99 of 100",
-        )
+    refuse_if(
+        not 0 <= successes <= count or count < 1,
+        "There is no such fraction.",
+        f"expected 0 <= successes <= count, got {successes} of {count}",
+        "99 of 100",
+    )
     half, failures = 0.5 * (1.0 - confidence), count - successes
     low = betaincinv(successes, failures + 1, half) if successes else 0.0
     high = betaincinv(successes + 1, failures, 1.0 - half) if failures else 1.0
@@ -103,8 +110,7 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     if most < 0 or not count or np.ptp(y) <= 1e-12 * np.abs(y).max():
         return None
     kind = int(most >= count) + int(most >= count + count * (count - 1) // 2)
-    centre, scale = x.mean(axis=0), x.std(axis=0)
-    z = (x - centre) / scale
+    z = (x - x.mean(axis=0)) / x.std(axis=0)
 
     def fit(some: np.ndarray | slice) -> np.ndarray:
         return np.linalg.lstsq(_terms(z[some], kind), y[some], rcond=None)[0]
@@ -117,15 +123,19 @@ def sensitivity(names: Sequence[str], numbers: np.ndarray, values: np.ndarray) -
     coefficients = fit(slice(None))
     first, total = _indices(lambda points: _terms(points, kind) @ coefficients, z)
     order = np.argsort(-total, kind="stable")
-    chosen = tuple(names[varied[int(k)]] for k in order)
-    return Sensitivity(chosen, first[order], total[order], r_squared, SURROGATES[kind], len(kept))
+    return Sensitivity(
+        tuple(names[varied[int(k)]] for k in order),
+        first[order],
+        total[order],
+        r_squared,
+        SURROGATES[kind],
+        len(kept),
+    )
 
 
 def _terms(z: np.ndarray, kind: int) -> np.ndarray:
     """Terms (N, terms) of one of `SURROGATES` at standardised numbers (N, p)."""
-    parts = [np.ones((len(z), 1)), z]
-    if kind > 0:
-        parts.append(z**2)
+    parts = [np.ones((len(z), 1)), z, *([z**2] if kind > 0 else [])]
     if kind > 1:
         first, second = np.triu_indices(z.shape[1], 1)
         parts.append(z[:, first] * z[:, second])
@@ -232,8 +242,8 @@ class MergedTable(CampaignTable):
     def trace(self, name: str) -> np.ndarray:
         """A kept signal (R, T) of the runs that it is kept of; NaN after one diverged."""
         count = min(self.journal.batches, -(-TRACED // self.journal.size(0)))
-        columns = (read_columns(self.shards[batch], [name]).column(name) for batch in range(count))
-        return np.concatenate([numpy_column(column) for column in columns])[:TRACED]
+        tables = (read_columns(self.shards[batch], [name]) for batch in range(count))
+        return np.concatenate([numpy_column(table.column(name)) for table in tables])[:TRACED]
 
     def dataset(self) -> xr.Dataset:
         """The rows as an xarray Dataset; see `run_campaign`."""
@@ -243,8 +253,9 @@ class MergedTable(CampaignTable):
 
 def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
     """Merge the table of a journal of which every batch's shard is there, and read it; raises as `Journal.merge`."""
-    columns = StoredColumns(journal.merge(good))
-    return MergedTable(journal.columns, columns, journal.settings, journal, dict(good))
+    return MergedTable(
+        journal.columns, StoredColumns(journal.merge(good)), journal.settings, journal, dict(good)
+    )
 
 
 def main_metric(names: Sequence[str]) -> str:
@@ -258,17 +269,33 @@ def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirem
     return np.column_stack([lost, *(lost | ~rule.met(values[rule.metric]) for rule in requirements)])[:, 1:]
 
 
-@dataclass(frozen=True, eq=False)
 class CampaignJudgement:
-    """The rows of a campaign, judged by requirements."""
+    """The rows of a campaign, judged by requirements.
 
-    table: MergedTable
-    requirements: tuple[Requirement, ...]
+    `count`, `failures`: Numbers of samples, and of those that fail. `rate`: The fraction of successes. `success`: The
+    same with its interval; None for samples that are not independent, as those of a Sobol sequence and of a Latin
+    hypercube: of one campaign of these no interval is known. `failed`: (F,) indices of the samples that fail: first
+    those that did not come to their end, then by the main metric. `violations`: (N, R), see `violations`. `main`: The
+    metric that ranks the samples, "" without any. `method`: One of `METHODS`; a draw that states none draws each sample
+    independently. `nominal`: Nominal values of the numbers, where they are known.
+    """
 
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        return len(self.column("sample"))
+    def __init__(self, table: MergedTable, requirements: tuple[Requirement, ...]) -> None:
+        self.table, self.requirements = table, requirements
+        self.nominal: Mapping[str, float] = table.journal.about.get("nominal", {})
+        self.method, self.main = table.settings.get("method", "random"), main_metric(table.names("metric"))
+        self.count = len(table.columns["sample"])
+        self.violations = violations(table.columns, requirements)
+        ended = table.columns["status"] == COMPLETED
+        failed = np.flatnonzero(~ended | self.violations.any(axis=1))
+        size = np.nan_to_num(
+            table.columns[self.main][failed] if self.main else np.zeros(len(failed)), posinf=1e300
+        )
+        self.failed = failed[np.lexsort((failed, -size, ended[failed]))]
+        self.failures = len(failed)
+        self.rate = 1.0 - self.failures / self.count
+        independent = self.method == "random"
+        self.success = success_interval(self.count - self.failures, self.count) if independent else None
 
     def column(self, name: str) -> np.ndarray:
         """A column of the table (N,)."""
@@ -278,46 +305,6 @@ class CampaignJudgement:
         """Number of samples with this status."""
         return int((self.column("status") == status).sum())
 
-    @cached_property
-    def violations(self) -> np.ndarray:
-        """Violations (N, R) of the requirements; see `violations`."""
-        return violations(self.table.columns, self.requirements)
-
-    @cached_property
-    def failed(self) -> np.ndarray:
-        """Indices of the samples that fail: first those that did not come to their end, then by the main metric."""
-        ended = self.column("status") == COMPLETED
-        failed = np.flatnonzero(~ended | self.violations.any(axis=1))
-        size = self.column(self.main) if self.main else np.zeros(self.count)
-        return failed[np.lexsort((failed, -np.nan_to_num(size[failed], posinf=1e300), ended[failed]))]
-
-    @property
-    def failures(self) -> int:
-        """Number of samples that fail."""
-        return len(self.failed)
-
-    @property
-    def method(self) -> str:
-        """Sampling method, one of `METHODS`; a draw that states no method draws each sample independently."""
-        return self.table.journal.settings.get("method", "random")
-
-    @property
-    def rate(self) -> float:
-        """The fraction of successes."""
-        return 1.0 - self.failures / self.count
-
-    @cached_property
-    def success(self) -> Interval | None:
-        """The fraction of successes with its interval; None for samples that are not independent, as those of a Sobol
-        sequence and of a Latin hypercube: of one campaign of these no interval is known."""
-        independent = self.method == "random"
-        return success_interval(self.count - self.failures, self.count) if independent else None
-
-    @property
-    def main(self) -> str:
-        """The metric that ranks the samples: the overshoot, or else the first one; empty without any."""
-        return main_metric(self.table.names("metric"))
-
     def worst(self, metric: str) -> int | None:
         """The completed sample with the largest value of a metric (the smallest where a requirement is a least value).
 
@@ -326,9 +313,8 @@ class CampaignJudgement:
         values = self.column(metric)
         known = np.flatnonzero(~np.isnan(values))
         least = any(rule.metric == metric and not rule.at_most for rule in self.requirements)
-        if not len(known):
-            return None
-        return int(known[np.argmin(values[known]) if least else np.argmax(values[known])])
+        worst = np.argmin if least else np.argmax
+        return int(known[worst(values[known])]) if len(known) else None
 
     @property
     def worst_of_all(self) -> int | None:
@@ -339,9 +325,8 @@ class CampaignJudgement:
         """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
         values = self.column(metric)
         values = values[~np.isnan(values)]
-        if not len(values):
-            return np.full(len(QUANTILES), np.nan)
-        return np.quantile(values, QUANTILES, method="higher")
+        missing = np.full(len(QUANTILES), np.nan)
+        return np.quantile(values, QUANTILES, method="higher") if len(values) else missing
 
     def sensitivity(self, metric: str) -> Sensitivity | None:
         """Sobol indices of a metric; see `flexhinf.campaign.sensitivity`."""
@@ -353,11 +338,6 @@ class CampaignJudgement:
     def numbers(self, sample: int) -> dict[str, float]:
         """Values of the varied numbers of a sample, by name."""
         return self.table.numbers(sample)
-
-    @property
-    def nominal(self) -> Mapping[str, float]:
-        """Nominal values of the numbers, where they are known."""
-        return self.table.journal.about.get("nominal", {})
 
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""
@@ -383,6 +363,209 @@ class Replayed:
 def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
     """Run one sample of a campaign again, alone; InvalidInput if it is not there or could not be run."""
     run = campaign.replay(sample)
-    rows = run_samples(campaign, range(sample, sample + 1))
-    again = {name: plain_number(column[0]) for name, column in rows.columns.items() if column.ndim == 1}
+    rows = rows_of(campaign, [sample])
+    again = {name: column.tolist()[0] for name, column in rows.items() if column.ndim == 1}
     return Replayed(sample, run, journal.row(sample), again)
+
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Of every interval, each by itself.
+CONFIDENCE = 0.95
+
+#: Values that agree to this fraction are equal: a difference of rounding would be significant in every pair, without a
+#: meaning. UKF and EKF of a linear arm are 2e-6 of the overshoot apart; a robot's differences are far larger.
+SAME = 1e-4
+
+#: Settings in which two campaigns on the same samples may differ: those of the law, and of the bookkeeping. A law
+#: without an integral takes no reference, its goal is its operating point.
+_FREE = {
+    "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
+}  # fmt: skip
+_FREE_PREFIX = "design "
+
+#: Differences that a refusal lists.
+_LISTED = 6
+
+
+class PairedMetric:
+    """One metric of two campaigns, sample by sample.
+
+    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that
+    has no such number, is left out. Smaller values are better, unless a requirement states a least value.
+
+    `a`, `b`: (N,) values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN
+    for none. `pairs`: (P,) indices of the samples that are compared. `differences`: (P,) b − a; infinite where one has
+    no finite value, 0 where they agree to `SAME`. `medians`, `median`: Lower medians of a and of b, and of the
+    differences, each one of the values; NaN without pairs. `better`: Fractions of the pairs in which a is better and
+    in which b is, with their intervals; the rest is equal. `extremes`: The samples in which a, and in which b, is
+    better by most; None where it never is.
+    """
+
+    def __init__(
+        self, name: str, unit: str, a: np.ndarray, b: np.ndarray, largest_is_best: bool = False
+    ) -> None:
+        self.name, self.unit, self.a, self.b, self.largest_is_best = name, unit, a, b, largest_is_best
+        self.pairs = np.flatnonzero(~(np.isnan(a) | np.isnan(b)))
+        a, b, count = a[self.pairs], b[self.pairs], len(self.pairs)
+        finite = np.isfinite(a) & np.isfinite(b)
+        size = np.where(finite, np.maximum(np.abs(a), np.abs(b)), 0.0)
+        apart = np.abs(np.subtract(b, a, where=finite, out=np.zeros(count)))
+        equal = np.where(finite, apart <= SAME * size, a == b)
+        self.differences = np.subtract(b, a, where=~equal, out=np.zeros(count))
+        self.medians, self.median = (_median(a), _median(b)), _median(self.differences)
+        worse = -self.differences if largest_is_best else self.differences
+        none = Interval(0, 0, 0.0, 1.0, CONFIDENCE)
+        wins = [np.flatnonzero(gain > 0.0) for gain in (worse, -worse)]
+        self.better = tuple(success_interval(len(won), count, CONFIDENCE) if count else none for won in wins)
+        self.extremes = tuple(
+            int(self.pairs[np.argmax(gain)]) if len(won) else None for gain, won in zip((worse, -worse), wins)
+        )
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Confidence interval of the median difference, for independent samples.
+
+        By order statistics, that is, by inverting the sign test (`scipy.stats.quantile_test`): it holds for every
+        distribution, symmetric or not, and with infinite differences. NaN where the pairs are too few (six at least).
+        """
+        from scipy.stats import quantile_test
+
+        if not len(self.pairs):
+            return math.nan, math.nan
+        interval = quantile_test(self.differences, q=0, p=0.5).confidence_interval(CONFIDENCE)
+        return float(interval.low), float(interval.high)
+
+
+def _median(values: np.ndarray) -> float:
+    return float(np.quantile(values, 0.5, method="inverted_cdf")) if len(values) else math.nan
+
+
+@dataclass
+class McNemar:
+    """Success and failure of pairs, and the exact test that both fail equally often.
+
+    McNemar, "Note on the sampling error of the difference between correlated proportions", 1947, with the binomial
+    distribution of the pairs in which only one fails. The attributes are numbers of pairs by which of them fails;
+    `count`: of all, `failures`: of those that a, and that b, fails.
+    """
+
+    both_fail: int
+    only_a: int
+    only_b: int
+    neither: int
+
+    def __post_init__(self) -> None:
+        self.count = self.both_fail + self.only_a + self.only_b + self.neither
+        self.failures = self.both_fail + self.only_a, self.both_fail + self.only_b
+
+    @property
+    def p_value(self) -> float:
+        """Probability of counts at least as unequal as these if both fail equally often; 1 where none is unequal."""
+        from scipy.stats import binomtest
+
+        unequal = self.only_a + self.only_b
+        return float(binomtest(self.only_a, unequal, 0.5).pvalue) if unequal else 1.0
+
+
+class PairedCampaigns:
+    """Two campaigns on the same samples, made by `compare`; a run that meets the requirements is a success.
+
+    `count`: Number of samples. `metrics`, `parts`: Names of the metrics that both campaigns have, of the whole runs and
+    of parts, such as single joints. `main`: The metric that a verdict names, "" without any.
+    """
+
+    def __init__(self, a: CampaignTable, b: CampaignTable, requirements: Sequence[str] = ()) -> None:
+        self.a, self.b, self.count = a, b, len(a.columns["sample"])
+        self.metrics, self.parts = (
+            tuple(name for name in a.names(kind) if name in b.names(kind)) for kind in ("metric", PART)
+        )
+        self.main, known = main_metric(self.metrics), (*self.metrics, *self.parts)
+        self.requirements = tuple(Requirement.of(text, known) for text in requirements)
+
+    def metric(self, name: str) -> PairedMetric:
+        """One metric of both campaigns; InvalidInput if not both have it."""
+        refuse_if(
+            name not in (*self.metrics, *self.parts),
+            f"Not both campaigns have a metric {name!r}.",
+            f"expected one of {', '.join(self.metrics) or 'none'}",
+            "campaigns with the same metrics",
+        )
+        best = any(rule.metric == name and not rule.at_most for rule in self.requirements)
+        lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
+        a, b = (
+            np.where(rows, -math.inf if best else math.inf, side.columns[name])
+            for rows, side in zip(lost, (self.a, self.b))
+        )
+        return PairedMetric(name, self.a.unit(name), np.where(lost[0] & lost[1], math.nan, a), b, best)
+
+    @cached_property
+    def success(self) -> McNemar:
+        """Success and failure of the pairs; samples that no campaign could run are failures of both."""
+        a, b = (
+            (side.columns["status"] != COMPLETED) | violations(side.columns, self.requirements).any(axis=1)
+            for side in (self.a, self.b)
+        )
+        return McNemar(*(int(pairs.sum()) for pairs in (a & b, a & ~b, ~a & b, ~a & ~b)))
+
+
+def compare(
+    a: xr.Dataset | MergedTable, b: xr.Dataset | MergedTable, requirements: Sequence[str] = ()
+) -> PairedCampaigns:
+    """Compare two campaigns on the same samples: any plant, any two laws.
+
+    `a`, `b`: of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
+    `requirements`: what a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
+    Returns: differences b − a of each metric, success and failure.
+    Raises InvalidInput: if the samples are not the same: the message says what differs.
+    """
+    own, other = _table(a), _table(b)
+    bound = [
+        name
+        for name in [*own.settings, *other.settings]
+        if name not in _FREE and not name.startswith(_FREE_PREFIX)
+    ]
+    differences = [
+        f"{name}: {first} ↔ {second}"
+        for name, first, second in differing(own.settings, other.settings, bound)
+    ]
+    numbers = own.names("parameter")
+    if numbers != other.names("parameter"):
+        differences.append(f"numbers: {list(numbers)} ↔ {list(other.names('parameter'))}")
+    elif not differences:
+        differences = [
+            f"{k}: not the same values"
+            for k in ("sample", "seed", *numbers)
+            if not np.array_equal(own.columns[k], other.columns[k], equal_nan=k not in ("sample", "seed"))
+        ]
+    refuse_if(
+        differences,
+        "The campaigns are not on the same samples; their differences would not be those of the controllers.",
+        listed(differences, _LISTED),
+        "the same draw, samples, seed, plant, noise and duration for both, and another controller",
+    )
+    return PairedCampaigns(own, other, requirements)
+
+
+def _table(source: xr.Dataset | MergedTable) -> CampaignTable:
+    if isinstance(source, MergedTable):
+        return source
+    if not hasattr(source, "data_vars") or "status" not in source or "seed" not in source:
+        raise InvalidInput(
+            "Only campaigns are compared.",
+            f"expected an xarray Dataset of `run_campaign`, got {value_text(source)}",
+            "flexhinf.campaign.compare(fh.run_campaign(…), fh.run_campaign(…))",
+        )
+    described = [
+        Column("sample", "own"),
+        *(
+            Column(str(name), array.attrs.get("kind", ""), array.attrs.get("units", ""))
+            for name, array in source.data_vars.items()
+        ),
+    ]
+    return CampaignTable(
+        described,
+        {column.name: source[column.name].values for column in described},
+        {str(k): str(v) for k, v in source.attrs.items()},
+    )

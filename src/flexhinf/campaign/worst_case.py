@@ -22,7 +22,7 @@ from flexhinf.campaign.batches import Campaign, checked_integer, rows_of, run_ba
 from flexhinf.campaign.draws import Tolerances
 from flexhinf.campaign.journal import UNREADABLE, Journal
 from flexhinf.campaign.metrics import COMPLETED, known_metric
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
 
 #: All corners are run where there are not more.
@@ -48,7 +48,7 @@ class FoundPlant:
 
     def size(self, least: bool) -> float:
         """The value by which plants are compared, large is bad: infinite where the run did not come to its end."""
-        return float(_sizes(np.array([self.value]), np.array([self.status], dtype=object), least)[0])
+        return float(_sizes(np.array(self.value), np.array(self.status, dtype=object), least))
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,13 @@ class WorstCase:
     def run(self, campaign: Campaign, plant: FoundPlant | None = None) -> Trajectory:
         """Run the plant found, or another one with the same noise; InvalidInput where it cannot be run."""
         sample = _box(campaign).built((plant or self.found).numbers)
-        if sample.failure:
-            raise InvalidInput(
-                f"The plant with the worst {self.metric} cannot be run.", sample.failure, "another metric"
-            )
-        return campaign.run_of(self.sample, sample)
+        refuse_if(
+            sample.failure,
+            f"The plant with the worst {self.metric} cannot be run.",
+            sample.failure,
+            "another metric",
+        )
+        return next(campaign.trajectories([self.sample], [sample]))
 
     def again(self, campaign: Campaign) -> FoundPlant:
         """Run the plant found again, alone: the same bits as in the search."""
@@ -137,12 +139,12 @@ def worst_case(
     size = np.where(inside, _sizes(table[metric].astype(float), table["status"], least), -math.inf)
     order = np.argsort(-size, kind="stable")
     first = int(order[0])
-    if size[first] == -math.inf:
-        raise InvalidInput(
-            f"No sample has the metric {metric!r}.",
-            f"expected a number in one of {len(size)} rows, inside the intervals of the tolerances",
-            "a metric that the runs have, as peak_input",
-        )
+    refuse_if(
+        size[first] == -math.inf,
+        f"No sample has the metric {metric!r}.",
+        f"expected a number in one of {len(size)} rows, inside the intervals of the tolerances",
+        "a metric that the runs have, as peak_input",
+    )
 
     def numbers(t: np.ndarray) -> dict[str, float]:
         return dict(zip(names, ((1.0 - t) * low + t * high).tolist(), strict=True))
@@ -151,9 +153,10 @@ def worst_case(
 
     def values(unit: np.ndarray) -> np.ndarray:
         nonlocal runs
-        plants = _runs(campaign, [numbers(t) for t in unit], first, metric)
-        runs += len(plants)
-        return np.array([plant.size(least) for plant in plants])
+        runs += len(unit)
+        return np.array(
+            [plant.size(least) for plant in _runs(campaign, list(map(numbers, unit)), first, metric)]
+        )
 
     all_corners = 1 << len(names) <= MOST_CORNERS
     sampled = FoundPlant(
@@ -190,43 +193,37 @@ def check_starts(starts: Any) -> None:
 
 
 def _box(campaign: Campaign) -> Tolerances:
-    if not isinstance(campaign.draw, Tolerances):
-        raise InvalidInput(
-            "The samples of this campaign have no box that could be searched.",
-            f"expected a draw by Tolerances, got {type(campaign.draw).__name__}",
-            "Tolerances([Variable('stiffness', 0.9, 1.1), …])",
-        )
-    return campaign.draw
+    if isinstance(campaign.draw, Tolerances):
+        return campaign.draw
+    raise InvalidInput(
+        "The samples of this campaign have no box that could be searched.",
+        f"expected a draw by Tolerances, got {type(campaign.draw).__name__}",
+        "Tolerances([Variable('stiffness', 0.9, 1.1), …])",
+    )
 
 
 def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str]) -> dict[str, np.ndarray]:
     if rows is None:
-        parts = [run_batch(campaign, batch).columns for batch in range(campaign.batches)]
+        parts = [run_batch(campaign, batch) for batch in range(campaign.batches)]
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
-    missing = [name for name in names if name not in rows]
-    columns = {} if missing else {name: np.asarray(rows[name]) for name in names}
-    if missing or any(column.shape != (campaign.samples,) for column in columns.values()):
-        raise InvalidInput(
-            "The rows are not those of the campaign.",
-            f"expected {campaign.samples} numbers of each of {names}, got "
-            + (
-                f"none of {missing}"
-                if missing
-                else f"{[len(np.atleast_1d(values)) for values in columns.values()]}"
-            ),
-            "what run_campaign returned for the same loop, draw and samples",
-        )
+    columns = {name: np.asarray(rows[name]) for name in names if name in rows}
+    sizes = {name: columns[name].shape if name in columns else "none" for name in names}
+    refuse_if(
+        any(size != (campaign.samples,) for size in sizes.values()),
+        "The rows are not those of the campaign.",
+        f"expected {campaign.samples} numbers of each, got {sizes}",
+        "what run_campaign returned for the same loop, draw and samples",
+    )
     return columns
 
 
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
 ) -> list[FoundPlant]:
-    """Run the plants with these numbers, all with the noise of one sample."""
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
-        rows = rows_of(campaign, [noise] * len(some), [box.built(point) for point in some]).columns
+        rows = rows_of(campaign, [noise] * len(some), [box.built(point) for point in some])
         plants += [
             FoundPlant(dict(point), float(value), str(status))
             for point, value, status in zip(some, rows[metric], rows["status"])
@@ -277,15 +274,15 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
     path = _path(journal, metric)
     try:
         case = journal.stored(path, WorstCase)
-        if case.settings["campaign"] != journal.digest or case.metric != metric:
-            raise ValueError("it is of another campaign")
-        return case
+        if (case.settings["campaign"], case.metric) == (journal.digest, metric):
+            return case
+        raise ValueError("it is of another campaign")
     except FileNotFoundError:
-        known = [c.name for c in journal.columns if (journal.folder / FOLDER / f"{c.name}.json").exists()]
+        known = [name for name in journal.metrics if (journal.folder / FOLDER / f"{name}.json").exists()]
         raise InvalidInput(
             f"The worst case of {metric!r} was not searched in this campaign.",
             f"expected one of {', '.join(known) or 'none'}",
-            "the campaign's command with --worst-case --metric " + metric,
+            f"the campaign's command with --worst-case --metric {metric}",
         ) from None
     except UNREADABLE as error:
         raise InvalidInput(
@@ -298,13 +295,11 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
     cases = []
-    for column in journal.columns:
-        if column.judged:
-            with suppress(InvalidInput):  # the command that searches says so and repairs it
-                cases.append(stored_worst(journal, column.name))
+    for metric in journal.metrics:
+        with suppress(InvalidInput):  # the command that searches says so and repairs it
+            cases.append(stored_worst(journal, metric))
     return cases
 
 
 def _path(journal: Journal, metric: str) -> Path:
-    known = [column.name for column in journal.columns if column.judged]
-    return FOLDER / f"{known_metric(metric, known)}.json"
+    return FOLDER / f"{known_metric(metric, journal.metrics)}.json"

@@ -42,18 +42,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = run(arguments)
             for stream in _streams():
                 stream.flush()
-        except KeyboardInterrupt:  # before the command began, or again while it cleared away
-            sys.stderr.write("error: Interrupted.\n")
-            code = 128 + signal.SIGINT
         except SystemExit as error:  # what rich and typer make of a pipe without a reader
             if not isinstance(error.__context__, BrokenPipeError):
                 raise
             code = _NO_READER
         except BrokenPipeError:
             code = _NO_READER
-        except Exception as error:
-            if received:
-                sys.stderr.write("error: Interrupted.\n")  # as a library passed the interruption on
+        except (KeyboardInterrupt, Exception) as error:
+            # before the command began, again while it cleared away, or as a library passed the interruption on
+            if received or isinstance(error, KeyboardInterrupt):
+                sys.stderr.write("error: Interrupted.\n")
                 code = 128 + signal.SIGINT
             elif isinstance(error, (OSError, MemoryError, ImportError)):
                 # what the system did not give before the command began, or to its own output

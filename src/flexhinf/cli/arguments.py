@@ -1,22 +1,28 @@
-"""Arguments and options of the commands, made from their declarations, and what they say."""
+"""Arguments and options of the commands, made from their declarations, and what commands say.
+
+Errors in three parts in the command line's own syntax, notes and progress go to standard error; exit codes.
+"""
 
 from __future__ import annotations
 
 import inspect
 import math
+import re
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import MISSING, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.exceptions import TyperException
 
-from flexhinf.cli.messages import note
 from flexhinf.cli.options import PEAKS, PointOptions
 from flexhinf.design.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
-from flexhinf.design.specification import FIELDS
-from flexhinf.errors import InvalidInput
+from flexhinf.design.specification import FIELDS, SpecificationError
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
@@ -42,11 +48,11 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
             about = About(LIMITS, f"--peak-effort of {drive}-driven motors.", unit=unit)
             parameters.append(_parameter(FieldInfo(name, about, str, "", "", option_name(name)), both=True))
 
-    def decorated(command: Callable[..., None]) -> Any:
-        def run(context: typer.Context, **values: Any) -> None:
+    def decorated(command: Callable[..., int | None]) -> Any:
+        def run(context: typer.Context, **values: Any) -> int | None:
             stated = stated_options(context).items()
             read = {name: _value(own[name], value) for name, value in stated if name in own}
-            command(context, options(**{name: value for name, value in read.items() if value is not None}))
+            return command(context, options(**{k: value for k, value in read.items() if value is not None}))
 
         run.__name__, run.__doc__, run.__module__ = command.__name__, command.__doc__, command.__module__
         run.__dict__.update(
@@ -57,23 +63,28 @@ def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any],
     return decorated
 
 
+# `both`: also ``--no-…`` of a flag
 def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
-    """The parameter of a field; of a flag with ``--no-…`` where `both` is wanted."""
-    about, default = field.about, field.default
+    about, value = field.about, field.default
     kind: Any = (
-        bool if isinstance(default, bool) else list[str] if field.several or field.name == "via" else str
+        bool if isinstance(value, bool) else list[str] if field.several or field.name == "via" else str
     )
-    value: Any = [] if kind == list[str] else default
-    if kind is str and default is not MISSING:
-        value = ",".join(default) if isinstance(default, tuple) else "" if default is None else str(default)
+    if kind == list[str]:
+        value = []
+    elif kind is str and value is not MISSING:
+        value = ",".join(value) if isinstance(value, tuple) else "" if value is None else str(value)
     help = about.text.replace("[", r"\[")
-    if not about.group:
-        shape = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
-    else:
-        shape = typer.Option(
-            field.option if both else field.option.partition("/")[0], help=help, rich_help_panel=about.group,
-            metavar=None if kind is bool else f"<{about.unit or 'value'}>", show_default=bool(value) or default == 0,
-        )  # fmt: skip
+    shape = (
+        typer.Option(
+            field.option if both else field.option.partition("/")[0],
+            help=help,
+            rich_help_panel=about.group,
+            metavar=None if kind is bool else f"<{about.unit or 'value'}>",
+            show_default=bool(value) or field.default == 0,
+        )
+        if about.group
+        else typer.Argument(help=help, metavar=about.unit or None, show_default=False)
+    )
     value = inspect.Parameter.empty if value is MISSING else value
     keyword = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(field.name, keyword, default=value, annotation=Annotated[kind, shape])
@@ -81,26 +92,24 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
 
 def request_of(context: typer.Context, o: PointOptions, source: str, elastic: str = "") -> DesignRequest:
     """Robot and specification of a command, whose options win over a design file; prints notes."""
-    stated = stated_options(context)
-    peaks = [name for name in ("peak_effort", *PEAKS) if name in stated]
-    if len(peaks) > 1:
-        names, got = (", ".join(map(option_name, some)) for some in (("peak_effort", *PEAKS), peaks))
-        raise InvalidInput(
-            "The peak of the input is given twice.",
-            f"expected one of {names}, got {got}",
-            "leave out one of them",
-        )
+    stated, names = stated_options(context), ("peak_effort", *PEAKS)
+    peaks = [name for name in names if name in stated]
+    refuse_if(
+        len(peaks) > 1,
+        "The peak of the input is given twice.",
+        f"expected one of {', '.join(map(option_name, names))}, got {', '.join(map(option_name, peaks))}",
+        "leave out one of them",
+    )
     if peaks:
         stated["peak_effort"] = stated.pop(peaks[0])
     fields = {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
     request = read_source(source, elastic, fields, o.payload, o.pose_xyz, o.tool)
-    robot, fitting = request.robot, {drive: name for name, (drive, _) in PEAKS.items()}
-    drive = PEAKS[peaks[0]][0] if peaks and peaks[0] in PEAKS else robot.drive
-    if drive != robot.drive:  # volts for a robot that is driven by torques, and so on
-        right = option_name(fitting[robot.drive])
-        raise InvalidInput(
-            f"--peak-{drive} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
-            f"expected {right} or --peak-effort, got --peak-{drive} {context.params[peaks[0]]}",
+    robot, right = request.robot, f"--peak-{request.robot.drive}"
+    for name in peaks[:1]:  # volts for a robot that is driven by torques, and so on
+        refuse_if(
+            name in PEAKS and option_name(name) != right,
+            f"{option_name(name)} does not fit the robot {robot.name!r}, whose motors are driven by {robot.drive}.",
+            f"expected {right} or --peak-effort, got {option_name(name)} {context.params[name]}",
             f"{right} …",
         )
     return request
@@ -143,10 +152,9 @@ def _text(field: FieldInfo, value: Any) -> Any:
         return value
     if isinstance(value, list):
         return [text for text in value if text]
-    try:
+    zero = False
+    with suppress(ValueError):
         zero = bool(field.about.zero) and float(value) == 0.0
-    except ValueError:
-        zero = False
     if zero and field.about.zero == NO_LIMIT:
         return math.inf
     return None if zero or not value.strip() else value
@@ -177,10 +185,9 @@ def reproduce_command(context: typer.Context, without: Collection[str] = ()) -> 
             values = [Path(path).name for path in values]
         if isinstance(value, bool):
             parts.append((parameter.opts if value else parameter.secondary_opts)[0])
-        elif parameter.param_type_name == "argument":
-            parts += map(str, values)
         else:
-            parts += [text for entry in values for text in (parameter.opts[0], str(entry))]
+            flag = [] if parameter.param_type_name == "argument" else [parameter.opts[0]]
+            parts += [text for entry in values for text in (*flag, str(entry))]
     return parts
 
 
@@ -194,3 +201,186 @@ def stated_options(context: typer.Context) -> dict[str, Any]:
     return {
         name: context.params[name] for name, source in sources.items() if source and source.name != "DEFAULT"
     }
+
+
+#: Exit codes: the report is written and says that the specification is not met; everything the user can put right;
+#: the shells' code for an interruption.
+NOT_MET, USER_ERROR, INTERRUPTED = 1, 2, 130
+
+#: Options of earlier versions, and what they are called now: an option has the name of its field.
+RENAMED = {
+    "--goal": "--pose", "--goal-xyz": "--pose-xyz", "--from-pose": "--start", "--friction": "--friction-model",
+    "--no-friction": "--no-friction-model", "--dead-zone": "--integral-dead-zone",
+}  # fmt: skip
+
+#: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
+#: one word.
+_OPTIONS = {**{name: field.option for name, field in FIELDS.items()}, "laws": "--laws", "tune": "--tune"}
+_NAMES = "|".join(_OPTIONS)
+_KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
+_NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
+_UNIT = re.compile(r"deg|degrees|°|rad|rad/s|hz|m?s|µs|m?m|v|a|n·?m|n", re.IGNORECASE)
+_FIELD = re.compile(rf"`({_NAMES})`")
+
+
+def option_syntax(text: str) -> str:
+    """A text with fields of a specification as Python writes them, in the syntax of the command line.
+
+    Examples
+    --------
+    >>> option_syntax("`bandwidth` is too large; preset='damped', or via=(0.1, 0.2)")
+    '--bandwidth is too large; --preset damped, or --via 0.1,0.2'
+    """
+
+    def option(match: re.Match[str]) -> str:
+        positive, _, negative = _OPTIONS[match[1]].partition("/")
+        if negative:
+            return negative if match[2] == "False" else positive
+        plain = re.sub(r"\s*,\s*", ",", match[2].strip("()[]'\"").rstrip(", "))
+        return f"{positive} {plain.translate({ord(mark): None for mark in chr(39) + chr(34)})}"
+
+    return _FIELD.sub(lambda match: _OPTIONS[match[1]].partition("/")[0], _KEYWORD.sub(option, text))
+
+
+def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
+    """An error in three parts, in the syntax of the command line, and with the option that was typed.
+
+    `arguments`: words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
+    """
+    advice = error.advice
+    if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
+        advice = f"{_OPTIONS[error.field].partition('/')[0]} {error.example}"
+    text = str(FlexhinfError(error.what, error.found, advice))
+    for name in map(option_name, PEAKS):
+        if any(word.split("=")[0] == name for word in arguments):
+            text = text.replace("`peak_effort`", name)
+    return option_syntax(text)
+
+
+def mistake(text: str, code: int = USER_ERROR) -> int:
+    """Print what is wrong; returns the exit code."""
+    typer.secho("error: ", fg="red", err=True, nl=False)
+    typer.echo(text, err=True)
+    return code
+
+
+def interrupted(written: Sequence[Path]) -> int:
+    """Print that a command was interrupted, and which files and folders were complete by then."""
+    names = ", ".join(map(str, written))
+    whole = f"written and whole: {names}" if names else "nothing was written"
+    return mistake(f"Interrupted; {whole}.", INTERRUPTED)
+
+
+def system_error(error: OSError | MemoryError, written: Sequence[Path]) -> str:
+    """An error of the operating system in three parts, with the files and folders that were complete by then."""
+    whole = ", ".join(map(str, written)) or "nothing"
+    return str(
+        FlexhinfError(
+            "The system refuses what this command needs.",
+            "expected memory, and room for files and output, got: "
+            f"{str(error) or 'a full memory'}; written and whole: {whole}",
+            "more memory; an output, a working folder and a TMPDIR that can be written, with room",
+        )
+    )
+
+
+def note(text: str) -> None:
+    """Print a note on standard error."""
+    typer.secho(f"note: {option_syntax(text)}", fg="yellow", err=True)
+
+
+def show(tables: Iterable[Any], notes: Iterable[str] = ()) -> None:
+    """Print tables, and then notes."""
+    from rich.console import Console
+
+    for table in tables:
+        Console().print(table)
+    for text in notes:
+        note(text)
+
+
+def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
+    """An error of the option parser, in three parts."""
+    context = getattr(error, "ctx", None)
+    path = context.command_path if context is not None else "flexhinf"
+    known = getattr(error, "possibilities", None)
+    what, _, meant = error.format_message().split(" (Possible")[0].partition(" Did you mean ")
+    typed = getattr(error, "option_name", "")
+    option = RENAMED.get(typed, typed)
+    commands = _with_option(context.find_root().command, "flexhinf", option) if context is not None else []
+    expected = f"what `{path} --help` lists"
+    # a number and its unit in two words
+    apart = next(
+        (pair for pair in pairwise(arguments) if _NUMBERS.match(pair[0]) and _UNIT.fullmatch(pair[1])), ()
+    )
+    if path in commands and option != typed:
+        what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
+    elif commands and path not in commands:
+        what = f"{path} does not take {option}, which would change nothing there"
+        advice = f"without it; it is an option of {', '.join(commands)}"
+    elif known or meant:
+        advice = ", ".join(known or ()) or meant.rstrip("?").strip("'")
+    else:
+        advice = f"write {''.join(apart)} or '{' '.join(apart)}', in one word" if apart else f"{path} --help"
+    return str(
+        FlexhinfError(f"{what.rstrip('.')}.", f"expected {expected}, got: {' '.join(arguments)}", advice)
+    )
+
+
+def _with_option(command: Any, path: str, option: str) -> list[str]:
+    own = [path] if any(option in (*entry.opts, *entry.secondary_opts) for entry in command.params) else []
+    inner = getattr(command, "commands", {}).items()
+    return own + [each for name, entry in inner for each in _with_option(entry, f"{path} {name}", option)]
+
+
+def progress_bar(*columns: str) -> Any:
+    """A bar on standard error that vanishes at its end, silent where that is no terminal: its columns of
+    `rich.progress` by name, then what is done."""
+    from rich import progress
+    from rich.console import Console
+
+    own = [getattr(progress, f"{name}Column")() for name in columns]
+    text, console = progress.TextColumn("{task.description}", markup=False), Console(stderr=True)
+    return progress.Progress(*own, text, console=console, transient=True, disable=not console.is_terminal)
+
+
+@contextmanager
+def step_progress(total: int | None = None) -> Iterator[Callable[[str], None]]:
+    """A progress bar of `total` steps around some work; a spinner where their number is unknown.
+
+    It gives a function that is called with the name of each step before the step begins.
+    """
+    bar = progress_bar(*(("Spinner",) if total is None else ("Bar", "MofNComplete")), "TimeElapsed")
+    task, begun = bar.add_task("", total=total), 0
+
+    def begin(text: str) -> None:
+        nonlocal begun
+        bar.update(task, advance=min(begun, 1), description=text)
+        begun += 1
+
+    with bar:
+        yield begin
+
+
+class ProofProgress(ExitStack):
+    """A bar of the estimated share of a proof, with the cells done; silent where standard error is not a terminal."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._bar = self.enter_context(progress_bar("Bar", "TaskProgress", "TimeElapsed"))
+        self._task = self._bar.add_task("", total=None)
+        self._text, self._cells = "", 0
+
+    def step(self, text: str) -> None:
+        """Begin another step, whose length is not known."""
+        self._text, self._cells = text, 0
+        self._bar.reset(self._task, total=None, description=text)
+
+    def share(self, cells: int, share: float) -> None:
+        """Report the number of cells of a proof that are done, and their estimated share."""
+        self._bar.update(self._task, total=1.0, completed=share, description=f"{self._text}, {cells} cells")
+
+    def cells(self, more: int) -> None:
+        """Report that more cells of a check are done."""
+        self._cells += more
+        self._bar.update(self._task, description=f"{self._text}, {self._cells} cells")

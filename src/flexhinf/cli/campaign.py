@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +17,17 @@ import typer
 from typer.core import TyperGroup
 
 from flexhinf import campaign as campaigns, pages
-from flexhinf.cli.arguments import design_file_of, read_source, reproduce_command, with_options
-from flexhinf.cli.messages import NOT_MET, note, progress_bar, show, step_progress
+from flexhinf.cli.arguments import (
+    NOT_MET,
+    design_file_of,
+    note,
+    progress_bar,
+    read_source,
+    reproduce_command,
+    show,
+    step_progress,
+    with_options,
+)
 from flexhinf.cli.options import (
     BatchOptions,
     CompareCampaignsOptions,
@@ -27,7 +35,7 @@ from flexhinf.cli.options import (
     ReplayOptions,
     RunCampaignOptions,
 )
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 
 if TYPE_CHECKING:
     from flexhinf.campaign import Journal, MergedTable, Requirement
@@ -42,8 +50,6 @@ GAIN = "gain"
 
 
 class _Runs(TyperGroup):
-    """A group of commands whose first argument is a command or else the design to run."""
-
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
             args = ["run", *args]
@@ -58,7 +64,7 @@ app = typer.Typer(
 
 @app.command("run", epilog="Example: flexhinf campaign design.toml --samples 10000 --out campaign")
 @with_options(RunCampaignOptions)
-def run(context: typer.Context, o: RunCampaignOptions) -> None:
+def run(context: typer.Context, o: RunCampaignOptions) -> int:
     """Run a design's step or move on many robots within their tolerances, each with its own noise.
 
     The folder is a journal: Ctrl-C, SIGKILL and a full disk lose at most the
@@ -73,8 +79,9 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     from flexhinf.design.campaign_gain import search_gain, searches_gain
 
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
-    checked = _requirements(o.require or design.requirements, design.metrics.units)
-    metrics = _searched(o, checked, list(design.metrics.units), o.worst_case and searches_gain(design))
+    known = list(design.metrics.units)
+    checked = [campaigns.Requirement.of(text, known) for text in o.require or design.requirements]
+    metrics = _searched(o, checked, known, o.worst_case and searches_gain(design))
     with step_progress() as stage:
         command = [word for k, word in enumerate(reproduce_command(context)) if (k, word) != (2, "run")]
         campaign, journal = open_campaign(design, o.out, command, stage)
@@ -88,48 +95,48 @@ def run(context: typer.Context, o: RunCampaignOptions) -> None:
     if table is None:
         left = journal.batches - len(journal.shards()[0])
         typer.echo(
-            f"shard {o.shard} is done; {left} of {journal.batches} batches are still to be run elsewhere."
+            f"shard {o.shard} is done; {left} of {journal.batches} batches are still to be run elsewhere.\n"
+            f"then:  flexhinf campaign merge {o.out}"
         )
-        typer.echo(f"then:  flexhinf campaign merge {o.out}")
         if o.worst_case:
             note("the worst case is searched when all shards are there, by the same command without --shard")
-        return
+        return 0
     for metric, least in metrics.items():
         with step_progress() as stage:
             if metric == GAIN:
                 search_gain(design, journal, stage)
-            else:
-                text, nominal = f"worst {pages.metric_text(metric)}", table.journal.about.get("nominal", {})
-                progress = partial(_search_progress, stage, text)
-                campaigns.search_worst(
-                    campaign, journal, metric, table.columns, least=least, starts=o.starts, nominal=nominal,
-                    progress=progress,
-                )  # fmt: skip
-    _finish(table, checked)
+                continue
+            text = f"worst {pages.metric_text(metric)}"
+            campaigns.search_worst(
+                campaign, journal, metric, table.columns, least=least, starts=o.starts,
+                nominal=table.journal.about.get("nominal", {}),
+                progress=lambda runs, best, stage=stage, text=text: stage(f"{text}: {best:.4g} after {runs} runs"),
+            )  # fmt: skip
+    return _finish(table, checked)
 
 
 def _request(o: BatchOptions, source: str) -> DesignCampaign:
     from flexhinf.design import CampaignOptions, DesignCampaign
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
-    if nameless := [text for text in o.tolerance if "=" not in text]:
-        raise InvalidInput(
-            "The tolerance names no parameter.",
-            f"expected NAME=x, got {nameless[0]!r}",
-            "--tolerance stiffness=15%",
-        )
-    pairs = (text.split("=", 1) for text in o.tolerance)
-    values["tolerances"] = tuple((name.strip(), value.strip()) for name, value in pairs)
-    request = read_source(source, o.elastic, {})
-    return DesignCampaign(request, CampaignOptions(**values), design_file_of(source))
+    nameless = [text for text in o.tolerance if "=" not in text]
+    found = f"expected NAME=x, got {', '.join(nameless[:1])!r}"
+    refuse_if(nameless, "The tolerance names no parameter.", found, "--tolerance stiffness=15%")
+    values["tolerances"] = tuple(
+        (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
+    )
+    return DesignCampaign(
+        read_source(source, o.elastic, {}), CampaignOptions(**values), design_file_of(source)
+    )
 
 
 def _executor(o: BatchOptions) -> Executor | None:
-    """Executor that runs the batches; None for this process."""
-    if o.workers and o.cluster:
-        raise InvalidInput(
-            "Batches run in processes here or on a cluster.", "got --workers and --cluster", "one of both"
-        )
+    refuse_if(
+        o.workers and o.cluster,
+        "Batches run in processes here or on a cluster.",
+        "got --workers and --cluster",
+        "one of both",
+    )
     if o.cluster:
         return campaigns.in_cluster(o.cluster)
     return campaigns.in_processes(o.workers, note) if o.workers else None
@@ -139,12 +146,12 @@ def _searched(
     o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
-    if o.metric and not o.worst_case:
-        raise InvalidInput(
-            "A metric is searched only where the worst case is searched.",
-            f"got --metric {o.metric[0]} without --worst-case",
-            "--worst-case beside it",
-        )
+    refuse_if(
+        o.metric and not o.worst_case,
+        "A metric is searched only where the worst case is searched.",
+        f"got --metric {' '.join(o.metric)} without --worst-case",
+        "--worst-case beside it",
+    )
     if not o.worst_case:
         return {}
     campaigns.check_starts(o.starts)
@@ -154,17 +161,9 @@ def _searched(
     return {name: name in least for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)}
 
 
-def _search_progress(stage: Callable[[str], None], text: str, runs: int, best: float) -> None:
-    stage(f"{text}: {best:.4g} after {runs} runs")
-
-
-def _requirements(texts: Iterable[str], metrics: Iterable[str]) -> list[Requirement]:
-    return [campaigns.Requirement.of(text, list(metrics)) for text in texts]
-
-
 @app.command("merge")
 @with_options(MergeOptions)
-def merge(context: typer.Context, o: MergeOptions) -> None:
+def merge(context: typer.Context, o: MergeOptions) -> int:
     """Write the table and the report of a campaign whose shards are done.
 
     Shards of other folders are copied into the first one. Every file is
@@ -180,8 +179,10 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
         return journal
 
     journal = read(o.folder)
-    metrics = [column.name for column in journal.columns if column.judged]
-    checked = _requirements(o.require or journal.about.get("requirements", []), metrics)
+    checked = [
+        campaigns.Requirement.of(text, journal.metrics)
+        for text in (o.require or journal.about.get("requirements", []))
+    ]
     with journal.driven():
         for other in o.others:
             typer.echo(f"{journal.take(read(other))} batches from {other}")
@@ -189,7 +190,7 @@ def merge(context: typer.Context, o: MergeOptions) -> None:
         for path, wrong in bad:
             note(f"{path.name} is {wrong}; the campaign's command runs it again")
         table = campaigns.merged(journal, good)
-    _finish(table, checked)
+    return _finish(table, checked)
 
 
 @app.command("replay", epilog="Example: flexhinf campaign replay campaign --sample 123")
@@ -200,27 +201,27 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
     from flexhinf.design.campaign_folder import stored_request
     from flexhinf.design.campaign_gain import GainSearch, stored_gains
 
-    if (o.sample is None) == (not o.worst_case):
-        raise InvalidInput(
-            "One run is replayed at a time.",
-            f"expected --sample or --worst-case, got {'neither' if o.sample is None else 'both'}",
-            "--sample 0",
-        )
-    if o.worst_case == GAIN and o.out is not None:
-        raise InvalidInput(
-            "The worst disturbances are several runs.",
-            "got --out",
-            "disturbance.json in the campaign's folder",
-        )
+    refuse_if(
+        (o.sample is None) == (not o.worst_case),
+        "One run is replayed at a time.",
+        f"expected --sample or --worst-case, got {'neither' if o.sample is None else 'both'}",
+        "--sample 0",
+    )
+    refuse_if(
+        o.worst_case == GAIN and o.out is not None,
+        "The worst disturbances are several runs.",
+        "got --out",
+        "disturbance.json in the campaign's folder",
+    )
     campaign, journal = stored_campaign(o.folder)
     if o.worst_case == GAIN:
         rows = stored_gains(journal).rows
-        if not rows:
-            raise InvalidInput(
-                "The worst disturbance was not searched in this campaign.",
-                f"expected worst-case/disturbance.json, whole, in {o.folder}",
-                f"the campaign's command with --worst-case --metric {GAIN}",
-            )
+        refuse_if(
+            not rows,
+            "The worst disturbance was not searched in this campaign.",
+            f"expected worst-case/disturbance.json, whole, in {o.folder}",
+            f"the campaign's command with --worst-case --metric {GAIN}",
+        )
         search = GainSearch(stored_request(journal), float(journal.settings["duration"]))
         show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
         return
@@ -239,7 +240,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
         note(f"the numbers differ in their last bits: another kind of processor, or other versions, {origin}")
 
 
-def _finish(table: MergedTable, requirements: list[Any]) -> None:
+def _finish(table: MergedTable, requirements: list[Requirement]) -> int:
     from flexhinf.design import stored_campaign
     from flexhinf.design.campaign_gain import stored_gains
 
@@ -253,11 +254,11 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
         lambda case, plant: case.run(stored_campaign(folder)[0], plant),
     )  # fmt: skip
     typer.echo(pages.campaign_verdict(judged))
-    missed = False
-    for case in campaigns.stored_worsts(journal):
+    cases = campaigns.stored_worsts(journal)
+    missed = any(pages.missed_by(case, requirements) for case in cases)
+    for case in cases:
         typer.echo(pages.worst_text(case))
         say_replay(f"--worst-case {case.metric}")
-        missed |= bool(pages.missed_by(case, requirements))
     gains = stored_gains(journal)
     for row in gains.rows:
         typer.echo(pages.gain_text(row, journal.about.get("nominal", {})))
@@ -265,12 +266,10 @@ def _finish(table: MergedTable, requirements: list[Any]) -> None:
         note(f"no γ is proved of this law: {gains.unproved}")
     if gains.rows:
         say_replay(f"--worst-case {GAIN}")
-    typer.echo(f"table:  {folder / 'samples.parquet'}")
-    typer.echo(f"report: {folder / 'index.html'}")
+    typer.echo(f"table:  {folder / 'samples.parquet'}\nreport: {folder / 'index.html'}")
     if judged.worst_of_all is not None:
         say_replay(f"--sample {judged.worst_of_all}")
-    if judged.failures or missed:
-        raise typer.Exit(NOT_MET)
+    return NOT_MET if judged.failures or missed else 0
 
 
 @app.command("compare", epilog="Example: flexhinf campaign compare linear.toml cubic.toml --samples 2000")
@@ -291,7 +290,8 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
 
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     pair = DesignPair(_request(o, o.first), _request(o, o.second))
-    checked = _requirements(o.require or pair.a.requirements, pair.a.metrics.units)
+    known = list(pair.a.metrics.units)
+    checked = [campaigns.Requirement.of(text, known) for text in o.require or pair.a.requirements]
     command = reproduce_command(context)
     with step_progress() as stage:
         opened = open_pair(pair, o.out, (command, command), stage)
@@ -301,8 +301,9 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
             table = campaigns.drive(campaign, journal, shard=shard, executor=executor, progress=progress)
         tables += [] if table is None else [table]
     if len(tables) < 2:
-        typer.echo(f"shard {o.shard} is done; others are still to be run.")
-        typer.echo("then: the same command without --shard")
+        typer.echo(
+            f"shard {o.shard} is done; others are still to be run.\nthen: the same command without --shard"
+        )
         return
 
     def judged(table: MergedTable) -> Any:
@@ -310,9 +311,14 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 
     names = o.first, o.second
-    both = judged(tables[0]), judged(tables[1])
-    paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
-    result = PairResult(pair, o.out.expanduser().absolute(), names, both, paired, tuple(command))
+    result = PairResult(
+        pair,
+        o.out.expanduser().absolute(),
+        names,
+        (judged(tables[0]), judged(tables[1])),
+        campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked]),
+        tuple(command),
+    )
     path = pages.write_pair(result)
     show([pages.pair_table(result)])
     for name, source in zip("AB", names):
@@ -328,7 +334,7 @@ def sample_progress(part: str) -> Iterator[Callable[[Report], None]]:
     """Progress bar with samples, rate and time left; a line every `EVERY` seconds where there is no terminal."""
     bar = progress_bar("Bar", "MofNComplete")
     task = bar.add_task("")
-    begun, printed = time.monotonic(), time.monotonic()
+    begun = printed = time.monotonic()
 
     def progress(report: Report) -> None:
         nonlocal printed

@@ -16,12 +16,19 @@ from typer.exceptions import TyperException
 from typer.main import get_command
 
 from flexhinf import __version__, pages
+from flexhinf.cli.arguments import (
+    INTERRUPTED,
+    error_text,
+    interrupted,
+    mistake,
+    parser_error,
+    show,
+    system_error,
+)
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.certify import certify
-from flexhinf.cli.design import compare, design, paper
+from flexhinf.cli.design import certify, compare, design, paper
 from flexhinf.cli.export import app as export, compile_design, run_design
-from flexhinf.cli.messages import INTERRUPTED, error_text, interrupted, mistake, parser_error, refused, show
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
 
@@ -36,9 +43,8 @@ def schema() -> None:
     from flexhinf.design import design_schema
 
     encoding = str(getattr(sys.stdout, "encoding", None) or "utf-8")
-    escaped = (
-        not encoding.lower().replace("-", "").startswith("utf")
-    )  # JSON's own escapes, so that it stays JSON
+    # JSON's own escapes, so that it stays JSON
+    escaped = not encoding.lower().replace("-", "").startswith("utf")
     typer.echo(json.dumps(design_schema(), indent=2, ensure_ascii=escaped))
 
 
@@ -96,8 +102,8 @@ class App(typer.Typer):
         return command(*arguments, **options)
 
 
+# Some errors of the parser, such as that of a missing value, lack their command.
 def _refine(command: Any) -> None:
-    """Attach the command to every error of the parser; some, such as that of a missing value, lack it."""
     for inner in getattr(command, "commands", {}).values():
         _refine(inner)
     parse = command.parse_args
@@ -150,14 +156,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
     with recorded() as written:
         try:
             for word in command:  # what is no text could be printed nowhere
-                try:
-                    word.encode()
-                except UnicodeEncodeError as error:
-                    raise InvalidInput(
-                        "A word of the command is no text in UTF-8.",
-                        f"got {value_text(word)}: {error.reason} at position {error.start}",
-                        "names and folders in UTF-8",
-                    ) from None
+                refuse_if(
+                    any("\ud800" <= character <= "\udfff" for character in word),
+                    "A word of the command is no text in UTF-8.",
+                    f"got {value_text(word)}",
+                    "names and folders in UTF-8",
+                )
             code = app(args=command, prog_name="flexhinf", standalone_mode=False)
             if code == INTERRUPTED:  # the option parser has caught Ctrl-C
                 return interrupted(written())
@@ -169,6 +173,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
         except BrokenPipeError:
             raise
         except (OSError, MemoryError) as error:
-            return mistake(refused(error, written()))
+            return mistake(system_error(error, written()))
         except (KeyboardInterrupt, typer.Abort):
             return interrupted(written())

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from flexhinf import export, pages
-from flexhinf.cli.arguments import request_of, with_options
-from flexhinf.cli.messages import NOT_MET, note, show, step_progress
+from flexhinf.cli.arguments import NOT_MET, note, request_of, show, step_progress, with_options
 from flexhinf.cli.options import RUN_FIELDS, CompileOptions, ExportCOptions, ExportFmuOptions, RunOptions
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.validation import checked_path, value_text
 
 if TYPE_CHECKING:
@@ -41,8 +40,7 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     name = o.name or export.identifier_of(title)
     export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram)
     export.write_files(folder, export.controller_files(controller, name, o.real))
-    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}")
-    typer.echo(f"test:  make -C {o.out} test")
+    typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 
 
 @app.command("fmu")
@@ -77,8 +75,8 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     fh.load_compiled(FILE) steps it from Python, without LLVM and CasADi; every
     output is the simulation's. For this platform; needs a C compiler.
     """
-    written = export.compile_controller(controller_of(o.source)[0], o.out, o.processor)
-    typer.echo(f"library: {written}")
+    controller, _ = controller_of(o.source)
+    typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
 
 
 def controller_of(source: str) -> tuple[Controller, str]:
@@ -90,14 +88,13 @@ def controller_of(source: str) -> tuple[Controller, str]:
 
     path = file_of(source)
     if not is_design_file(path):
-        named = source in catalogue()
-        is_robot = named or (path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists())
-        if is_robot and not Path(source).is_dir():
-            raise InvalidInput(
-                "A robot has no controller; a design of it has one.",
-                f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
-                f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
-            )
+        robot_file = path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists()
+        refuse_if(
+            (source in catalogue() or robot_file) and not Path(source).is_dir(),
+            "A robot has no controller; a design of it has one.",
+            f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
+            f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
+        )
         return load_controller(path), "controller"
     robot, specification = load_design(path)
     beside = path.parent / "controller"
@@ -124,26 +121,24 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
 
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
-    if not os.path.exists(file) and source not in catalogue():
-        what = (
-            f"folder {value_text(source, 120)} holds no" if file != path else "path leads to no file and no"
-        )
-        raise InvalidInput(
-            f"There is no file or design {value_text(source, 120)}.",
-            f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-            "flexhinf design ROBOT --out DIR, then DIR in its place",
-        )
-    if only_design and not is_design_file(file):
-        raise InvalidInput(
-            only_design,
-            f"expected design.toml or a report's folder, got {source!r}",
-            f"flexhinf design ROBOT --out DIR, then {then}",
-        )
+    what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
+    refuse_if(
+        not os.path.exists(file) and source not in catalogue(),
+        f"There is no file or design {value_text(source, 120)}.",
+        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+        "flexhinf design ROBOT --out DIR, then DIR in its place",
+    )
+    refuse_if(
+        only_design and not is_design_file(file),
+        only_design,
+        f"expected design.toml or a report's folder, got {source!r}",
+        f"flexhinf design ROBOT --out DIR, then {then}",
+    )
     return file
 
 
 @with_options(RunOptions, RUN_FIELDS)
-def run_design(context: typer.Context, o: RunOptions) -> None:
+def run_design(context: typer.Context, o: RunOptions) -> int:
     """The controller of a design drives the robot in MuJoCo, in real time.
 
     By default it makes the step of the design, or its move: what no option states
@@ -155,10 +150,12 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
     2 for a mistake; 130 if interrupted.
     """
     file_of(o.source)
-    if not o.mujoco:
-        raise InvalidInput(
-            "It is not said which robot is driven.", "expected --mujoco, the robot in MuJoCo, got none", "--mujoco"
-        )  # fmt: skip
+    refuse_if(
+        not o.mujoco,
+        "It is not said which robot is driven.",
+        "expected --mujoco, the robot in MuJoCo, got none",
+        "--mujoco",
+    )
     from flexhinf.robot.mujoco import MuJoCoView, check_display
 
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
@@ -179,17 +176,16 @@ def run_design(context: typer.Context, o: RunOptions) -> None:
         typer.echo(pages.run_verdict(prepared, run))
     for path in logs:
         typer.echo(f"log: {path}")
-    with step_progress(len(films)) if films else nullcontext() as progress:
-        for path in films:
-            if progress is not None:
+    if films:
+        with step_progress(len(films)) as progress:
+            for path in films:
                 progress(f"draw {path.name}")
-            pages.write_film(prepared, run, path)
+                pages.write_film(prepared, run, path)
     for path in films:
         typer.echo(f"film: {path}")
-    if run.stopped:
-        raise typer.Exit(128 + run.stopped)
-    if run.stopped is None and not pages.run_met(prepared, run):
-        raise typer.Exit(NOT_MET)
+    if run.stopped is None:
+        return 0 if pages.run_met(prepared, run) else NOT_MET
+    return 128 + run.stopped if run.stopped else 0  # 0: the view was closed
 
 
 def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:

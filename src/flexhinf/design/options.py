@@ -31,7 +31,7 @@ from pydantic import (
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
-from flexhinf.validation import checked_path, real_number, value_text
+from flexhinf.validation import checked_path, one_of, real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
 _TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
@@ -470,16 +470,11 @@ class CampaignOptions:
     # fmt: on
 
     def __post_init__(self) -> None:
-        from flexhinf.campaign import (  # not for `flexhinf --help`
-            DISTRIBUTIONS,
-            METHODS,
-            check_counts,
-            one_of,
-        )
+        from flexhinf.campaign import DISTRIBUTIONS, METHODS, check_counts  # not for `flexhinf --help`
 
         check_counts(self.samples, self.seed, self.batch)
-        one_of("distribution", self.distribution, DISTRIBUTIONS)
-        one_of("method", self.method, METHODS)
+        one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
+        one_of("There is no such method.", self.method, METHODS)
         for name in ("initial_error", "disturbance"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

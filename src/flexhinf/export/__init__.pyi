@@ -14,5 +14,10 @@ from .package import (
     export_c as export_c,
     write_files as write_files,
 )
-from .realtime import RealTimeRun as RealTimeRun, Timing as Timing, run_realtime as run_realtime
-from .run_log import check_log as check_log, write_log as write_log
+from .realtime import (
+    RealTimeRun as RealTimeRun,
+    Timing as Timing,
+    check_log as check_log,
+    run_realtime as run_realtime,
+    write_log as write_log,
+)

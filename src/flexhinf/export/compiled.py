@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.errors import ControllerInUse, InvalidInput, refuse_if
 from flexhinf.files import write_file
-from flexhinf.validation import checked_path, read_bytes, real_array, value_text
+from flexhinf.validation import checked_path, one_of, read_bytes, real_array, value_text
 
 if TYPE_CHECKING:
     from flexhinf.export.controller_c import ControllerCode
@@ -59,12 +59,13 @@ def compile_controller(
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
     }  # fmt: skip
-    text = json.dumps(json.dumps(about))  # twice: a string of C is one of JSON in ASCII
     # strings, each the name of a set that the compiler may use, with a space before it
     sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
     entry = fill(
         template("library.c"), code.name, code.real, MARK=MARK.strip().decode() + r"\n", INSTRUCTIONS=sets,
-        DESCRIPTION=text.replace("??", '?""?'), REFERENCE=c.memory.places["reference"].start,
+        # twice: a string of C is one of JSON in ASCII
+        DESCRIPTION=json.dumps(json.dumps(about)).replace("??", '?""?'),
+        REFERENCE=c.memory.places["reference"].start,
     )  # fmt: skip
     sources = {"controller.h": code.header, "controller.c": code.source, "entry.c": entry}
     try:
@@ -92,8 +93,7 @@ def cortex_m4_bytes(code: ControllerCode) -> int | None:
     core = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-ffunction-sections")
     used = (f"-Wl,--entry={code.name}_step", f"-Wl,--undefined={code.name}_init", "-Wl,--gc-sections")
     with TemporaryDirectory() as work:
-        for file, text in ((f"{code.name}.h", code.header), (f"{code.name}.c", code.source)):
-            (Path(work) / file).write_text(text, encoding="utf-8")
+        _write(code.files, Path(work))
         flags = ("-std=c99", "-O2", *core, f"{code.name}.c", "-nostartfiles", *used, "-lm", "-o", "alone")
         if subprocess.run([compiler, *flags], cwd=work, capture_output=True, check=False).returncode:
             return None
@@ -107,26 +107,29 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
 
     Raises InvalidInput: if there is no compiler (``CC``, cc, gcc, clang), or it fails.
     """
-    names = (os.environ.get("CC", "cc"), "cc", "gcc", "clang")
-    compiler = next(filter(None, map(shutil.which, names)), None)
+    compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
     if compiler is None:
         raise InvalidInput(
             "There is no C compiler.",
             "expected the one that CC names, cc, gcc or clang, found none",
             "install one; or `flexhinf export c`, which needs none",
         )
-    for file, text in sources.items():
-        (folder / file).write_text(text, encoding="utf-8")
+    _write(sources, folder)
     files = [file for file in sources if file.endswith(".c")]
     command = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InvalidInput(
-            "The C compiler does not compile the controller.",
-            f"{' '.join(command)}: {done.stderr.strip()[:400]}",
-            "another compiler in CC",
-        )
+    refuse_if(
+        done.returncode,
+        "The C compiler does not compile the controller.",
+        f"{' '.join(command)}: {done.stderr.strip()[:400]}",
+        "another compiler in CC",
+    )
     return folder / "built"
+
+
+def _write(sources: dict[str, str], folder: Path) -> None:
+    for file, text in sources.items():
+        (folder / file).write_text(text, encoding="utf-8")
 
 
 #: Libraries of this process by the digest of their bytes: none is ever unloaded.
@@ -196,13 +199,13 @@ class CompiledController:
                 raise ValueError("no library of this version")
             about = json.loads(text)
             missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
-            if missing:  # machine code that this processor would end with SIGILL
-                raise InvalidInput(
-                    "The library is for another processor.",
-                    f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
-                    "has not",
-                    "flexhinf compile DESIGN --processor portable, or on this machine",
-                )
+            refuse_if(  # machine code that this processor would end with SIGILL
+                missing,
+                "The library is for another processor.",
+                f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
+                "has not",
+                "flexhinf compile DESIGN --processor portable, or on this machine",
+            )
             self._library = loaded(image, self.path.parent)
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
         except InvalidInput:
@@ -226,8 +229,11 @@ class CompiledController:
         self._y, self._r = np.zeros(len(self.measured)), np.zeros(max(1, len(self.commanded)))
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
         self._busy = False
-        arrays = (self._state, self._y, self._r, self._u, self.estimate)
-        state, y, r, u, estimate = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
+        self._kept = (self._state, self._r, self._u, self.estimate)  # what copies and pickles hold
+        state, y, r, u, estimate = (
+            ctypes.c_void_p(array.ctypes.data)
+            for array in (self._state, self._y, self._r, self._u, self.estimate)
+        )
         step = self._library.flexhinf_step
         self._run = lambda measured: step(state, y, r, measured, u, estimate)
         self._begin = lambda x, v: self._library.flexhinf_start(state, x, v)
@@ -279,47 +285,49 @@ class CompiledController:
         InvalidInput
             If they do not fit, or this controller's estimate cannot be set.
         """
-        if state is not None and not self._starts_anywhere:
-            raise InvalidInput(
-                "The estimate of this controller cannot be set.", "expected state=None", "reset()"
-            )
-        pointers = []
-        for start, names, what in ((state, self.states, "state"), (input, self.inputs, "input")):
-            values = np.zeros(len(names))
-            if start is not None:
-                self._fill(values, start, what, names)
-            pointers.append((values, None if start is None else ctypes.c_void_p(values.ctypes.data)))
-        if self._begin(pointers[0][1], pointers[1][1]):
-            raise InvalidInput(
-                "This process does not compute as the library must.",
-                "expected rounding to nearest and numbers below the normal ones, got another setting of the processor, "
-                "or a library that was compiled with flags that change results",
-                "a process without libraries that are linked with -ffast-math, or flexhinf compile with gcc or clang",
-            )
+        refuse_if(
+            state is not None and not self._starts_anywhere,
+            "The estimate of this controller cannot be set.",
+            "expected state=None",
+            "reset()",
+        )
+        x, u = np.zeros(len(self.states)), np.zeros(len(self.inputs))
+        if state is not None:
+            self._fill(x, state, "state", self.states)
+        if input is not None:
+            self._fill(u, input, "input", self.inputs)
+        refuse_if(
+            self._begin(
+                None if state is None else ctypes.c_void_p(x.ctypes.data),
+                None if input is None else ctypes.c_void_p(u.ctypes.data),
+            ),
+            "This process does not compute as the library must.",
+            "expected rounding to nearest and numbers below the normal ones, got another setting of the processor, "
+            "or a library that was compiled with flags that change results",
+            "a process without libraries that are linked with -ffast-math, or flexhinf compile with gcc or clang",
+        )
         self._r[: len(self.commanded)] = self._rest
         self.estimate[:] = 0.0
         self.code = "OK"
 
     # Copies and pickles: the library's path, and what is remembered ---------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        remembered = (self._state, self._r, self._u, self.estimate)
         return {
             "path": str(self.path),
             "digest": self.digest,
-            "remembered": [array.copy() for array in remembered],
+            "remembered": [array.copy() for array in self._kept],
             "code": self.code,
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(state["path"])  # type: ignore[misc]
-        if self.digest != state["digest"]:
-            raise InvalidInput(
-                "The library of this controller was replaced by one of another controller.",
-                f"expected {state['digest'][:12]}, got {self.digest[:12]} in {self.path}",
-                "load_compiled, to begin anew",
-            )
-        places = (self._state, self._r, self._u, self.estimate)
-        for place, values in zip(places, state["remembered"], strict=True):
+        refuse_if(
+            self.digest != state["digest"],
+            "The library of this controller was replaced by one of another controller.",
+            f"expected {state['digest'][:12]}, got {self.digest[:12]} in {self.path}",
+            "load_compiled, to begin anew",
+        )
+        for place, values in zip(self._kept, state["remembered"], strict=True):
             place[:] = values
         self.code = state["code"]
 
@@ -371,8 +379,7 @@ def instructions() -> frozenset[str]:
             return frozenset()
         return frozenset(name.replace(".", "").replace("-", "") for name, there in features.items() if there)
     line = next((line for line in text.splitlines() if line.startswith(("flags", "Features"))), "")
-    flags = line.partition(":")[2].split()
-    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in flags)
+    return frozenset(OF_LINUX.get(word, word.replace("_", "")) for word in line.partition(":")[2].split())
 
 
 def compiler_flags(processor: str) -> tuple[str, ...]:
@@ -382,15 +389,12 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
     without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than
     PCs have the first two in common. Raises InvalidInput: for another word.
     """
-    if processor not in ("portable", "any", "native"):
-        raise InvalidInput(
-            "There is no such choice of processors.",
-            f"expected portable, any or native, got {value_text(processor)}",
-            "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one",
-        )
-    if platform.machine() not in X86:
-        return ("-mcpu=native",) if processor == "native" else ()
+    otherwise = (
+        "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one"
+    )
+    one_of("There is no such choice of processors.", processor, ("portable", "any", "native"), otherwise)
+    pc = platform.machine() in X86
     if processor == "native":
-        return ("-march=native",)
-    fused = processor == "portable" and instructions() >= PORTABLE
-    return ("-march=x86-64", *(f"-m{name}" for name in sorted(PORTABLE) if fused))
+        return ("-march=native" if pc else "-mcpu=native",)
+    fused = processor == "portable" and pc and instructions() >= PORTABLE
+    return (*(["-march=x86-64"] if pc else []), *(f"-m{name}" for name in sorted(PORTABLE) if fused))

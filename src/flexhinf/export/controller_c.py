@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property
 from importlib.resources import files
 from typing import Any
@@ -21,11 +22,11 @@ from flexhinf import __version__
 from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.program import Step
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
-from flexhinf.validation import value_text
+from flexhinf.validation import unknown_name, value_text
 
 #: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
 RESERVED = frozenset({
@@ -48,15 +49,16 @@ def checked_identifier(name: object) -> str:
 
     Raises InvalidInput: if it is no identifier of C, is reserved, or is too long.
     """
-    good = isinstance(name, str) and re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name) is not None
-    if not good or str(name).lower() in RESERVED or len(str(name)) > LONGEST:
-        raise InvalidInput(
-            "This is no name for C.",
-            f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
-            f"header of its library, got {value_text(name)}",
-            f"{identifier_of(name) if isinstance(name, str) else 'my_arm'}",
-        )
-    return str(name)
+    text = name if isinstance(name, str) else ""
+    whole = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text) is not None and len(text) <= LONGEST
+    refuse_if(
+        not whole or text.lower() in RESERVED,
+        "This is no name for C.",
+        f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
+        f"header of its library, got {value_text(name)}",
+        identifier_of(text) if text else "my_arm",
+    )
+    return text
 
 
 def identifier_of(text: str) -> str:
@@ -71,8 +73,7 @@ def constants(prefix: str, names: Sequence[str]) -> list[str]:
     """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
     chosen: list[str] = []
     for k, name in enumerate(names):
-        plain = re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
-        full = f"{prefix}_{plain}" if plain else f"{prefix}_{k}"
+        full = f"{prefix}_{re.sub(r'[^A-Z0-9]+', '_', name.upper()).strip('_') or k}"
         chosen.append(full if full not in chosen else f"{full}_{k}")
     return chosen
 
@@ -115,7 +116,8 @@ class ControllerCode:
 
     `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
     samples without a measurement can be predicted over. `programs`: The step with a measurement, and without.
-    `scratch`: Numbers of working memory, beside "after" and "estimated". `safe_input`: The input before the first
+    `scratch`: Numbers of working memory, beside "after" and "estimated". `constants`: Numbers of data and first memory.
+    `state_bytes`: Memory that the caller gives, but for a few integers. `safe_input`: The input before the first
     sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
@@ -130,13 +132,18 @@ class ControllerCode:
             "u": len(c.law.input_names), "estimate": len(c.states),
         }  # fmt: skip
         self.predicts = estimator is not None
-        self.programs = {"measured": step_program(self.sizes, bool(c.commanded), c.steps)}
-        if self.predicts:
-            without = {name: size for name, size in self.sizes.items() if name != "y"}
-            self.programs["predicted"] = step_program(without, bool(c.commanded), c.steps)
+        without = {name: size for name, size in self.sizes.items() if name != "y"}
+        self.programs = {
+            which: step_program(sizes, bool(c.commanded), c.steps)
+            for which, sizes in {"measured": self.sizes, "predicted": without}.items()
+            if which == "measured" or self.predicts
+        }
         buffers = [buffer for program in self.programs.values() for buffer in program.buffers]
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
+        self.constants = self.sizes["data"] + self.sizes["memory"]
+        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
+        self.state_bytes = (own + max(1, self.scratch)) * real.bytes
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
@@ -148,17 +155,12 @@ class ControllerCode:
     @cached_property
     def translator(self) -> Translator:
         """All functions of the step."""
-        lanes = LANES if self.controller.composed and self.real.name == "double" else 1
-        translator = Translator(self.name, self.real, lanes)
+        translator = Translator(
+            self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
+        )
         for name, program in self.programs.items():
             translator.add(program, name)
         return translator
-
-    @property
-    def state_bytes(self) -> int:
-        """Memory that the caller gives, but for a few integers."""
-        own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
-        return (own + max(1, self.scratch)) * self.real.bytes
 
     @property
     def operations(self) -> int:
@@ -172,8 +174,12 @@ class ControllerCode:
     def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
         """Constants between commas, some in a line."""
         texts = [constant(float(value), self.real) for value in np.ravel(values)]
-        lines = [", ".join(texts[k : k + 4]) for k in range(0, len(texts), 4)]
-        return ",\n".join(indent + line for line in lines)
+        return ",\n".join(indent + ", ".join(texts[k : k + 4]) for k in range(0, len(texts), 4))
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Header and source by the names of their files."""
+        return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
 
     @cached_property
     def header(self) -> str:
@@ -188,20 +194,19 @@ class ControllerCode:
         for kind, names in self.signals.items():
             texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
             if kind == "X" and self.belief is not None:
-                begins = zip(texts, self.belief, strict=True)
-                texts = [f"{text}; begins at {value:.6g}" for text, value in begins]
+                texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
             signals += [enumeration(list(rows))] if names else []
-        same = "the estimate begins where that of @NAME@_init does"
-        summary = [f"{name}: {text}" for name, text in c.summary().items()]
         return fill(
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
-            SUMMARY="\n * ".join(map(comment, summary)), P=sizes["y"], K=len(c.commanded), M=sizes["u"],
+            SUMMARY="\n * ".join(comment(f"{name}: {text}") for name, text in c.summary().items()),
+            P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
-            SETS="about another state" if self.starts_anywhere else same,
+            SETS="about another state" if self.starts_anywhere
+            else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
             FIRST=c.first_input.text, HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
@@ -212,17 +217,14 @@ class ControllerCode:
         memory = self.controller.memory.places
         start = self._start  # which may need one more function
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
-        predicted = self.upper("STOPPED")
-        if self.predicts:
-            functions += PREDICTION
-            predicted = f"{self.name}_predict(state, param, input)"
         return fill(
             template("controller.c"), self.name, self.real,
             START=start, ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
             DEFAULTS=self.numbers(self.controller.data_vector, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory),
-            FUNCTIONS=functions, MEASURED=self._call("measured"), PREDICTED=predicted,
+            FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("measured"),
+            PREDICTED=f"{self.name}_predict(state, param, input)" if self.predicts else self.upper("STOPPED"),
             PREDICTED_CALL=self._call("predicted") if self.predicts else "",
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
@@ -238,9 +240,8 @@ class ControllerCode:
 
     def _call(self, which: str) -> str:
         places = {"y": "input->y", "r": "input->r", "data": "param->value", "scratch": "state->work"}
-        names = [buffer.name for buffer in self.programs[which].buffers]
-        arguments = ", ".join(places.get(name, f"state->{name}") for name in names)
-        return f"{self.name}_{which}({arguments})"
+        arguments = [places.get(b.name, f"state->{b.name}") for b in self.programs[which].buffers]
+        return f"{self.name}_{which}({', '.join(arguments)})"
 
     @property
     def _start(self) -> str:
@@ -258,13 +259,13 @@ class ControllerCode:
     def starts_anywhere(self) -> bool:
         """Whether the belief about another state is the initial one with another mean."""
         estimator = self.controller.estimator
-        if estimator is None:
-            return False
-        try:
-            other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
-        except InvalidInput:
-            return False
-        return all(np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True))
+        if estimator is not None:
+            with suppress(InvalidInput):
+                other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
+                return all(
+                    np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True)
+                )
+        return False
 
 
 #: What a start assumes.
@@ -301,15 +302,13 @@ static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const 
 def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
     """The code of a controller in a type, checked."""
     if real not in ("double", "float"):
-        raise InvalidInput(
-            "There is no such type of numbers.", f"expected double or float, got {value_text(real)}", "double"
-        )
-    if not isinstance(controller, Controller):
-        raise InvalidInput(
-            "There is no controller to export.",
-            f"expected a flexhinf.Controller, got {type(controller).__name__}",
-            "design(...).controller(), or load_controller(file)",
-        )
+        raise unknown_name("There is no such type of numbers.", real, ("double", "float"), "double")
+    refuse_if(
+        not isinstance(controller, Controller),
+        "There is no controller to export.",
+        f"expected a flexhinf.Controller, got {type(controller).__name__}",
+        "design(...).controller(), or load_controller(file)",
+    )
     if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
         controller = controller.in_pieces()
     return ControllerCode(controller, checked_identifier(name), Real(real))
@@ -318,14 +317,11 @@ def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
 def _operations(step: Step) -> int:
     """Operations of one step of a program: instructions of its function, or multiplications of its sums."""
     match step:
-        case Repeat() | Sweep():
-            return int(step.count) * sum(map(_operations, step.body))
-        case When():
-            return sum(map(_operations, step.body))
-        case Call():
-            return step.function.n_instructions()
-        case Map():
-            return step.count * step.function.n_instructions()
+        case Repeat() | Sweep() | When():
+            # a guard, as a call below, runs at most once
+            return int(getattr(step, "count", 1)) * sum(map(_operations, step.body))
+        case Call() | Map():
+            return getattr(step, "count", 1) * step.function.n_instructions()
         case OuterSum():
             return step.count * step.target.size
         case Polynomial():
@@ -341,10 +337,10 @@ def template(name: str) -> str:
 def arithmetic(name: str, real: Real) -> str:
     """C code against flags that change results: guards, and ``int NAME_exact(void)`` for flags without a macro."""
     about = np.finfo(np.float64 if real.name == "double" else np.float32)
-    sizes = {"EPSILON": about.eps, "SMALLEST": about.tiny, "LARGEST": about.max}
     return fill(
         template("arithmetic.c"), name, real, BYTES=real.bytes, F=real.suffix, SUFFIX=real.suffix.upper(),
-        **{mark: constant(float(value), real) for mark, value in sizes.items()},
+        EPSILON=constant(float(about.eps), real), SMALLEST=constant(float(about.tiny), real),
+        LARGEST=constant(float(about.max), real),
     )  # fmt: skip
 
 

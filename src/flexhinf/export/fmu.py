@@ -23,7 +23,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import shared_library
 from flexhinf.export.controller_c import (
     MISSING_LIMIT,
@@ -115,23 +115,28 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
         ("u", "output", u, code.safe_input, ""),
         ("estimate", "output", x, np.zeros(len(x)), ""),
     )  # fmt: skip
-    missing = MISSING_LIMIT if code.predicts else 0
-    held = "samples without a measurement until the output is held"
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
-        Variable("missing_limit", "parameter", missing, kind="Integer", about=held),
+        Variable(
+            "missing_limit",
+            "parameter",
+            MISSING_LIMIT if code.predicts else 0,
+            kind="Integer",
+            about="samples without a measurement until the output is held",
+        ),
         Variable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
-    starts = [variable.start for variable in variables if variable.kind == "Real"]
     model = fill(
         template("fmu_controller.h"), code.name, DOUBLE,
-        PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}", START=code.numbers(starts, "        "),
+        PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}",
+        START=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
         STARTS=0 if belief is None else len(belief),
     )  # fmt: skip
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
-    about = f"sampled controller of {c.period:g} s"
-    return _write(Model(code.name, about, c.period, tuple(variables), sources), path)
+    return _write(
+        Model(code.name, f"sampled controller of {c.period:g} s", c.period, tuple(variables), sources), path
+    )
 
 
 def export_plant_fmu(
@@ -169,10 +174,11 @@ def export_plant_fmu(
     flow, output = translator.function(plant.traced_flow), translator.function(plant.traced_output)
     sizes = (len(plant.inputs), len(plant.disturbances), len(parameters), plant.n)
     measured = np.ravel(np.asarray(plant.traced_output(start, acting, parameters), dtype=float))
-    labels = []  # a name for each number of the parameters, in the order of their vector
-    for label, value in plant.parameters.values.items():
-        size = int(np.size(value))
-        labels += [label] if size == 1 else [f"{label}[{k + 1}]" for k in range(size)]
+    labels = [  # a name for each number of the parameters, in the order of their vector
+        label if np.size(value) == 1 else f"{label}[{k + 1}]"
+        for label, value in plant.parameters.values.items()
+        for k in range(int(np.size(value)))
+    ]
     rows = (
         ("u", "input", plant.inputs, acting, ""),
         ("disturbance", "input", plant.disturbances, np.zeros(sizes[1]), ""),
@@ -198,12 +204,12 @@ def export_plant_fmu(
 
 def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
     values = np.zeros(len(names)) if start is None else real_array(start)
-    if values.shape != (len(names),) or not np.isfinite(values).all():
-        raise InvalidInput(
-            f"The first {what} does not fit the plant.",
-            f"expected a finite number for each of {list(names)}, got {value_text(start)}",
-            f"{what}=None for zeros",
-        )
+    refuse_if(
+        values.shape != (len(names),) or not np.isfinite(values).all(),
+        f"The first {what} does not fit the plant.",
+        f"expected a finite number for each of {list(names)}, got {value_text(start)}",
+        f"{what}=None for zeros",
+    )
     return values
 
 
@@ -229,12 +235,14 @@ def _write(model: Model, path: str | os.PathLike[str]) -> Path:
     sources = {name: text.replace("@GUID@", guid) for name, text in model.sources.items()}
     sources[f"{model.name}_fmi2.h"] = fill(template("fmi2.h"), model.name, DOUBLE)
     sources[f"{model.name}_fmu.c"] = fill(template("fmu.c"), model.name, DOUBLE, VERSION=__version__)
-    files: dict[str, bytes] = {"modelDescription.xml": description(model, guid).encode()}
-    files |= {f"sources/{name}": text.encode() for name, text in sources.items()}
-    system = {"Linux": ("linux", "so"), "Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
+    system = {"Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
     short, ending = system.get(platform.system(), ("linux", "so"))
     folder = short + ("64" if sys.maxsize > 2**32 else "32")
-    files[f"binaries/{folder}/{model.name}.{ending}"] = shared_library(sources)
+    files: dict[str, bytes] = {
+        "modelDescription.xml": description(model, guid).encode(),
+        **{f"sources/{name}": text.encode() for name, text in sources.items()},
+        f"binaries/{folder}/{model.name}.{ending}": shared_library(sources),
+    }
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, content in files.items():
@@ -248,11 +256,14 @@ def description(model: Model, guid: str) -> str:
     own, references, variables = f"{model.name}.c", {"Real": 0, "Integer": 0, "Boolean": 0}, []
     files = [*([own] if own in model.sources else []), f"{model.name}_fmu.c"]
     for variable in model.variables:
-        kind, start = variable.kind, repr(float(variable.start))
-        variability = {"input": "continuous", "output": "discrete", "parameter": "fixed"}[variable.causality]
-        if kind != "Real":
-            start = str(int(variable.start)) if kind == "Integer" else str(bool(variable.start)).lower()
-            variability = "fixed" if variable.causality == "parameter" else "discrete"
+        kind, parameter = variable.kind, variable.causality == "parameter"
+        start = {
+            "Real": repr(float(variable.start)),
+            "Integer": str(int(variable.start)),
+            "Boolean": str(bool(variable.start)).lower(),
+        }[kind]
+        continuous = kind == "Real" and variable.causality == "input"
+        variability = "fixed" if parameter else "continuous" if continuous else "discrete"
         initial = "" if variable.causality == "input" else ' initial="exact"'
         unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
         about = f" description={quoteattr(variable.about)}" if variable.about else ""

@@ -1,4 +1,8 @@
-"""All files of an exported controller, and where they are written."""
+"""All files of an exported controller, and where they are written.
+
+Its test vector is a recorded run of the controller: measurements, commands and outputs of every sample. The C code must
+give the same.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,7 @@ import re
 import subprocess
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -16,12 +21,11 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import constant
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.compiled import build, cortex_m4_bytes
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
-from flexhinf.export.run_log import Recording, record
 from flexhinf.files import write_file
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.validation import checked_path, value_text
 
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
@@ -87,16 +91,10 @@ def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     Raises InvalidInput: if it is a file, or is not empty and `force` is not set.
     """
     path = checked_path("The folder", folder).absolute()
-    if path.exists() and not path.is_dir():
-        raise InvalidInput(
-            "The output is no folder.", f"expected a folder, got the file {path}", "another name"
-        )
-    if not force and path.is_dir() and any(path.iterdir()):
-        raise InvalidInput(
-            "The output folder is not empty.",
-            f"expected a new or empty folder, got {path}",
-            "another folder, or force=True (--force): files of the same names are then replaced",
-        )
+    found, full = f"expected a new or empty folder, got {path}", path.is_dir() and any(path.iterdir())
+    refuse_if(path.exists() and not path.is_dir(), "The output is no folder.", found, "another name")
+    advice = "another folder, or force=True (--force): files of the same names are then replaced"
+    refuse_if(full and not force, "The output folder is not empty.", found, advice)
     return path
 
 
@@ -107,8 +105,11 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            reason = f"{path.parent}: {error.strerror or error}"
-            raise InvalidInput("The output folder cannot be made.", reason, "another folder") from error
+            raise InvalidInput(
+                "The output folder cannot be made.",
+                f"{path.parent}: {error.strerror or error}",
+                "another folder",
+            ) from error
         data = content.encode("utf-8") if isinstance(content, str) else content
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
@@ -121,15 +122,14 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
     arm-none-eabi-gcc is installed. Raises InvalidInput: if the period is another one, or code, constants or state are
     larger.
     """
-    if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
-        raise InvalidInput(
-            "The firmware's period is not the controller's.",
-            f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
-            "a design with --period of that length",
-        )
+    refuse_if(
+        period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period,
+        "The firmware's period is not the controller's.",
+        f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
+        "a design with --period of that length",
+    )
     code = code_of(controller, "controller", real)
-    whole = cortex_m4_bytes(code) if flash else None
-    constants = (code.sizes["data"] + code.sizes["memory"]) * code.real.bytes
+    whole, constants = cortex_m4_bytes(code) if flash else None, code.constants * code.real.bytes
     kind, where = (
         ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
     )
@@ -140,12 +140,12 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
          "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
     )  # fmt: skip
     for option, stated, what, needed, where, advice in rows:
-        if stated and needed > _quantity(stated, BYTES):
-            raise InvalidInput(
-                f"The controller does not fit: its {what} more room.",
-                f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
-                advice,
-            )
+        refuse_if(
+            stated and needed > _quantity(stated, BYTES),
+            f"The controller does not fit: its {what} more room.",
+            f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
+            advice,
+        )
 
 
 #: Units of times and sizes.
@@ -158,12 +158,12 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
     value = -1.0
     with suppress(ValueError, KeyError):
         value = float(match.group(1)) * units[match.group(2)] if match else value
-    if not 0.0 < value < 1e30:
-        raise InvalidInput(
-            "This is no positive quantity.",
-            f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
-            f"1{list(units)[2]}",
-        )
+    refuse_if(
+        not 0.0 < value < 1e30,
+        "This is no positive quantity.",
+        f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
+        f"1{list(units)[2]}",
+    )
     return value
 
 
@@ -176,18 +176,16 @@ def controller_files(
     allowed, accuracy = _accuracy(code, run)
     reference = code.controller.operating_reference
 
-    def strings(names: Sequence[str]) -> str:
-        texts = (comment(name).replace('"', "'") for name in names)
-        return ", ".join(f'"{text}"' for text in texts)
-
+    commands, measured = (
+        ", ".join('"' + comment(name).replace('"', "'") + '"' for name in code.signals[kind]) for kind in "UY"
+    )
     marks = {
         "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
         "REFERENCE": ", ".join(constant(float(v), code.real) for v in (reference if len(reference) else [0.0])),
-        "COMMAND_INTERFACES": strings(code.signals["U"]), "STATE_INTERFACES": strings(code.signals["Y"]),
+        "COMMAND_INTERFACES": commands, "STATE_INTERFACES": measured,
     }  # fmt: skip
     return {
-        f"{name}.h": code.header,
-        f"{name}.c": code.source,
+        **code.files,
         f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
         **{
@@ -206,43 +204,43 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":
         return (
-            most, f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without"
-        )  # fmt: skip
-    fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
-    if fused is None or plain is None:
-        no = "not measured: no C compiler for this machine was found"
-        return most, f"{no}; the test vector allows {100 * most:g} %"
-    worst = max(fused, plain)
-    if worst > most:
-        raise InvalidInput(
-            "The controller loses too much in float.",
-            f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
-            f"got {100 * worst:.2g} %",
-            "--real double; or larger noise levels of the estimator, which condition its covariances better",
+            most,
+            f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without",
         )
+    fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
+    vector = "the test vector allows"
+    if fused is None or plain is None:
+        return most, f"not measured: no C compiler for this machine was found; {vector} {100 * most:g} %"
+    worst = max(fused, plain)
+    refuse_if(
+        worst > most,
+        "The controller loses too much in float.",
+        f"expected inputs within {100 * most:g} % of their largest value over the test vector, "
+        f"got {100 * worst:.2g} %",
+        "--real double; or larger noise levels of the estimator, which condition its covariances better",
+    )
     allowed = min(most, max(LEAST_TOLERANCE, SPARE * worst))
     return (
         allowed,
         f"{100 * fused:.2g} % of the input's largest value over the test vector, {100 * plain:.2g} % without fused "
-        f"multiply-adds, measured at the export; the test vector allows {100 * allowed:.2g} %",
+        f"multiply-adds, measured at the export; {vector} {100 * allowed:.2g} %",
     )
 
 
 def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) -> float | None:
     """Largest error in the test vector, built for this machine; infinite where a result is not finite."""
-    texts = {f"{code.name}.h": code.header, f"{code.name}.c": code.source}
-    texts["test.c"] = _test(code, run, TOLERANCE[code.real.name])
+    texts = {**code.files, "test.c": _test(code, run, TOLERANCE[code.real.name])}
     try:
         with TemporaryDirectory() as work:
-            program = build(texts, Path(work), ("-O1", *flags))
-            said = subprocess.run([program], capture_output=True, text=True, check=False).stdout
+            output = subprocess.run(
+                [build(texts, Path(work), ("-O1", *flags))], capture_output=True, text=True, check=False
+            ).stdout
     except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
         return None
-    if "flags of the compiler" in said:  # it has flags of its own, and the controller refuses them
-        return None
-    match = re.search(r"largest relative error (\S+)", said)
+    match = re.search(r"largest relative error (\S+)", output)
     error = float(match.group(1)) if match else math.inf
-    return error if math.isfinite(error) else math.inf
+    refused = "flags of the compiler" in output  # it has flags of its own, and the controller refuses them
+    return None if refused else error if math.isfinite(error) else math.inf
 
 
 def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
@@ -296,7 +294,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         "type": code.real.name,
         "inputs differ from the simulation's by": accuracy,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
-        "constants": f"{code.sizes['data'] + code.sizes['memory']} numbers",
+        "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
     }
     return fill(
@@ -348,5 +346,103 @@ PARTS = {
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |" for line in lines)
+    return "\n".join(
+        f"| {' | '.join(str(cell).replace('|', '/') for cell in line)} |"
+        for line in [head, ["---"] * len(head), *rows]
+    )
+
+
+#: What a sample is, by the name of the code that a step in C returns for it.
+MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
+
+#: Size of the commands' swing about the operating point, in the unit of the tracked states, and its periods, samples.
+SWING, PERIODS = 0.05, (97, 61)
+
+#: Largest standard deviation of the noise in a recorded loop, in the unit of the measurement: the swing is to be seen.
+LOUDEST = 0.1 * SWING
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Recorded samples of a controller, in order.
+
+    `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
+    of the controller, held where the sample was refused. `codes`: "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each
+    sample.
+    """
+
+    y: np.ndarray
+    r: np.ndarray
+    u: np.ndarray
+    estimate: np.ndarray
+    codes: list[str]
+
+
+def record(
+    controller: Controller,
+    samples: int = 200,
+    interrupted: bool = True,
+    exact: type[np.floating] = np.float64,
+) -> Recording:
+    """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
+
+    The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
+    be seen. The plant starts where the estimator believes it, as the design's own step does: started elsewhere, the
+    estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The commands swing
+    about the operating point; without an estimator there is no plant, and the states swing too.
+
+    `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
+    finite. `exact`: Of numbers that hold the measurements and commands as they are.
+    """
+    time = np.arange(samples)[:, None]
+    rest = controller.operating_reference
+    j = np.arange(len(rest))
+    r = np.tile(rest, (samples, 1))
+    if not controller.mode.moving:
+        r = rest + SWING * (np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j))
+    if controller.estimator is None:
+        point = np.asarray(controller.law.operating_point)[: len(controller.states)]
+        y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))
+    else:
+        y = _measured(controller, r)
+    kinds = np.full(samples, MEASURED, dtype=object)
+    if interrupted:
+        kinds[samples // 3 : samples // 3 + 3] = NOT_FINITE
+        if controller.estimator is not None:
+            kinds[samples // 2 : samples // 2 + 5] = MISSING
+    return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
+
+
+def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
+    estimator, time = controller.estimator, controller.period * np.arange(len(r))
+    assert estimator is not None
+    run = Loop(estimator.plant, controller).run(
+        {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)},
+        noise=np.minimum(np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise))), LOUDEST),
+        duration=controller.period * (len(r) - 1),
+        initial_state=np.asarray(estimator.initial[0], dtype=float),
+    )
+    return np.asarray(run.data["output"])[: len(r)]
+
+
+def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
+    """Feed samples to a fresh controller.
+
+    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: As `Recording.codes`: a sample that is missing
+    is predicted over, one that is not finite refused.
+    """
+    fresh, y = controller.fresh(), np.array(y, dtype=float)
+    held = np.asarray(fresh.input_before(), dtype=float)
+    inputs, estimates = [], []
+    for k, kind in enumerate(kinds):
+        if kind == NOT_FINITE:
+            y[k, 0] = np.nan
+        try:
+            held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
+        except NumericalFailure:
+            if kind != NOT_FINITE:
+                raise
+        inputs.append(held)
+        estimates.append(np.nan_to_num(fresh.estimate))
+    r = r if r.shape[1] else np.zeros((len(y), 1))
+    return Recording(y, r, np.array(inputs), np.array(estimates), kinds)

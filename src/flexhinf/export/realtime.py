@@ -4,6 +4,11 @@ A sample sleeps until shortly before it is due and then watches the clock. Meanw
 where the system permits it the process has a real-time priority and a core of its own. `Timing` has the times.
 
 When the samples of a run were made: lateness, computing time, missed deadlines, and where they lay.
+
+The log of a run is CSV or Parquet, as PlotJuggler opens them, or MCAP, as Foxglove does too. Columns are named
+``state/link_position[rad]``: PlotJuggler makes a tree of the slashes and splits a header at commas and spaces, so names
+have none, and a unit has ``_per_`` for its own slash. In MCAP each kind of signal is a topic with messages of JSON and
+their JSON schema, the names without units, which the schema states.
 """
 
 from __future__ import annotations
@@ -11,25 +16,30 @@ from __future__ import annotations
 import copy
 import ctypes
 import gc
+import importlib.util
+import json
 import os
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.compiled import CompiledController
 from flexhinf.export.controller_c import code_of
+from flexhinf.files import write_file
 from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
-from flexhinf.validation import value_text
+from flexhinf.validation import checked_path, value_text
 
 #: Percentiles by which jitter is told; the last one is the largest value.
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "p99.99": 99.99, "max": 100.0}
@@ -51,7 +61,7 @@ class MissedSpan(NamedTuple):
     worst: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Timing:
     """Times of every sample, s, on the monotonic clock of the system.
 
@@ -75,6 +85,11 @@ class Timing:
         When the simulated robot had made its step and everything was recorded.
     elapsed : float
         From the beginning of the first sample to the end of the last one.
+    missed, overrun : (N,)
+        Whether the input was not there before the next sample was due, and whether the sample ended after that, the
+        simulation of the robot included.
+    slowness : float
+        Elapsed time over the time of the run: 1 in real time.
     """
 
     period: float
@@ -86,25 +101,13 @@ class Timing:
     over: np.ndarray
     elapsed: float
 
-    @property
-    def missed(self) -> np.ndarray:
-        """Samples (N,) whose input was not there before the next sample was due."""
-        return self.ready > self.period
-
-    @property
-    def overrun(self) -> np.ndarray:
-        """Samples (N,) that ended after the next one was due, the simulation of the robot included."""
-        return self.over > self.period
-
-    @property
-    def slowness(self) -> float:
-        """Elapsed time over the time of the run: 1 in real time."""
-        return self.elapsed / (self.period * max(1, len(self.time)))
+    def __post_init__(self) -> None:
+        self.missed, self.overrun = self.ready > self.period, self.over > self.period
+        self.slowness = self.elapsed / (self.period * max(1, len(self.time)))
 
     def missed_spans(self) -> list[MissedSpan]:
         """Where the missed deadlines lay, those with the latest input first."""
-        missed = np.concatenate([[False], self.missed, [False]]).astype(int)
-        edges = np.flatnonzero(np.diff(missed)).reshape(-1, 2)
+        edges = np.flatnonzero(np.diff(self.missed.astype(int), prepend=0, append=0)).reshape(-1, 2)
         spans = [
             MissedSpan(float(self.time[a]), int(b - a), float(self.ready[a:b].max() - self.period))
             for a, b in edges
@@ -220,17 +223,15 @@ def run_realtime(
         As `Loop.run`; for a plant that does not integrate itself, a library of another controller, or a priority or a
         core that there is not.
     """
-    low, high = PRIORITIES
-    cores = os.cpu_count() or 1
-    if priority is not None and (not isinstance(priority, int) or not low <= priority <= high):
-        raise InvalidInput(
-            "There is no such real-time priority.",
-            f"expected {low} to {high}, got {value_text(priority)}",
-            "80: above everything but the kernel's own threads",
-        )
-    if core is not None and (not isinstance(core, int) or not 0 <= core < cores):
-        raise InvalidInput(
-            "There is no such processor core.", f"expected 0 to {cores - 1}, got {value_text(core)}", "0"
+    for what, number, (low, high), advice in (
+        ("real-time priority", priority, PRIORITIES, "80: above everything but the kernel's own threads"),
+        ("processor core", core, (0, (os.cpu_count() or 1) - 1), "0"),
+    ):
+        refuse_if(
+            number is not None and (not isinstance(number, int) or not low <= number <= high),
+            f"There is no such {what}.",
+            f"expected {low} to {high}, got {value_text(number)}",
+            advice,
         )
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
@@ -267,20 +268,20 @@ def _check_library(library: CompiledController, controller: Any) -> None:
     }  # fmt: skip
     for name, value in own.items():
         stated = getattr(library, name)
-        if stated != value:
-            raise InvalidInput(
-                f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
-                f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
-                "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
-            )
-    expected = code_of(controller, "controller", "double").digest
-    if library.digest != expected:
-        raise InvalidInput(
-            "The library is one of another controller: its numbers or its program are others.",
-            f"expected the controller {expected[:12]}, got {library.digest[:12]} in {library.path.name}; signals and "
-            "period are the same",
-            "flexhinf compile with the same design, by this version",
+        refuse_if(
+            stated != value,
+            f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
+            f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
+            "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
         )
+    expected = code_of(controller, "controller", "double").digest
+    refuse_if(
+        library.digest != expected,
+        "The library is one of another controller: its numbers or its program are others.",
+        f"expected the controller {expected[:12]}, got {library.digest[:12]} in {library.path.name}; signals and "
+        "period are the same",
+        "flexhinf compile with the same design, by this version",
+    )
 
 
 class _Clock:
@@ -296,9 +297,8 @@ class _Clock:
     ) -> None:
         self._period, self._start, self._real_time = loop.controller.period, start, real_time
         self.code_names, self.name = {0: "OK"}, "Controller.step"
-        if library is None:
-            self._stepped: Any = loop.controller.fresh()
-        else:
+        self._stepped: Any = loop.controller.fresh()
+        if library is not None:
             _check_library(library, loop.controller)
             self._stepped = copy.copy(library)
             self.code_names |= library.code_numbers
@@ -352,11 +352,11 @@ class _Clock:
         n, due = len(times), self._due[: len(times)]
         ready = np.maximum(self._ready[:n], self._woken[:n])  # a step that failed has no end
         over = np.maximum(self._over[:n], ready)
-        since = [1e-9 * (row - due) for row in (self._woken[:n], ready, over)]
+        woken, ready, ended = (1e-9 * (row - due) for row in (self._woken[:n], ready, over))
         elapsed = 1e-9 * float(over[-1] - self._woken[0]) if n else 0.0
         return Timing(
-            self._period, self._real_time, times, since[0], 1e-9 * self._computed[:n], since[1], since[2], elapsed
-        )  # fmt: skip
+            self._period, self._real_time, times, woken, 1e-9 * self._computed[:n], ready, ended, elapsed
+        )
 
 
 def wait_until(due: int) -> int:
@@ -401,12 +401,12 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
 
     Yields sentences about what was permitted and what was not.
     """
-    texts, undo = [], []
+    texts, undo = [], ExitStack()
     if priority is not None:
         try:
-            policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+            before = os.sched_getscheduler(0), os.sched_getparam(0)
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-            undo.append(lambda: os.sched_setscheduler(0, policy, parameters))
+            undo.callback(os.sched_setscheduler, 0, *before)
             texts.append(f"The loop ran under SCHED_FIFO with priority {priority}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system has none"
@@ -415,24 +415,183 @@ def undisturbed(priority: int | None, core: int | None) -> Iterator[tuple[str, .
             )
     if core is not None:
         try:
-            before = os.sched_getaffinity(0)
+            usual = os.sched_getaffinity(0)
             os.sched_setaffinity(0, {core})
-            undo.append(lambda: os.sched_setaffinity(0, before))
+            undo.callback(os.sched_setaffinity, 0, usual)
             texts.append(f"The loop was kept on core {core}.")
         except (AttributeError, OSError) as error:
             reason = getattr(error, "strerror", None) or "this system cannot"
             texts.append(f"The loop could not be kept on core {core} ({reason}).")
     if sys.platform == "linux":  # this thread's sleeps end when they are over, and not up to 50 µs later
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS, 0, 0, 0)
-    collects = gc.isenabled()
+    if gc.isenabled():
+        undo.callback(gc.enable)
     gc.collect()
     gc.freeze()
     gc.disable()
-    try:
+    undo.callback(gc.unfreeze)
+    with undo:
         yield tuple(texts)
-    finally:
-        gc.unfreeze()
-        if collects:
-            gc.enable()
-        for back in undo:
-            back()
+
+
+# The log of a run -----------------------------------------------------------------------------------
+#: The first part of a column's name, and its topic, where they are not the kind of the trajectory's signal.
+KINDS = {"output": "measured"}
+
+#: An input that is nearer than this to a limit, relative to its size, is at it.
+AT_LIMIT = 1e-9
+
+
+class LogColumn(NamedTuple):
+    """One signal: its kind, name and unit, and its values (N,)."""
+
+    kind: str
+    name: str
+    unit: str
+    values: np.ndarray
+
+    @property
+    def label(self) -> str:
+        """Its name in a table."""
+        unit = self.unit.replace("/", "_per_").replace(" ", "_")
+        name = self.name.replace(",", ";").replace(" ", "_").replace('"', "'")
+        return f"{self.kind}/{name}" + (f"[{unit}]" if unit else "")
+
+
+def log_columns(run: RealTimeRun) -> list[LogColumn]:
+    """Everything that is logged: signals of the trajectory, flags, times of the samples.
+
+    Flags are 0 or 1: ``missed_deadline`` and ``overrun`` as `Timing` has them, ``at_limit`` where an input is as large
+    as it may be; ``code`` is how the controller's step ended, 0 for OK.
+    """
+    trajectory, timing = run.trajectory, run.timing
+    u, (low, high) = trajectory.signals["input"], run.input_range
+    with np.errstate(invalid="ignore"):  # an infinite limit is reached by nothing: ∞ − ∞ is NaN
+        limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
+    flags = {
+        "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
+    }  # fmt: skip
+    times = {
+        "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,
+    }  # fmt: skip
+    return [
+        *(
+            LogColumn(KINDS.get(kind, kind), *column)
+            for kind, values in trajectory.signals.items()
+            for column in zip(trajectory.names[kind], trajectory.units[kind], values.T, strict=True)
+        ),
+        *(LogColumn("flags", name, "", np.asarray(values, dtype=float)) for name, values in flags.items()),
+        *(LogColumn("timing", name, "s", values) for name, values in times.items()),
+    ]
+
+
+def _table(run: RealTimeRun) -> dict[str, np.ndarray]:
+    table: dict[str, np.ndarray] = {"time[s]": run.trajectory.time}
+    for column in log_columns(run):
+        label, count = column.label, 2
+        while label in table:
+            label, count = f"{column.label}_{count}", count + 1
+        table[label] = column.values
+    return table
+
+
+def _write_csv(run: RealTimeRun, name: str) -> None:
+    table = _table(run)
+    np.savetxt(
+        name, np.column_stack(list(table.values())), "%.17g", ",", header=",".join(table), comments="", encoding="utf-8"
+    )  # fmt: skip
+
+
+def _write_parquet(run: RealTimeRun, name: str) -> None:
+    from pyarrow import parquet, table
+
+    # compressed by snappy, which every reader has
+    parquet.write_table(table(_table(run)).replace_schema_metadata(_settings(run)), name)
+
+
+def _write_mcap(run: RealTimeRun, name: str) -> None:
+    """One topic for each kind of signal; times are those of the run after the moment when it began."""
+    from mcap.writer import Writer
+
+    columns: dict[str, list[LogColumn]] = {}
+    for column in log_columns(run):
+        columns.setdefault(column.kind, []).append(column)
+    with open(name, "wb") as file:
+        writer = Writer(file)
+        writer.start(profile="", library="flexhinf")
+        channels = dict[str, int]()
+        for kind, group in columns.items():
+            properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
+            schema = writer.register_schema(
+                f"flexhinf.{kind}",
+                "jsonschema",
+                json.dumps({"type": "object", "properties": properties}).encode(),
+            )
+            channels[kind] = writer.register_channel(f"/{kind}", "json", schema)
+        for k, at in enumerate(run.trajectory.time.tolist()):
+            moment = run.began + round(1e9 * at)
+            for kind, group in columns.items():
+                # numbers that are not finite have no JSON
+                finite = {c.name: float(c.values[k]) for c in group if np.isfinite(c.values[k])}
+                writer.add_message(channels[kind], moment, json.dumps(finite).encode(), moment, k)
+        writer.add_metadata("flexhinf run", _settings(run))
+        writer.finish()
+
+
+def _settings(run: RealTimeRun) -> dict[str, str]:
+    ended = "completed" if run.stopped is None else "stopped before its end"
+    settings = {
+        **run.trajectory.settings, "status": run.trajectory.message or ended, "codes": json.dumps(run.code_names),
+        "began_ns_since_1970": run.began,
+    }  # fmt: skip
+    return {key: str(value) for key, value in settings.items()}
+
+
+#: How a log is written, by its ending, and the packages that this needs.
+FORMATS: dict[str, tuple[Callable[[RealTimeRun, str], None], tuple[str, ...]]] = {
+    ".csv": (_write_csv, ()), ".parquet": (_write_parquet, ("pyarrow",)), ".mcap": (_write_mcap, ("mcap", "zstandard")),
+}  # fmt: skip
+
+
+def check_log(path: str | os.PathLike[str]) -> Path:
+    """Refuse, before any work, a log that could not be written at its end.
+
+    Raises InvalidInput: for another ending, a package that is missing, or a place that cannot be written.
+    """
+    path = checked_path("The log", path)
+    csv = f"--log {path.stem or 'run'}.csv"
+    found = f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}"
+    refuse_if(path.suffix not in FORMATS, "The format of the log is not known.", found, csv)
+    missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
+    refuse_if(
+        missing,
+        f"A log in {path.suffix[1:]} needs another package.",
+        f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
+        f"pip install 'flexhinf[log]', or {csv}",
+    )
+    return check_place(path, "log")
+
+
+def check_place(path: Path, what: str) -> Path:
+    """Refuse a file in a folder that is missing or cannot be written, or with the name of a folder."""
+    try:
+        if path.is_dir():
+            raise OSError("there is a folder of this name")
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except (OSError, ValueError) as error:
+        found = f"{path}: {getattr(error, 'strerror', None) or error}"
+        raise InvalidInput(
+            f"The {what} cannot be written.", found, "a writable folder that exists"
+        ) from error
+    return path
+
+
+def write_log(run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
+    """Write a run to a file, whole or not at all; its ending says the format, see `FORMATS`.
+
+    Raises InvalidInput: as `check_log`.
+    """
+    path = check_log(path)
+    write_file(path, "log", lambda name: FORMATS[path.suffix][0](run, name))
+    return path

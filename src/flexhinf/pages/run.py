@@ -23,8 +23,7 @@ from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Move, worst_of
 from flexhinf.errors import InvalidInput
-from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, percentiles
-from flexhinf.export.run_log import check_place
+from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import viewing_plane
 from flexhinf.pages.drawing import (
