@@ -109,7 +109,7 @@ def _linear(robot: Any, s: Specification, limits: np.ndarray) -> dict[str, Any]:
 
 def _reach(found: Any) -> dict[str, Any]:
     """What any noise level of the estimator reaches, and how much of a vibration the motors show: version of today."""
-    search = found.noise_search
+    search = found.synthesis.noise_search
     if search is None or not hasattr(search.chosen, "missed"):
         return {}
     from flexhinf.design.problem.modes import JointScales

@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 
@@ -168,10 +167,8 @@ def impulse_runs(
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
-    delay, diverged = (
-        round(setup.specification.delay / period),
-        any(run.diverged_at is not None for run in runs),
-    )
+    delay = round(setup.specification.delay / period)
+    diverged = any(run.diverged_at is not None for run in runs)
     return ImpulseRuns(runs, impulses, None if diverged else _ring_down(runs, state, held, delay), delay)
 
 
@@ -451,15 +448,6 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
 # Payloads at the ends of their ranges --------------------------------------------------------------------
 
 
-def _load_step_worst(key: str, doc: str) -> Worst:
-    """A property: the worst of the load step's metrics of this name; zero without a load step."""
-
-    def worst(evaluation: PayloadEvaluation) -> Worst:
-        return Worst(0.0, "") if evaluation.load_step is None else worst_of(evaluation.load_step.metrics, key)
-
-    return cast("Worst", property(worst, doc=doc))
-
-
 @dataclass(frozen=True, eq=False)
 class PayloadEvaluation:
     """Evaluation of a loop whose true robot has other payload masses than the model."""
@@ -469,24 +457,17 @@ class PayloadEvaluation:
     step: Response  # From start to goal, with the payload
     # The weight beyond the model's as constant torques; None where the model carries as much or more
     load_step: LoadResponse | None
+    # After the load step, zero without one: the largest deviation of a link, rad or m; the time until all links are
+    # back within 2 % of their step, s, infinite where one is not in the run; the largest deviation in its last tenth
+    deflection: Worst
+    recovery: Worst
+    remaining: Worst
     margins: Margins  # Of the running loop about the goal, with the payload
 
     @property
     def mass(self) -> float:
         """Sum of all payloads, kg."""
         return float(sum(self.masses.values()))
-
-    deflection = _load_step_worst(
-        "peak_deviation",
-        "Largest deviation of a link after the load step, rad or m; zero without a load step.",
-    )
-    recovery = _load_step_worst(
-        "recovery_time_s",
-        "Time until all links are back within 2 % of their step, s; infinite where one is not in the run.",
-    )
-    remaining = _load_step_worst(
-        "remaining_error", "Largest deviation in the last tenth of the run, rad or m."
-    )
 
     @cached_property
     def weighed(self) -> Weighing | None:
@@ -507,6 +488,7 @@ def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluati
 def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:
     """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
     robot, load_step = setup.robot, None
+    deflection = recovery = remaining = Worst(0.0, "")
     true = robot.plant_parameters({**robot.nominal, **masses})
     step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
@@ -515,7 +497,10 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
             for p in (robot.plant_parameters(), true)
         )
         load_step = setup.load_response(-(held - nominal), runs.load_duration, runs.sub_steps)
-    return PayloadEvaluation(robot, masses, step, load_step, margins(setup.equilibrium_loop(values=true)))
+        keys = ("peak_deviation", "recovery_time_s", "remaining_error")
+        deflection, recovery, remaining = (worst_of(load_step.metrics, key) for key in keys)
+    running = margins(setup.equilibrium_loop(values=true))
+    return PayloadEvaluation(robot, masses, step, load_step, deflection, recovery, remaining, running)
 
 
 def payload_requirements(

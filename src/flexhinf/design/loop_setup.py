@@ -75,15 +75,14 @@ class EstimatorNoise:
     source: str = "ours"  # an option, a search, or a default of ours
 
     @staticmethod
-    def stated(everywhere: float | None, torques: float | None) -> EstimatorNoise:
-        """The levels that a specification states as its `process_noise` and `torque_noise`; `TORQUE_NOISE` on all
-        velocities where it states none."""
-        if everywhere is None and torques is None:
-            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
-        options = {"--process-noise": everywhere, "--torque-noise": torques}
+    def stated(s: Specification) -> EstimatorNoise:
+        """The levels that a specification states; `TORQUE_NOISE` on all velocities where it states none."""
+        options = {"--process-noise": s.process_noise, "--torque-noise": s.torque_noise}
         named = " and ".join(option for option, value in options.items() if value is not None)
-        torques = torques or 0.0
-        return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {named}")
+        if not named:
+            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
+        torques = s.torque_noise or 0.0
+        return EstimatorNoise(s.process_noise or 0.0, torques, torques, f"option {named}")
 
     @property
     def largest(self) -> float:
@@ -118,15 +117,14 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     `position` (rad² or m²) is the variance of a position; a velocity's is that at `VELOCITY_RATE`, a joint torque's
     that of the spring's deflection times its stiffness squared.
     """
-    p, motor, variances = plant.parameters.named(plant.parameters.vector()), "motor_position", []
-    stiffness = np.atleast_1d(p.stiffness).astype(float)
+    p, motor = plant.parameters.named(plant.parameters.vector()), "motor_position"
     joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
-    for name in plant.outputs:
-        factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
-        if name.startswith("joint_torque"):
-            factor = float(stiffness[joints.index(name.removeprefix("joint_torque"))]) ** 2
-        variances.append(factor * position)
-    return np.array(variances)
+    stiffness = np.atleast_1d(p.stiffness).astype(float).tolist()
+    factors = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
+    factors |= {
+        name: VELOCITY_RATE**2 if "velocity" in name else 1.0 for name in plant.outputs if name not in factors
+    }
+    return np.array([factors[name] * position for name in plant.outputs])
 
 
 def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
@@ -337,15 +335,13 @@ class LoopSetup(LoopPlants):
         return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
-    def stated_noise(self) -> EstimatorNoise:
-        """Levels of R^v that the specification states, or the default ones."""
-        s = self.specification
-        return EstimatorNoise.stated(s.process_noise, s.torque_noise)
-
-    @property
     def process_noise(self) -> EstimatorNoise:
         """Levels of R^v of the estimator."""
-        return self.stated_noise if self.estimator_noise is None else self.estimator_noise
+        return (
+            EstimatorNoise.stated(self.specification)
+            if self.estimator_noise is None
+            else self.estimator_noise
+        )
 
     @cached_property
     def without_noise(self) -> LoopSetup:
@@ -428,12 +424,10 @@ class LoopSetup(LoopPlants):
         estimator, period = self.estimator(self.start), self.specification.period
         controller = Controller(law, estimator, period, self.limits.saturated, start="bumpless")
         x, u = self.equilibrium(self.start)
-        x = measured = x[: len(controller.states)]
+        x, known = x[: len(controller.states)], self.model.parameters.vector()
         controller.reset(None if estimator is None else x, input=u)
-        if estimator is not None:
-            output = self.model.traced_output(x, u, self.model.parameters.vector())
-            measured = np.asarray(output, dtype=float).ravel()
-        controller.step(measured)
+        measured = x if estimator is None else self.model.traced_output(x, u, known)
+        controller.step(np.asarray(measured, dtype=float).ravel())
         return np.concatenate([x, controller.integrals]) - law.operating_point
 
     # Controllers of the runs, made once so that their kernels are shared --------------------------------
@@ -479,9 +473,8 @@ class LoopSetup(LoopPlants):
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
-        period = self.specification.period
+        period, names = self.specification.period, signal_names("link_torque", self.joints)
         at = round(LOAD_START * duration / period) * period
-        names = signal_names("link_torque", self.joints)
         torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
         loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
         response = self._run(loop, self.goal, duration, disturbance=torques)

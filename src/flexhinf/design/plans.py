@@ -10,8 +10,7 @@ from typing import cast
 
 import numpy as np
 
-from flexhinf.design.problem.modes import JointScales
-from flexhinf.design.problem.presets import BANDWIDTH_FRACTION
+from flexhinf.design.problem import modes, presets
 from flexhinf.design.responses import JointLimits, Plan, joint_limits
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
@@ -57,9 +56,9 @@ def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.nda
     """
     if s.shaping == "jump" or not np.any(goal != start):
         return None
-    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
+    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
     bandwidth = np.asarray(
-        BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float
+        presets.BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float
     )
     held, each = (
         [robot.operating_point(at)[1] for at in (start, goal)],
@@ -154,7 +153,7 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
         return Waypoints(times, positions, "through") if _wanders(spline) else spline
     if s.shaping == "jerk-limited":
         pose = np.clip(positions[-1], *position_ranges(robot))
-        scales = JointScales.of(robot.plant(), robot.operating_point(pose))
+        scales = modes.JointScales.of(robot.plant(), robot.operating_point(pose))
         smoothing = 2.0 * math.pi / float(scales.vibration.min())
     return Waypoints(times, positions, s.shaping, smoothing)
 

@@ -43,11 +43,9 @@ class MonteCarlo:
     overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
     settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
     peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
-    # overshoot_joints, settling_joints, peak_joints: The joints of these worst values; "" where the run diverged, or
-    # no joint moves
-    overshoot_joints: tuple[str, ...]
-    settling_joints: tuple[str, ...]
-    peak_joints: tuple[str, ...]
+    joints: tuple[
+        tuple[str, ...], ...
+    ]  # Of these three worst values; "" where the run diverged, or no joint moves
     # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
     speeds: np.ndarray
@@ -108,7 +106,7 @@ def sampled_runs(
     settling = worst([numbers[f"{k} settling_time_s"] for k in moving], moving)
     peak = worst(numbers["effort"].T, range(n))
     return MonteCarlo(
-        tuple(robots), overshoot[0], settling[0], peak[0], overshoot[1], settling[1], peak[1], numbers["effort"],
+        tuple(robots), overshoot[0], settling[0], peak[0], (overshoot[1], settling[1], peak[1]), numbers["effort"],
         numbers["speed"], setup.specification.period * instants, runs.kept,
     )  # fmt: skip
 
@@ -121,8 +119,8 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    reductions = move_reductions(position_columns(setup.tracking_controller.commanded, setup.joints))
-    runs = setup.moves(robots, plan, sub_steps, rest, reductions=reductions)
+    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
+    runs = setup.moves(robots, plan, sub_steps, rest, reductions=[move_reduction(columns)])
     errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
@@ -144,32 +142,32 @@ def step_reductions(
     `start`, `goal`: (n,), Link positions, rad or m.
     `pairs`: columns of an estimated position, and of the true one.
     """
-    moving = np.flatnonzero(start != goal).tolist()
-    steps = (step_reduction(k, float(start[k]), float(goal[k])) for k in moving)
-    return [*steps, _sizes_of(goal.tolist(), None, pairs)]
+    n, moving = len(goal), np.flatnonzero(start != goal).tolist()
+    return [
+        *(step_reduction(k, float(start[k]), float(goal[k])) for k in moving),
+        Reduction(
+            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_sizes, n, None, pairs), partial(_named_sizes, n, None),
+            ("sizes of a step", n, pairs),
+        ),
+    ]  # fmt: skip
 
 
-def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = ()) -> list[Reduction]:
+def move_reduction(columns: tuple[int, ...], pairs: Sequence[tuple[int, int]] = ()) -> Reduction:
     """``tracking_error``, the largest distances from a move (n,), and of `step_reductions` those of all joints.
 
     ``late_error`` is the distance from where the move then is. `columns`: link positions in the command (n,).
     """
-    return [_sizes_of([0.0] * len(columns), tuple(columns), pairs)]
-
-
-def _sizes_of(
-    first: Sequence[float], columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]]
-) -> Reduction:
-    n = len(first)
-    key = ("sizes of a step", n, pairs) if columns is None else ("sizes of a move", columns, pairs)
-    start = (*first, *[0.0] * (3 * n + 1))
-    return Reduction(start, partial(_sizes, n, columns, pairs), partial(_named_sizes, n, columns), key)
+    n = len(columns)
+    return Reduction(
+        (0.0,) * (4 * n + 1), partial(_sizes, n, columns, pairs), partial(_named_sizes, n, columns),
+        ("sizes of a move", columns, pairs),
+    )  # fmt: skip
 
 
 def _sizes(
     n: int, columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant
 ) -> Any:
-    """Update the goal, or largest errors of a move; largest late errors, inputs, speeds (n each), estimation error."""
+    # the goal, or largest errors of a move; largest late errors, inputs and speeds (n each); estimation error
     first, late, effort, speed = (kept[k * n : (k + 1) * n] for k in range(4))
     estimate = kept[-1]
     if columns is None:
@@ -188,9 +186,9 @@ def _sizes(
 def _named_sizes(
     n: int, columns: Sequence[int] | None, kept: np.ndarray, command: Command
 ) -> dict[str, np.ndarray]:
-    first, late, effort, speed = (kept[k * n : (k + 1) * n].T for k in range(4))
-    named = {} if columns is None else {"tracking_error": first}
-    return {**named, "late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
+    parts = ("goal" if columns is None else "tracking_error", "late_error", "effort", "speed")
+    named = {name: kept[k * n : (k + 1) * n].T for k, name in enumerate(parts) if name != "goal"}
+    return {**named, "estimate": kept[-1]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,9 +196,8 @@ class RunMetrics:
     """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""
 
     limits: JointLimits
-    ends: tuple[np.ndarray, np.ndarray] | None = (
-        None  # Start and goal (n,) of a step, rad or m; None for a move
-    )
+    # Start and goal (n,) of a step, rad or m; None for a move
+    ends: tuple[np.ndarray, np.ndarray] | None = None
     required: tuple[np.ndarray, np.ndarray] | None = None  # Of a move: tracking error, distance after it (n,)
 
     @cached_property
@@ -210,16 +207,20 @@ class RunMetrics:
         Of a step of the joints that move, and where every joint ends; of a move largest distances from it and from its
         end, also as fractions of those required; then peaks.
         """
-        limits, every, n = self.limits, range(len(self.limits.joints)), len(self.limits.joints)
-        table: dict[str, tuple[Sequence[str], Sequence[int]]] = {}
+        limits, n = self.limits, len(self.limits.joints)
+        positions, fractions = (limits.position_units, range(n)), ([""] * n, range(n))
+        table: dict[str, tuple[Sequence[str], Sequence[int]]] = {
+            "tracking_error": positions, "tracking_error_use": fractions,
+            "final_error": positions, "final_error_use": fractions,
+        }  # fmt: skip
         if self.ends is not None:
             moving = np.flatnonzero(self.ends[0] != self.ends[1]).tolist()
             table = {name: ([unit] * n, moving) for name, unit in STEP_UNITS.items()}
-            table["steady_state_error"] = limits.position_units, every
-        else:
-            for name in ("tracking_error", "final_error"):
-                table |= {name: (limits.position_units, every), f"{name}_use": ([""] * n, every)}
-        return table | {"peak_input": (limits.effort_units, every), "peak_speed": (limits.speed_units, every)}
+            table["steady_state_error"] = positions
+        return table | {
+            "peak_input": (limits.effort_units, range(n)),
+            "peak_speed": (limits.speed_units, range(n)),
+        }
 
     @property
     def units(self) -> dict[str, str]:
@@ -243,7 +244,7 @@ class RunMetrics:
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
-        reductions = step_reductions(*self.ends, pairs) if self.ends else move_reductions(columns, pairs)
+        reductions = step_reductions(*self.ends, pairs) if self.ends else [move_reduction(columns, pairs)]
         return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
 
     def _reduced(self, estimated: bool, runs: EnsembleResult) -> dict[str, np.ndarray]:
@@ -256,18 +257,19 @@ class RunMetrics:
                 each = [common.get(f"{k} {kind}", late[:, k]) for k in range(late.shape[1])]
                 every[kind] = np.stack(each, axis=1)
         else:
-            errors = {"tracking_error": common["tracking_error"], "final_error": late}
-            every |= errors
-            for (kind, error), most in zip(errors.items(), self.required):
-                every[f"{kind}_use"] = error / most
-        worst = {
-            kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
-            for kind, (_, joints) in self.joint_metrics.items()
+            tracking, (most, most_late) = common["tracking_error"], self.required
+            every |= {"tracking_error": tracking, "tracking_error_use": tracking / most}
+            every |= {"final_error": late, "final_error_use": late / most_late}
+        return {
+            **{
+                kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
+                for kind, (_, joints) in self.joint_metrics.items()
+            },
+            "estimation_error": common["estimate"] if estimated else nothing,
+            "input_limit_use": (effort / self.limits.peak).max(axis=1),
+            "speed_limit_use": (speed / self.limits.speed).max(axis=1),
+            **{name: every[kind][:, k] for name, (kind, k) in self._parts.items()},
         }
-        worst["estimation_error"] = common["estimate"] if estimated else nothing
-        worst["input_limit_use"] = (effort / self.limits.peak).max(axis=1)
-        worst["speed_limit_use"] = (speed / self.limits.speed).max(axis=1)
-        return worst | {name: every[kind][:, k] for name, (kind, k) in self._parts.items()}
 
 
 #: The requirement of the links' speeds.
@@ -398,11 +400,6 @@ REQUIREMENTS = {
 }  # fmt: skip
 
 
-def all_met(lines: Sequence[Requirement]) -> bool:
-    """Whether every requirement is met."""
-    return all(line.met for line in lines)
-
-
 def peak_option(unit: str, source: str = "") -> str:
     """The option of the command line that limits an input of this unit, or `ROBOT` where that is the source."""
     options = {"V": "--peak-voltage", "A": "--peak-current"}
@@ -451,8 +448,8 @@ def behaviour_requirements(
 
 def corner_requirement(corners: ToleranceCorners) -> Requirement:
     """The requirement that no corner of the tolerances is unstable with the design's own estimator."""
-    which = f"all {corners.count} corners" if corners.complete else f"{corners.count} sampled corners"
-    where = f"{which} of the tolerances, running loop with this design's R^v"
+    which = f"all {corners.count}" if corners.complete else f"{corners.count} sampled"
+    where = f"{which} corners of the tolerances, running loop with this design's R^v"
     return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
 
 
@@ -494,9 +491,10 @@ def limit_requirements(
     inputs, speeds = limits.input_use(demanded or response), limits.speed_use(response)
     lines = [line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met]
     beyond = limits.beyond_range(response)
-    if 0.0 < beyond.value < np.inf:
-        lines.append(_limit_line("range", limits, beyond, where, ROBOT))
-    return lines
+    return [
+        *lines,
+        *([_limit_line("range", limits, beyond, where, ROBOT)] if 0.0 < beyond.value < np.inf else []),
+    ]
 
 
 def _limit_lines(
@@ -525,12 +523,10 @@ def _limit_line(
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
-    joint = of_several(limits.joints, samples.overshoot_joints[int(np.argmax(samples.overshoot))])
-
+    joint = of_several(limits.joints, samples.joints[0][int(np.argmax(samples.overshoot))])
     finite = bool(np.isfinite(samples.inputs).all() and np.isfinite(samples.speeds).all())  # no run diverged
-    inputs, speeds = (samples.inputs, samples.speeds) if finite else (None, None)
-    peak = limit_use(inputs, limits.peak, limits.joints, limits.effort_units)
-    speed = limit_use(speeds, limits.speed, limits.joints, limits.speed_units)
+    peak = limit_use(samples.inputs if finite else None, limits.peak, limits.joints, limits.effort_units)
+    speed = limit_use(samples.speeds if finite else None, limits.speed, limits.joints, limits.speed_units)
     return [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
@@ -555,10 +551,8 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
     rows, lines = move.metrics, []
-    for name, key, most in (
-        ("tracking", "largest_error", tracking_limits(s, limits, move.travel)),
-        ("final", "final_error", final_limits(limits, move.travel)),
-    ):
+    keys = {"tracking": "largest_error", "final": "final_error"}
+    for (name, key), most in zip(keys.items(), move_limits(s, limits, move.travel)):
         values = np.array([row[key] for row in rows])
         joint = int(np.argmax(values / most)) if rows else int(np.argmin(most))
         unit, value = limits.position_units[joint], values[joint] if rows else np.inf
@@ -567,20 +561,16 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
     return [*lines, *limit_requirements(limits, move.response, STATED)]
 
 
-def tracking_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,)."""
-    if s.tracking_error is not None:
-        return per_joint(limits.joints, "tracking_error", s.tracking_error)
-    return TRACKING_FRACTION * _counted(limits, travel)
+def move_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest tracking error (n,), and largest distance (n,) from the end of a move after it, rad or m.
 
-
-def final_limits(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Largest distance (n,) of each joint from the end of a move after it, rad or m."""
-    return SETTLING_BAND * _counted(limits, travel)
-
-
-def _counted(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Travel (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
-    units = np.array(limits.position_units)
+    The first as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,), which counts with at least `LEAST_WAY` of
+    the largest of its kind.
+    """
+    units, stated = np.array(limits.position_units), s.tracking_error
     largest = np.array([travel[units == unit].max() for unit in units])
-    return np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
+    counted = np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
+    tracking = (
+        TRACKING_FRACTION * counted if stated is None else per_joint(limits.joints, "tracking_error", stated)
+    )
+    return tracking, SETTLING_BAND * counted

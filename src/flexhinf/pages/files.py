@@ -257,7 +257,7 @@ def _weights(design: Design) -> dict[str, Any]:
 
 
 def _estimator_noise(design: Design) -> dict[str, Any]:
-    search, tried = design.noise_search, []
+    search, tried = design.synthesis.noise_search, []
     if search is not None:
         others = (candidate for candidate in search.trade_off if not is_used(search, candidate))
         tried = sorted([*others, search.chosen], key=lambda candidate: candidate.input_noise)
