@@ -30,15 +30,8 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.journal import UNREADABLE, check_own_folder, differing, listed
 from flexhinf.certify.evaluation import linear_part
-from flexhinf.design import (
-    certification,
-    checks,
-    design_file,
-    laws,
-    pipeline,
-)
+from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
-from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.options import CampaignOptions
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
@@ -191,7 +184,7 @@ def designed_controller(
             return load_controller(report.parent / CONTROLLER), length
     synthesis = synthesise(robot, s, progress)
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
-    length = pipeline.step_duration(LawEvaluation(laws.DESIGN, setup), synthesis)
+    length = pipeline.step_duration(evaluation.LawEvaluation(laws.DESIGN, setup), synthesis)
     if plan is None:
         return setup.bumpless_controller, length
     length = round((plan.duration + length) / s.period) * s.period
@@ -362,15 +355,29 @@ class GainSearch:
         plant = plant.with_parameters(**plant.parameters.known(values))
         return replace(problem, plant=plant, pose=None, equilibrium=equilibrium)
 
-    def _designed(self) -> _Claim:
-        """z, d and γ of the synthesis, on the sampled region, or for small disturbances where none was sampled."""
+    def results(self) -> GainResults:
+        """Results of all searches: for γ of the synthesis, for the loop with its estimator, for γ of the proof."""
+        # the level of the sampled region, or for small disturbances where none was sampled
         law, chosen, level = self.synthesis.solution, self.synthesis.chosen, self.synthesis.chosen.level
         if not (chosen.looked and 0.0 < level < math.inf):
             n, away = len(law.plant_states), np.zeros(len(law.state_names))
             start = self.request.request.robot.operating_point(self.synthesis.start)[0]
             away[:n] = start - law.operating_point[:n]
             level = SMALL * law.value(away)
-        return _Claim("synthesis", self.synthesis.problem, float(level), law.gamma, "designed", "not claimed")
+        designed = _Claim(
+            "synthesis", self.synthesis.problem, float(level), law.gamma, "designed", "not claimed"
+        )
+        rows = self._rows(designed)
+        if self.estimator is not None:  # a disturbance of the same energy
+            self.progress("worst disturbance of the loop with the estimator")
+            attained = worst_disturbance(
+                self.synthesis.problem, law, self.estimator, self.s.period, energy=rows[0].energy,
+                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=self.s.seed,
+            )  # fmt: skip
+            rows.append(_row("nominal", "estimator", designed, "not claimed", attained, rows[0].numbers))
+        self.progress("proof")
+        claim, unproved = self.proved
+        return GainResults(tuple(rows + ([] if claim is None else self._rows(claim))), unproved)
 
     @cached_property
     def proved(self) -> tuple[_Claim | None, str]:
@@ -396,21 +403,6 @@ class GainSearch:
         worst = "proved" if boxed and not options.tolerances and options.payload is None else ""
         return _Claim("proof", problem, level, certificate.gamma, "proved", worst), proof.reason
 
-    def results(self) -> GainResults:
-        """Results of all searches: for γ of the synthesis, for the loop with its estimator, for γ of the proof."""
-        designed = self._designed()
-        rows = self._rows(designed)
-        if self.estimator is not None:  # a disturbance of the same energy
-            self.progress("worst disturbance of the loop with the estimator")
-            attained = worst_disturbance(
-                self.synthesis.problem, self.synthesis.solution, self.estimator, self.s.period, energy=rows[0].energy,
-                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=self.s.seed,
-            )  # fmt: skip
-            rows.append(_row("nominal", "estimator", designed, "not claimed", attained, rows[0].numbers))
-        self.progress("proof")
-        claim, unproved = self.proved
-        return GainResults(tuple(rows + ([] if claim is None else self._rows(claim))), unproved)
-
     def _rows(self, claim: _Claim) -> list[GainRow]:
         s, problem, law = self.s, claim.problem, self.synthesis.solution
         self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
@@ -420,11 +412,10 @@ class GainSearch:
         rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.nominal))]
         if claim.worst and self.names:
             self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
-            generator = np.random.Generator(np.random.Philox(key=[s.seed, 0]))
             worst = worst_gain(
                 lambda point: self.problem_of(problem, self.numbers(point)), law, self.nominal, first,
                 level=claim.level, period=s.period, horizon=self.horizon,
-                starts=generator.random((RANDOM, len(self.names))),
+                starts=np.random.Generator(np.random.Philox(key=[s.seed, 0])).random((RANDOM, len(self.names))),
             )  # fmt: skip
             numbers = self.numbers(worst.point)
             rows.append(_row("worst", "true state", claim, claim.worst, worst.attained, numbers))

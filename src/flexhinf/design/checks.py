@@ -58,13 +58,10 @@ from flexhinf.loop.simulation.metrics import (
     RingDown,
     limit_cycle,
     ring_down as fit_ring_down,
-    steady_state_error,
     tail_of,
 )
 from flexhinf.plant import Law, Parameters, sub_steps
-from flexhinf.robot import Robot, Weighing, weigh_payload
-from flexhinf.robot.arm import payload_ends
-from flexhinf.robot.elastic import stated_friction
+from flexhinf.robot import Robot, Weighing, arm, elastic, weigh_payload
 
 # An impulse on each joint of the resting loop ------------------------------------------------------------
 
@@ -94,11 +91,6 @@ class ImpulseRuns:
     # Oscillations of each run, in velocities and input of its own joint; None where one diverged
     ring_down: RingDown | None
     delay: int  # Of the inputs, samples
-
-    @property
-    def diverged(self) -> bool:
-        """Whether any run diverged."""
-        return self.ring_down is None
 
     @property
     def damping(self) -> float:
@@ -235,13 +227,11 @@ class LimitCycleCheck:
         diverged, time = self.response.diverged_at is not None, self.response.run.time
         return () if diverged else tuple(limit_cycle(time, q) for q in self.response.positions.T)
 
-    @cached_property
+    @property
     def errors(self) -> np.ndarray:
         """Largest distance (n,) of each link from the goal in the last tenth of the run, rad or m."""
-        if self.response.diverged_at is not None:
-            return np.full(len(self.response.goal), np.inf)
-        pairs = zip(self.response.positions.T, self.response.goal)
-        return np.array([steady_state_error(q, np.full(len(q), goal)) for q, goal in pairs])
+        rows = self.response.metrics
+        return np.array([row["steady_state_error"] for row in rows] or [np.inf] * len(self.response.goal))
 
     @property
     def amplitudes(self) -> np.ndarray:
@@ -298,7 +288,7 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
 
 def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     """Run the check; None for a robot without dry friction, or with none above zero."""
-    s, dry = setup.specification, stated_friction(setup.robot.plant_parameters())
+    s, dry = setup.specification, elastic.stated_friction(setup.robot.plant_parameters())
     if not dry:
         return None
     extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
@@ -482,7 +472,7 @@ class PayloadEvaluation:
 
 def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluation, ...]:
     """Evaluations with payloads at the ends of their ranges, the lower if the model carries more; empty without any."""
-    return tuple(evaluate_payload(setup, runs, masses) for masses in payload_ends(setup.robot.uncertain))
+    return tuple(evaluate_payload(setup, runs, masses) for masses in arm.payload_ends(setup.robot.uncertain))
 
 
 def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:

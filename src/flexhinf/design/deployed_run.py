@@ -17,18 +17,15 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
-from flexhinf.design import design_file, plans, requirements as required, responses
-from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
 from flexhinf.design.options import CampaignOptions
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.inputs import sample_count
-from flexhinf.robot import MuJoCoPlant, Parameter, Robot, load_robot
-from flexhinf.robot.elastic import inactive_parameters
+from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.signals import UNITS, signal_names
 from flexhinf.validation import nearest, value_text
 
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
@@ -40,23 +37,15 @@ LOAD_AT = 0.5
 WHERE = "this run, on MuJoCo's robot"
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """Circumstances of a run: whether measurements have the stated noise, and a torque on every link (N·m or N) from
-    the time `load_at` (s) on, by default from the middle of the run."""
-
-    noise: bool = True
-    load: float | None = None
-    load_at: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class DeployedRun:
-    """A prepared run: loop, robot and conditions."""
+    """A prepared run: loop, robot and options."""
 
     robot: Robot  # The driven one
     specification: Specification
-    plants: LoopPlants  # Of the robot that the controller was designed for: sensors, noise and limits
+    plants: (
+        loop_setup.LoopPlants
+    )  # Of the robot that the controller was designed for: sensors, noise and limits
     box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
     # start, goal: (n,). Link positions, rad or m
@@ -64,7 +53,6 @@ class DeployedRun:
     goal: np.ndarray
     plan: responses.Plan | None  # The move; None for a step
     arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
-    conditions: Conditions
 
     def make(self, **options: Any) -> RealTimeRun:
         """Execute the run; options and errors are those of `flexhinf.run_realtime`."""
@@ -95,24 +83,28 @@ def prepare_run(
     designed: tuple[Robot, Specification],
     robot: Robot,
     specification: Specification,
-    conditions: Conditions = Conditions(),
+    noise: bool = True,
+    load: float | None = None,
+    load_at: float | None = None,
 ) -> DeployedRun:
     """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
 
     `designed`: robot and specification of the controller; `robot` is driven, as `specification` says.
+    `noise`: whether measurements have the stated noise.
+    `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
     """
     (model, original), s = designed, specification
     plan = plans.stated_move(model, s)
     start, goal = responses.start_and_goal(model, s, plan)
     if plan is not None:
         start, goal = responses.plan_ends(plan)
-    plants = LoopPlants(model, s)
-    box = LoopPlants(robot, s).mujoco_plant(goal)
+    plants = loop_setup.LoopPlants(model, s)
+    box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     if plan is None:
         command = plans.step_command(model, s, start, goal) if plans.has_integrals(controller.law) else None
         reference: Any = command
-        names = signal_names("link_position", model.joint_names)
+        names = signals.signal_names("link_position", model.joint_names)
         if command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
         elif command is None and not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
@@ -131,16 +123,16 @@ def prepare_run(
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
-    load, at = conditions.load, LOAD_AT * duration if conditions.load_at is None else conditions.load_at
+    at = LOAD_AT * duration if load_at is None else load_at
     if load is not None and not 0.0 <= at < duration:
         raise InvalidInput(
             "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
             "--load-at 1s, or a longer --duration",
         )  # fmt: skip
-    torques = signal_names("link_torque", robot.joint_names)
+    torques = signals.signal_names("link_torque", robot.joint_names)
     arguments = {
         "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
-        "noise": plants.noise if conditions.noise else None, "seed": s.seed,
+        "noise": plants.noise if noise else None, "seed": s.seed,
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
     if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
@@ -148,7 +140,7 @@ def prepare_run(
         arguments |= {"initial_input": held} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
-    return DeployedRun(robot, s, plants, box, loop, start, goal, plan, arguments, conditions)
+    return DeployedRun(robot, s, plants, box, loop, start, goal, plan, arguments)
 
 
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
@@ -197,9 +189,11 @@ def robot_sample(
     fails.
     """
     values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
-    errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, robot.joint_names)]
+    errors = [numbers.get(name, 0.0) for name in signals.signal_names(ERROR, robot.joint_names)]
     x, _ = robot.operating_point(start + errors, extras, values)
-    loads = {name: numbers[name] for name in signal_names(TORQUE, robot.joint_names) if name in numbers}
+    loads = {
+        name: numbers[name] for name in signals.signal_names(TORQUE, robot.joint_names) if name in numbers
+    }
     parameters = robot.plant(extras=extras).parameters.known(values)
     return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
 
@@ -226,16 +220,15 @@ class DesignCampaign:
         robot = self.request.robot
         if self.options.payload is not None:
             robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
-        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
         for name, spread in self.options.tolerances:
-            parameter = robot[name]
             if name in off:
                 raise InvalidInput(
                     f"The parameter {name!r} does not act in this design's true plant.",
                     f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
                     "the design with --extras for it",
                 )
-            robot = robot.with_parameters(_spread(parameter, spread))
+            robot = robot.with_parameters(_spread(robot[name], spread))
         return robot
 
     @cached_property
@@ -255,15 +248,15 @@ class DesignCampaign:
     def variables(self) -> tuple[Variable, ...]:
         """Quantities that vary from sample to sample; InvalidInput if none does."""
         o, robot = self.options, self.robot
-        off = inactive_parameters(self.specification.extras, robot.joint_names)
+        off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
         acting = [p for p in robot.uncertain if p.name not in off]
         variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
         for size, name, signal in (
             (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
         ):  # fmt: skip
-            names = signal_names(name, robot.joint_names) if size else ()
+            names = signals.signal_names(name, robot.joint_names) if size else ()
             variables += [
-                Variable(full_name, -size, size, o.distribution, UNITS[signal][sliding])
+                Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
                 for full_name, sliding in zip(names, robot.links.slides)
             ]
         if not variables:
@@ -294,7 +287,7 @@ class DesignCampaign:
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
         s, robot, o = self.specification, self.robot, self.options
-        plants, plant = LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
+        plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
         options: dict[str, Any] = {"duration": duration, "reference": None, "noise": plants.noise}
         if self.plan is not None:
@@ -303,13 +296,13 @@ class DesignCampaign:
             options["reference"] = plans.step_command(self.request.robot, s, *self.ends)
         if o.disturbance:  # of one N·m or N; what a sample draws is the factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
-            options["disturbance"] = dict.fromkeys(signal_names(TORQUE, robot.joint_names), torque)
+            options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
         options = {name: value for name, value in options.items() if value is not None}
         draw = Tolerances(self.variables, o.method, partial(robot_sample, robot, self.ends[0], s.extras))
         return Campaign(
             loop, draw, o.samples, o.seed, options,
             self.metrics.metrics(plant.states, controller.states, controller.commanded),
-            signal_names("link_position", robot.joint_names), o.batch, self.stated,
+            signals.signal_names("link_position", robot.joint_names), o.batch, self.stated,
         )  # fmt: skip
 
     @cached_property

@@ -33,8 +33,7 @@ from flexhinf.design.specification import FIELDS, Specification, SpecificationEr
 from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot import Robot, catalogue, load_robot
-from flexhinf.robot.kinematics import Reached, pose_at
+from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
 from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
 
@@ -448,7 +447,7 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
                 "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
                 "leave out one of them (--pose \"\" takes back that of a design file)",
             )  # fmt: skip
-        reached = pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
+        reached = kinematics.pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
     if move is not None:
@@ -467,7 +466,7 @@ def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> 
     return _converted(robot, table, tool)[0]
 
 
-def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, Reached]:
+def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, kinematics.Reached]:
     wrong = [unit for unit in table.units if unit and unit not in SLIDING]
     if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
         raise WaypointError(
@@ -477,11 +476,11 @@ def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[Waypoint
             "time,x [m],y [m],z [m]",
         )
     order, joints = [table.joints.index(axis) for axis in AXES], robot.joint_names
-    poses: list[Reached] = []
+    poses: list[kinematics.Reached] = []
     for time, row in zip(table.times, table.rows):
         near = poses[-1].pose if poses else None
         try:
-            poses.append(pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
+            poses.append(kinematics.pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
         except InvalidInput as error:
             raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
     rows = tuple(tuple(reached.pose.tolist()) for reached in poses)
@@ -489,7 +488,7 @@ def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[Waypoint
     return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
 
 
-def _singular(what: str, at: Reached) -> list[str]:
+def _singular(what: str, at: kinematics.Reached) -> list[str]:
     text = (
         f"At {what}, {_text(at.pose)}, the robot is near a singular pose: in one direction its point moves by only "
         f"{at.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."

@@ -22,10 +22,10 @@ from flexhinf.analysis import (
     frequency_response,
     growth_rates,
     margins,
+    sampled_controller,
     standard_noises,
     tolerance_corners,
 )
-from flexhinf.analysis.sampled_controller import LawRows
 from flexhinf.design import checks, requirements as required, responses
 from flexhinf.design.loop_setup import LoopSetup, share_derived
 from flexhinf.design.problem.modes import (
@@ -141,11 +141,6 @@ class LawEvaluation:
         return self.setup.equilibrium_loop()
 
     @cached_property
-    def state_loop(self) -> EquilibriumLoop:
-        """The loop about the goal with the true state fed back."""
-        return self.setup.equilibrium_loop(estimated=False)
-
-    @cached_property
     def margins(self) -> Margins:
         """Margins of the running loop. Raises `FlexhinfError` if it has no equilibrium."""
         return margins(self.loop)
@@ -162,7 +157,11 @@ class LawEvaluation:
     @cached_property
     def state_margins(self) -> Margins:
         """Margins with the true state fed back: those of the law without its estimator."""
-        return self.margins if self.loop.filter is None else margins(self.state_loop)
+        return (
+            self.margins
+            if self.loop.filter is None
+            else margins(self.setup.equilibrium_loop(estimated=False))
+        )
 
     @cached_property
     def frequency_response(self) -> FrequencyResponse:
@@ -188,7 +187,7 @@ class LawEvaluation:
         """Stability of the same corners under state feedback."""
         if self.corners is None or self.loop.filter is None:
             return None
-        return growth_rates(self.state_loop, self.corners.population)[0]
+        return growth_rates(self.setup.equilibrium_loop(estimated=False), self.corners.population)[0]
 
     # Modes --------------------------------------------------------------------------------------------------
     @cached_property
@@ -238,7 +237,9 @@ class LawEvaluation:
     def needed_states(self) -> tuple[str, ...]:
         """States, and integrals, that the law depends on, at random deviations."""
         law = self.setup.linear_law
-        _, slopes = LawRows(law)(np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names))))
+        _, slopes = sampled_controller.LawRows(law)(
+            np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names)))
+        )
         size = np.abs(slopes).max(axis=(0, 1))
         return tuple(name for name, value in zip(law.state_names, size) if value > NEGLIGIBLE * size.max())
 
@@ -314,7 +315,7 @@ class LawEvaluation:
 
 
 def _median(values: np.ndarray) -> float:
-    """The upper median: a run of the list, also where some are infinite."""
+    # the upper one: a run of the list, also where some are infinite
     return float(np.sort(values)[len(values) // 2])
 
 

@@ -32,13 +32,12 @@ from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,
     UnscentedKalmanFilter,
+    constant_gain,
     stationary_covariance,
 )
-from flexhinf.estimation.constant_gain import check_detectable
 from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
-from flexhinf.robot import MuJoCoPlant, Robot
-from flexhinf.robot.elastic import DRY, Layout
+from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
 
 #: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
@@ -96,7 +95,7 @@ class EstimatorNoise:
 
     def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) for a plant with these states."""
-        values, layout = np.full(len(states), self.all_states), Layout.of(states)
+        values, layout = np.full(len(states), self.all_states), elastic.Layout.of(states)
         links, motors = self.link_velocities, self.motor_velocities
         if layout.rigid and layout.elastic:  # an unknown torque of a rigid joint's motor is one on its link
             every = np.broadcast_to(motors, layout.n)
@@ -218,7 +217,7 @@ class LoopPlants:
     @property
     def dry_friction(self) -> tuple[str, ...]:
         """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
-        return tuple(name for name in self.specification.extras if name in DRY)
+        return tuple(name for name in self.specification.extras if name in elastic.DRY)
 
     @cached_property
     def estimator_model(self) -> Plant:
@@ -301,7 +300,7 @@ class LoopPlants:
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
-            check_detectable(a, c, model.states)
+            constant_gain.check_detectable(a, c, model.states)
             model = self.estimator_model if running else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
         # Of a filter that has run at the goal for long, so that its gain is constant from the start; without process
@@ -560,7 +559,6 @@ class LoopSetup(LoopPlants):
         sub_steps: int,
         **options: Any,
     ) -> EnsembleResult:
-        """Runs of many robots from equilibrium at a pose (n,), each with a seed of its own."""
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
             [self.true_plant.parameters.known(values) for values in robots],

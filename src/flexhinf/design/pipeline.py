@@ -22,8 +22,7 @@ from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_name
 from flexhinf.design.problem import modes, presets
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import by_step, steps
-from flexhinf.robot import Robot
-from flexhinf.robot.mujoco import check_expressed
+from flexhinf.robot import Robot, mujoco
 
 Progress = Callable[[str], None]
 
@@ -65,7 +64,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     """
     s, progress = specification, progress or (lambda text: None)
     if s.mujoco:
-        check_expressed(s.extras)
+        mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = steps.synthesise(robot, s, progress)
     setup, rest = checks.end_limit_cycle(synthesis.setup(robot, s))
@@ -84,15 +83,15 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
         worth = certification.attenuation(setup, synthesis, scenario.step_duration)
-        mujoco = None
+        on_mujoco = None
         if s.mujoco:
             progress("the step on MuJoCo's plant")
-            mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
+            on_mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
         progress("load, move and sampled robots")
         same_on_rigid = runs.result()
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, scenario)
-    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, payloads))
+    lines = tuple(_requirements(evaluation, synthesis, on_mujoco, rest, payloads))
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
@@ -103,7 +102,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     )
     return result.Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        proof=proof, mujoco=mujoco, rigid=same_on_rigid, rest=rest, payloads=payloads, law_modes=law_modes,
+        proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, rest=rest, payloads=payloads, law_modes=law_modes,
         requirements=lines, status=result.status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
@@ -169,7 +168,7 @@ def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
 def _requirements(
     evaluation: LawEvaluation,
     synthesis: steps.Synthesis,
-    mujoco: responses.Response | None,
+    on_mujoco: responses.Response | None,
     rest: checks.LimitCycleCheck | None,
     payloads: tuple[checks.PayloadEvaluation, ...],
 ) -> list[required.Requirement]:
@@ -182,8 +181,8 @@ def _requirements(
         lines += required.behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
-    if mujoco is not None:
-        lines += required.step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
+    if on_mujoco is not None:
+        lines += required.step_requirements(s, limits, on_mujoco, "the step on MuJoCo's plant")
     lines += required.move_requirements(s, limits, evaluation.move)
     if s.move is not None and synthesis.along is not None:
         lines += checks.along_requirements(s, synthesis.along)

@@ -17,8 +17,7 @@ from flexhinf.design.waypoint_table import WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
-from flexhinf.robot import Robot, check_reference
-from flexhinf.robot.kinematics import position_ranges
+from flexhinf.robot import Robot, check_reference, kinematics
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
@@ -103,8 +102,8 @@ def plan_move(
         except InvalidInput:
             if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
                 raise
-            continue
-        return plan
+        else:
+            return plan
     raise AssertionError("unreachable")
 
 
@@ -152,7 +151,7 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
         spline = Waypoints(times, positions, "spline")
         return Waypoints(times, positions, "through") if _wanders(spline) else spline
     if s.shaping == "jerk-limited":
-        pose = np.clip(positions[-1], *position_ranges(robot))
+        pose = np.clip(positions[-1], *kinematics.position_ranges(robot))
         scales = modes.JointScales.of(robot.plant(), robot.operating_point(pose))
         smoothing = 2.0 * math.pi / float(scales.vibration.min())
     return Waypoints(times, positions, s.shaping, smoothing)
@@ -168,8 +167,7 @@ def _wanders(spline: Waypoints) -> bool:
 
 def _check(robot: Robot, s: Specification, plan: Plan, limits: JointLimits, instants: int) -> None:
     effort = limits.effort if limits.limits_effort else None
-    period = max(s.period, plan.duration / instants)
-    check_reference(robot, plan, plan.duration, effort, period, limits.speed)
+    check_reference(robot, plan, plan.duration, effort, max(s.period, plan.duration / instants), limits.speed)
 
 
 def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:

@@ -230,11 +230,10 @@ class RunMetrics:
         common = {name: units[0] if len(set(units)) == 1 else "" for name, units in each.items()}
         uses = {"input_limit_use": self.limits.limits_peak, "speed_limit_use": self.limits.limits_speed}
         common |= {name: "" for name, limited in uses.items() if limited}
-        return common | {name: each[kind][k] for name, (kind, k) in self._parts.items()}
+        return common | {name: each[kind][k] for name, (kind, k) in self._of_joints.items()}
 
     @cached_property
-    def _parts(self) -> dict[str, tuple[str, int]]:
-        """Metrics of single joints, where there are several: which metric, and of which joint."""
+    def _of_joints(self) -> dict[str, tuple[str, int]]:
         names = self.limits.joints
         several = self.joint_metrics.items() if len(names) > 1 else ()
         return {f"{kind}_{names[k]}": (kind, k) for kind, (_, joints) in several for k in joints}
@@ -245,7 +244,9 @@ class RunMetrics:
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
         reductions = step_reductions(*self.ends, pairs) if self.ends else [move_reduction(columns, pairs)]
-        return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
+        return Metrics(
+            self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._of_joints)
+        )
 
     def _reduced(self, estimated: bool, runs: EnsembleResult) -> dict[str, np.ndarray]:
         common, nothing = runs.common, np.full(len(runs.codes), np.nan)
@@ -268,7 +269,7 @@ class RunMetrics:
             "estimation_error": common["estimate"] if estimated else nothing,
             "input_limit_use": (effort / self.limits.peak).max(axis=1),
             "speed_limit_use": (speed / self.limits.speed).max(axis=1),
-            **{name: every[kind][:, k] for name, (kind, k) in self._parts.items()},
+            **{name: every[kind][:, k] for name, (kind, k) in self._of_joints.items()},
         }
 
 
@@ -284,16 +285,17 @@ class Requirement:
     """One line of a specification."""
 
     what: str
-    # limit, found: In `unit`
-    limit: float
-    found: float
-    unit: str
-    at_most: bool  # Whether `limit` is an upper limit; otherwise a lower one
-    where: str  # The run or loop that was judged
-    criterion: str  # How `found` is defined
+    # limit, found: In `unit`; NaN in a row of `REQUIREMENTS`
+    limit: float = math.nan
+    found: float = math.nan
+    unit: str = ""
+    at_most: bool = True  # Whether `limit` is an upper limit; otherwise a lower one
+    where: str = ""  # The run or loop that was judged
+    criterion: str = ""  # How `found` is defined
     stated_by: str = "default"  # The option that states the limit, or "default"
     joint: str = ""  # Of the worst value; empty where there is one joint, or where it has none
     at: float | None = None  # When it occurs, s; None where it has no time
+    field: str = ""  # Of the specification, which states the limit; "" where none does
 
     @property
     def met(self) -> bool:
@@ -324,78 +326,67 @@ class Requirement:
         limit, found = math.degrees(self.limit), math.degrees(self.found)
         return replace(self, limit=limit, found=found, unit=f"°{self.unit[3:]}")
 
-
-@dataclass(frozen=True)
-class Definition:
-    """A row of the table of requirements; `field` of the specification states its limit, "" where none does."""
-
-    what: str
-    criterion: str
-    unit: str = ""
-    at_most: bool = True
-    field: str = ""
-
     def judge(
         self, s: Specification | None, limit: float, value: float, where: str, **more: Any
     ) -> Requirement:
-        """The requirement with its numbers; `more` are other fields of it, instead of those of the row."""
-        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion}
+        """A row of `REQUIREMENTS` with its numbers; `more` are other fields, instead of those of the row."""
         if s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default:
-            row["stated_by"] = FIELDS[self.field].option
-        row |= more
-        return Requirement(self.what, float(limit), float(value), at_most=self.at_most, where=where, **row)
+            more = {"stated_by": FIELDS[self.field].option} | more
+        return replace(self, limit=float(limit), found=float(value), where=where, **more)
 
 
 REQUIREMENTS = {
-    "bandwidth": Definition(
-        "bandwidth", "where |command → link position| is 3 dB below its value at rest", "rad/s", False, "bandwidth"
+    "bandwidth": Requirement(
+        "bandwidth", unit="rad/s", at_most=False, field="bandwidth",
+        criterion="where |command → link position| is 3 dB below its value at rest",
     ),
-    "damping": Definition(
-        "damping of oscillations", "smallest damping ratio of every oscillation, the estimator's included",
-        at_most=False, field="damping",
+    "damping": Requirement(
+        "damping of oscillations", at_most=False, field="damping",
+        criterion="smallest damping ratio of every oscillation, the estimator's included",
     ),
-    "ring_down": Definition(
-        "damping in the ring-down",
-        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input",
-        at_most=False, field="damping",
+    "ring_down": Requirement(
+        "damping in the ring-down", at_most=False, field="damping",
+        criterion="smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or "
+        "input",
     ),
-    "peak_sensitivity": Definition(
-        "peak sensitivity", "largest singular value of S at the plant's inputs, over all frequencies",
-        field="peak_sensitivity",
+    "peak_sensitivity": Requirement(
+        "peak sensitivity", field="peak_sensitivity",
+        criterion="largest singular value of S at the plant's inputs, over all frequencies",
     ),
-    "gain_margin": Definition(
-        "gain margin", "smallest factor, up or down, of one input's gain that makes the loop unstable", at_most=False,
-        field="gain_margin",
+    "gain_margin": Requirement(
+        "gain margin", at_most=False, field="gain_margin",
+        criterion="smallest factor, up or down, of one input's gain that makes the loop unstable",
     ),
-    "corners": Definition("unstable corners", "corners with a pole outside the unit circle"),
-    "overshoot": Definition(
-        "overshoot", "largest of all joints, per cent of the joint's own step", "%", field="overshoot"
+    "corners": Requirement("unstable corners", criterion="corners with a pole outside the unit circle"),
+    "overshoot": Requirement(
+        "overshoot", unit="%", field="overshoot",
+        criterion="largest of all joints, per cent of the joint's own step",
     ),
-    "unsettled": Definition(
-        "runs that do not settle", "runs that diverge, or are outside ±2 % of the step at their end"
+    "unsettled": Requirement(
+        "runs that do not settle", criterion="runs that diverge, or are outside ±2 % of the step at their end"
     ),
-    "peak": Definition("peak input", "largest |input| of all motors"),
-    "speed": Definition(SPEED, "|velocity| of the link nearest to its limit"),
-    "range": Definition("distance beyond a joint's range", "largest of all true link positions"),
-    "tracking": Definition(
-        "tracking error",
-        "largest distance of a true link position from the move, of the joint nearest to its limit",
-        field="tracking_error",
+    "peak": Requirement("peak input", criterion="largest |input| of all motors"),
+    "speed": Requirement(SPEED, criterion="|velocity| of the link nearest to its limit"),
+    "range": Requirement("distance beyond a joint's range", criterion="largest of all true link positions"),
+    "tracking": Requirement(
+        "tracking error", field="tracking_error",
+        criterion="largest distance of a true link position from the move, of the joint nearest to its limit",
     ),
-    "final": Definition(
+    "final": Requirement(
         "distance after the move",
-        "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
+        criterion="largest distance from the end of the move in the last tenth of the run; required: 2 % of the "
+        "joint's way",
     ),
-    "limit_cycle": Definition(
+    "limit_cycle": Requirement(
         "hunting at rest",
-        "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
-        "position, or one step of its sensor",
+        criterion="largest amplitude of a link position in the last half; the limit is three standard deviations of a "
+        "measured position, or one step of its sensor",
     ),
-    "load_step": Definition(
-        "remaining sag", "largest deviation of a link in the last tenth; the limit is 2 % of its step"
+    "load_step": Requirement(
+        "remaining sag", criterion="largest deviation of a link in the last tenth; the limit is 2 % of its step"
     ),
-    "deadlines": Definition(
-        "missed deadlines", "samples whose input was not there before the next sample was due", "%"
+    "deadlines": Requirement(
+        "missed deadlines", unit="%", criterion="samples whose input was not there before the next sample was due"
     ),
 }  # fmt: skip
 
@@ -489,10 +480,9 @@ def limit_requirements(
     """
     how = ", without limits of the inputs" if unlimited else ""
     inputs, speeds = limits.input_use(demanded or response), limits.speed_use(response)
-    lines = [line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met]
     beyond = limits.beyond_range(response)
     return [
-        *lines,
+        *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],
         *([_limit_line("range", limits, beyond, where, ROBOT)] if 0.0 < beyond.value < np.inf else []),
     ]
 

@@ -99,7 +99,6 @@ def status_of(
 
 
 def _missed(line: Requirement, places: bool) -> str:
-    """Text of the value and the limit; also where, if it is judged in several places."""
     sign, unit = "≤" if line.at_most else "≥", line.unit_text
     joint = f" in {line.joint}" if line.joint else ""
     joint += "" if line.at is None else f" at {line.at:.3g} s"
