@@ -113,7 +113,7 @@ def prepare_run(
                 f"expected the goal {aim.tolist()}, got {goal.tolist()}",
                 "the goal of the design; or a design whose penalty weighs link_position_integral",
             )
-        duration = STEP_TIME if command is None else STEP_TIME + command.duration
+        duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
         controller = Controller(  # in error coordinates, as a design runs its moves
             controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
