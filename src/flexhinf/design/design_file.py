@@ -29,8 +29,14 @@ import tomlkit
 
 from flexhinf import __version__
 from flexhinf.design.options import SLIDING, Stated, lengths
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
-from flexhinf.design.waypoint_table import WaypointError, WaypointTable
+from flexhinf.design.specification import (
+    FIELDS,
+    Specification,
+    SpecificationError,
+    WaypointError,
+    WaypointTable,
+    json_schema,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot

@@ -120,10 +120,8 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
     stiffness = np.atleast_1d(p.stiffness).astype(float).tolist()
     factors = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
-    factors |= {
-        name: VELOCITY_RATE**2 if "velocity" in name else 1.0 for name in plant.outputs if name not in factors
-    }
-    return np.array([factors[name] * position for name in plant.outputs])
+    others = {False: 1.0, True: VELOCITY_RATE**2}
+    return np.array([factors.get(name, others["velocity" in name]) * position for name in plant.outputs])
 
 
 def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:

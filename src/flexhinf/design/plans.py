@@ -12,8 +12,7 @@ import numpy as np
 
 from flexhinf.design.problem import modes, presets
 from flexhinf.design.responses import JointLimits, Plan, joint_limits
-from flexhinf.design.specification import RUN_SAMPLES, Specification
-from flexhinf.design.waypoint_table import WaypointError, WaypointTable
+from flexhinf.design.specification import RUN_SAMPLES, Specification, WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
