@@ -93,6 +93,11 @@ class ImpulseRuns:
     delay: int  # Of the inputs, samples
 
     @property
+    def diverged(self) -> bool:
+        """Whether any run diverged."""
+        return self.ring_down is None
+
+    @property
     def damping(self) -> float:
         """Smallest damping ratio of all runs; −∞ where one diverged."""
         return -np.inf if self.ring_down is None else self.ring_down.damping
@@ -326,13 +331,12 @@ class MarginLimits:
         """Share of each limit that is used: above 1 it is exceeded."""
         if not at_pose.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
-        shares = {
+        damping = self.damping / at_pose.damping if self.damping and at_pose.damping > 0.0 else np.inf
+        return {
             "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
             "gain_margin": self.gain_margin / at_pose.gain_margin,
+            **({"damping": damping} if self.damping else {}),
         }
-        if self.damping:
-            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
-        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -511,12 +515,13 @@ def payload_requirements(
         )  # fmt: skip
     if load.load_step is None:
         return lines
-    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.remaining
-    joint = limits.joints.index(remaining.joint) if remaining.joint else 0
-    lines.append(
+    where, joint = f"gripping {load.mass:.3g} kg at the goal", load.remaining.joint
+    k = limits.joints.index(joint) if joint else 0
+    return [
+        *lines,
         REQUIREMENTS["load_step"].judge(
-            None, SETTLING_BAND * float(load.load_step.reference_step[joint]), remaining.value, where,
-            unit=limits.position_units[joint], joint=of_several(limits.joints, remaining.joint),
-        )
-    )  # fmt: skip
-    return lines + limit_requirements(limits, load.load_step.response, where, always=False)
+            None, SETTLING_BAND * float(load.load_step.reference_step[k]), load.remaining.value, where,
+            unit=limits.position_units[k], joint=of_several(limits.joints, joint),
+        ),
+        *limit_requirements(limits, load.load_step.response, where, always=False),
+    ]  # fmt: skip

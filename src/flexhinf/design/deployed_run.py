@@ -217,9 +217,10 @@ class DesignCampaign:
     @cached_property
     def robot(self) -> Robot:
         """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
-        robot = self.request.robot
-        if self.options.payload is not None:
-            robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
+        design, payload = self.request, self.options.payload
+        robot = (
+            design.robot if payload is None else load_robot(design.source, design.elastic, payload=payload)
+        )
         off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
         for name, spread in self.options.tolerances:
             if name in off:

@@ -173,41 +173,51 @@ def _requirements(
     payloads: tuple[checks.PayloadEvaluation, ...],
 ) -> list[required.Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
-    setup, target = evaluation.setup, synthesis.design_problem.target
-    s, limits, damping = setup.specification, setup.limits, None
-    lines, step, robots = _law_requirements(evaluation)
-    if target is not None and (damping := presets.required_damping(s, target)) is not None:
-        worst, margins = evaluation.least_damped_joint, evaluation.margins
-        lines += required.behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
-        lines.append(evaluation.ring_down.requirement(s, damping))
-    lines += step
-    if on_mujoco is not None:
-        lines += required.step_requirements(s, limits, on_mujoco, "the step on MuJoCo's plant")
-    lines += required.move_requirements(s, limits, evaluation.move)
-    if s.move is not None and synthesis.along is not None:
-        lines += checks.along_requirements(s, synthesis.along)
-    if rest is not None:
-        lines.append(rest.requirement(limits.position_units))
-    for payload in payloads:
-        lines += checks.payload_requirements(s, limits, payload, damping)
-    return lines + robots
+    s, limits, target = (
+        evaluation.setup.specification,
+        evaluation.setup.limits,
+        synthesis.design_problem.target,
+    )
+    damping = None if target is None else presets.required_damping(s, target)
+    linear, step, robots = _law_requirements(evaluation)
+    if target is not None and damping is not None:
+        joints, worst = evaluation.setup.joints, evaluation.least_damped_joint
+        linear += required.behaviour_requirements(
+            s, target.bandwidth, damping, evaluation.margins, joints, worst
+        )
+        linear.append(evaluation.ring_down.requirement(s, damping))
+    along = None if s.move is None else synthesis.along
+    return [
+        *linear,
+        *step,
+        *([] if on_mujoco is None else required.step_requirements(s, limits, on_mujoco, ON_MUJOCO)),
+        *required.move_requirements(s, limits, evaluation.move),
+        *(() if along is None else checks.along_requirements(s, along)),
+        *(() if rest is None else [rest.requirement(limits.position_units)]),
+        *(line for payload in payloads for line in checks.payload_requirements(s, limits, payload, damping)),
+        *robots,
+    ]
 
 
 def _law_requirements(
     evaluation: LawEvaluation,
 ) -> tuple[list[required.Requirement], list[required.Requirement], list[required.Requirement]]:
     """Requirements on a law by `design` and `compare`: margins, the nominal step, corners and sampled robots."""
-    setup, margins, robots = evaluation.setup, [], []
-    s, limits = setup.specification, setup.limits
+    setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
+    s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
-    if not evaluation.linear_failure:
-        margins = required.margin_requirements(s, evaluation.margins, setup.joints)
-        robots += [] if evaluation.corners is None else [required.corner_requirement(evaluation.corners)]
-    if evaluation.step_samples is not None:
-        robots += required.sample_requirements(s, limits, evaluation.step_samples)
-    return margins, step, robots
+    return (
+        required.margin_requirements(s, evaluation.margins, setup.joints) if linear else [],
+        required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited),
+        [
+            *([] if corners is None else [required.corner_requirement(corners)]),
+            *([] if samples is None else required.sample_requirements(s, limits, samples)),
+        ],
+    )
 
+
+#: Where requirements are judged with MuJoCo.
+ON_MUJOCO = "the step on MuJoCo's plant"
 
 #: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
 ROBUST_STAGES = 3

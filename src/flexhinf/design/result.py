@@ -89,9 +89,10 @@ def status_of(
         _missed(line.converted(degrees), names.count(line.what) > 1) for line in lines if not line.met
     )
     past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
-    scope = list(dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance))
-    if evaluation.corners is None:
-        scope.append("no tolerance stated: only the nominal robot was judged")
+    scope = [
+        *dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance),
+        *(["no tolerance stated: only the nominal robot was judged"] if evaluation.corners is None else []),
+    ]
     unproved = certification.step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
         unproved = (*unproved, "the dissipation budget of the step does not last")
@@ -100,10 +101,9 @@ def status_of(
 
 def _missed(line: Requirement, places: bool) -> str:
     sign, unit = "≤" if line.at_most else "≥", line.unit_text
-    joint = f" in {line.joint}" if line.joint else ""
-    joint += "" if line.at is None else f" at {line.at:.3g} s"
+    joint, at = f" in {line.joint}" if line.joint else "", "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""
-    return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
+    return f"{line.what} {line.found:.3g}{unit}{joint}{at} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
 def _in_brackets(joints: Sequence[str], joint: str) -> str:
