@@ -110,9 +110,6 @@ SETUP, CONTROLLER = "setup", "controller"
 #: Held while a controller is designed and written.
 SETUP_LOCK = ".campaign-setup-lock"
 
-#: What the folder of a comparison may hold.
-_OWN = (*FOLDERS, "index.html")
-
 #: How long a driver waits for another one that designs the controller, s.
 PATIENCE = 3600.0
 
@@ -242,7 +239,7 @@ def open_pair(
     Raises as `open_campaign`, before any work for either.
     """
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
-    check_own_folder(place, "comparison of campaigns", _OWN)
+    check_own_folder(place, "comparison of campaigns", (*FOLDERS, "index.html"))
     place.mkdir(parents=True, exist_ok=True)
     with locked(place / SETUP_LOCK, PATIENCE):
         sides = [(side, Journal.read(place / at, (SETUP,))) for side, at in zip((pair.a, pair.b), FOLDERS)]

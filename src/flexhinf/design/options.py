@@ -34,14 +34,13 @@ from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettere
 from flexhinf.validation import checked_path, real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
-_TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
-_SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
 _FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
-_TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}
-_FORCES = {"N": 1.0}
 _POSITIONS = (TURNING, SLIDING)
-_SPEEDS = (_TURN_RATES, _SLIDE_RATES)
-_READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
+_SPEEDS = (
+    {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+    {"m/s": 1.0, "mm/s": 1e-3},
+)
+_READINGS = (*_POSITIONS, *_SPEEDS, {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}, {"N": 1.0})
 
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000

@@ -336,10 +336,6 @@ class Comparison(Summarised):
         }
 
 
-#: Comment above the table [result].
-RESULT = "What came of it. This part is not read: changing it changes nothing."
-
-
 def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:
     """Text of the design file of a design: the request, and the result.
 
@@ -353,7 +349,7 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
         design.specification, request.source, request.elastic, folder, request.payload, slides
     )
     document.add(tomlkit.nl())
-    document.add(tomlkit.comment(RESULT))
+    document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
     problem, samples, loop = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
     levels, states = design.setup.process_noise, problem.penalty.states
     weights = None if callable(states) else design_file.plain("penalty", states)

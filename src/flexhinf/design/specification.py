@@ -22,7 +22,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, TypeAdapter, ValidationError, WithJsonSchema
@@ -236,15 +236,21 @@ Move = Annotated[
 ]
 
 
-Preset = Literal["paper", "damped", "robust", "proved"]
-Estimator = Literal["ukf", "ekf", "observer", "none"]
-Shaping = Literal["jump", "quintic", "jerk-limited"]
-PRESETS: tuple[str, ...] = get_args(Preset)
-ESTIMATORS: tuple[str, ...] = get_args(Estimator)
-SHAPINGS: tuple[str, ...] = get_args(Shaping)
-PresetName = Annotated[Preset, BeforeValidator(options.choice), options.Allowed(", ".join(PRESETS))]
-EstimatorName = Annotated[Estimator, BeforeValidator(options.choice), options.Allowed(", ".join(ESTIMATORS))]
-ShapingName = Annotated[Shaping, BeforeValidator(options.choice), options.Allowed(", ".join(SHAPINGS))]
+PresetName = Annotated[
+    Literal["paper", "damped", "robust", "proved"],
+    BeforeValidator(options.choice),
+    Allowed("paper, damped, robust, proved"),
+]
+EstimatorName = Annotated[
+    Literal["ukf", "ekf", "observer", "none"],
+    BeforeValidator(options.choice),
+    Allowed("ukf, ekf, observer, none"),
+]
+ShapingName = Annotated[
+    Literal["jump", "quintic", "jerk-limited"],
+    BeforeValidator(options.choice),
+    Allowed("jump, quintic, jerk-limited"),
+]
 AngleUnit = Annotated[Literal["rad", "deg"], BeforeValidator(options.choice), options.Allowed("rad, deg")]
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
