@@ -176,10 +176,16 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
 
 def test_of_the_tolerances_the_worst_robot_counts() -> None:
     figures = np.array([1.0, 4.0, 2.0]), np.array([1.0, np.inf, 1.0]), np.array([9.0, 8.0, 70.0])
-    names = ("a", "b", "a")
+    joints = dict.fromkeys(("overshoot", "settling", "peak"), ("a", "b", "a"))
     inputs = np.array([[9.0, 1.0], [8.0, 1.0], [70.0, 1.0]])
     samples = MonteCarlo(
-        ({}, {}, {}), *figures, (names, names, names), inputs, 0.1 * inputs, np.zeros(1), np.zeros((3, 1, 2))
+        ({}, {}, {}),
+        *figures,
+        joints,
+        inputs,
+        0.1 * inputs,
+        np.zeros(1),
+        np.zeros((3, 1, 2)),
     )
     asked = Specification(peak_effort=60.0)
     unsettled, overshoot, peak = sample_requirements(asked, limits_of(asked), samples)

@@ -43,9 +43,9 @@ class MonteCarlo:
     overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
     settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
     peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
-    joints: tuple[
-        tuple[str, ...], ...
-    ]  # Of these three worst values; "" where the run diverged, or no joint moves
+    joints: Mapping[
+        str, tuple[str, ...]
+    ]  # Of these worst values; "" where the run diverged, or no joint moves
     # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
     speeds: np.ndarray
@@ -105,9 +105,10 @@ def sampled_runs(
     overshoot = worst([numbers[f"{k} overshoot_percent"] for k in moving], moving)
     settling = worst([numbers[f"{k} settling_time_s"] for k in moving], moving)
     peak = worst(numbers["effort"].T, range(n))
+    joints = {"overshoot": overshoot[1], "settling": settling[1], "peak": peak[1]}
     return MonteCarlo(
-        tuple(robots), overshoot[0], settling[0], peak[0], (overshoot[1], settling[1], peak[1]), numbers["effort"],
-        numbers["speed"], setup.specification.period * instants, runs.kept,
+        tuple(robots), overshoot[0], settling[0], peak[0], joints, numbers["effort"], numbers["speed"],
+        setup.specification.period * instants, runs.kept,
     )  # fmt: skip
 
 
@@ -513,7 +514,7 @@ def _limit_line(
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
-    joint = of_several(limits.joints, samples.joints[0][int(np.argmax(samples.overshoot))])
+    joint = of_several(limits.joints, samples.joints["overshoot"][int(np.argmax(samples.overshoot))])
     finite = bool(np.isfinite(samples.inputs).all() and np.isfinite(samples.speeds).all())  # no run diverged
     peak = limit_use(samples.inputs if finite else None, limits.peak, limits.joints, limits.effort_units)
     speed = limit_use(samples.speeds if finite else None, limits.speed, limits.joints, limits.speed_units)

@@ -380,11 +380,11 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
     """Metrics of the sampled robots: name, unit, values, value of the nominal robot, and joint of the worst."""
-    own, m, (overshoot, settling, peak) = e.step, samples, samples.joints
+    own, m, joints = e.step, samples, samples.joints
     return [
-        ("overshoot", "%", m.overshoot, own.overshoot.value, overshoot[m.worst]),
-        ("settling time", "s", m.settling, own.settling.value, settling[m.slowest]),
-        ("peak input", units_of(e).effort, m.peak, own.peak_input, peak[int(np.argmax(m.peak))]),
+        ("overshoot", "%", m.overshoot, own.overshoot.value, joints["overshoot"][m.worst]),
+        ("settling time", "s", m.settling, own.settling.value, joints["settling"][m.slowest]),
+        ("peak input", units_of(e).effort, m.peak, own.peak_input, joints["peak"][int(np.argmax(m.peak))]),
     ]
 
 
