@@ -20,7 +20,6 @@ from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
 from .options import CampaignOptions as CampaignOptions
 from .pipeline import (
     compare as compare,
-    comparison_stages as comparison_stages,
     design as design,
     stages as stages,
 )

@@ -27,7 +27,7 @@ from flexhinf.analysis import (
     tolerance_corners,
 )
 from flexhinf.design import checks, requirements as required, responses
-from flexhinf.design.loop_setup import LoopSetup, share_derived
+from flexhinf.design.loop_setup import LoopSetup, with_derived
 from flexhinf.design.problem.modes import (
     Mode,
     modes_of,
@@ -69,8 +69,7 @@ class LawEvaluation:
         self, scenario: responses.Scenario, step: responses.Response | None = None
     ) -> LawEvaluation:
         """This evaluation in the runs of a scenario; linear metrics that were computed are kept, and a `step`."""
-        same = replace(self, scenario=scenario)
-        share_derived(self, same)
+        same = with_derived(self, scenario=scenario)
         if step is not None:
             vars(same)["step"] = step
         return same

@@ -190,9 +190,11 @@ SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 FRICTIONAL = ("ukf", "ekf")
 
 
-def share_derived(known: Any, same: Any) -> None:
-    """Copy the computed properties of one object to another one for which they are valid too."""
+def with_derived(known: Any, **changes: Any) -> Any:
+    """The object with other fields that keeps its computed properties, which are valid for it too."""
+    same = replace(known, **changes)
     vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
+    return same
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,9 +345,7 @@ class LoopSetup(LoopPlants):
     @cached_property
     def without_noise(self) -> LoopSetup:
         """The loop without measurement noise, `quiet`; it shares the derived properties, which depend on no noise."""
-        same = replace(self, quiet=True)
-        share_derived(self, same)
-        return same
+        return with_derived(self, quiet=True)
 
     @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:

@@ -226,19 +226,17 @@ ROBUST_STAGES = 3
 PROVED_STAGES = 6 + 1
 
 
-def stages(robot: Robot, specification: Specification) -> int:
-    """About how many steps of work a design has, for a progress bar."""
+def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
+    """About how many steps of work a design has, or a comparison of so many laws, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    robust = ROBUST_STAGES * (presets.preset_of(robot, s) == "robust")
-    disturbance = certification.searches_disturbance(states, by_step.rays_of(states, s.rays))
-    return 8 + _synthesis_stages(robot, s) + s.mujoco + robust + disturbance
-
-
-def _synthesis_stages(robot: Robot, s: Specification) -> int:
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    degrees = by_step.synthesis_stages(5 * len(robot.joint_names), s.degrees, s.rays)
-    return (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
+    degrees = by_step.synthesis_stages(states, s.degrees, s.rays)
+    synthesis = (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
+    if laws is not None:
+        return 3 + synthesis + (5 if responses.sample_count(robot, states, s) else 4) * len(laws)
+    disturbance = certification.searches_disturbance(states, by_step.rays_of(states, s.rays))
+    return 8 + synthesis + s.mujoco + ROBUST_STAGES * (preset == "robust") + disturbance
 
 
 def compare(
@@ -263,7 +261,7 @@ def compare(
     tune : {"peak", "bandwidth", "none"}
         What the laws share with the design: a limit beside those of the specification.
     progress : callable, optional
-        Called with what comes next, `comparison_stages` times in all.
+        Called with what comes next, about `stages` times in all.
     same_sensors : bool
         Every law measures what the design measures, instead of what its proponents would choose.
 
@@ -326,9 +324,3 @@ def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> res
     evaluation.compute("metrics")
     margins, step, robots = _law_requirements(evaluation)
     return result.ComparedLaw(kind, tuned, (*margins, *step, *robots))
-
-
-def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
-    """About how many steps of work a comparison has, for a progress bar."""
-    each = 5 if responses.sample_count(robot, 5 * len(robot.joint_names), s) else 4
-    return 3 + _synthesis_stages(robot, s) + each * len(law_names(laws))
