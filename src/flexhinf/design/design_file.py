@@ -63,8 +63,10 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
     """
     joints = robot.joint_names
     known = units_of(joints, robot.links.slides)
-    stated = [(field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()]
-    stated += [("via", pose, signal_names("link_position", joints)) for pose in s.via]
+    stated = [
+        *((field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()),
+        *(("via", pose, signal_names("link_position", joints)) for pose in s.via),
+    ]
     if any(isinstance(value, Stated) for value in _parts(s.quantisation)):
         stated.append(("quantisation", *per_signal(robot, s.measured, s.quantisation)))
     for field, values, signals in stated:

@@ -59,9 +59,8 @@ class LawEvaluation:
 
     name: str
     setup: LoopSetup  # law, estimator, controller and true plant
-    scenario: responses.Scenario | None = (
-        None  # runs, the same for all laws; without one there are only linear metrics
-    )
+    # runs, the same for all laws; without one there are only linear metrics
+    scenario: responses.Scenario | None = None
     parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
     other_noise: bool = True  # corners with other R^v too, which takes most of an evaluation's time
 
@@ -107,8 +106,7 @@ class LawEvaluation:
     @cached_property
     def move(self) -> responses.Move:
         """The planned move with feedforward: the same reference for every law."""
-        runs = self._runs
-        return self.setup.move(runs.plan, sub_steps=runs.sub_steps, rest=runs.rest)
+        return self.setup.move(self._runs.plan, sub_steps=self._runs.sub_steps, rest=self._runs.rest)
 
     @cached_property
     def load_response(self) -> responses.LoadResponse:

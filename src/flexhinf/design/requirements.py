@@ -102,12 +102,14 @@ def sampled_runs(
         names = [setup.joints[joints[k]] for k in np.argmax(rows, axis=0)]
         return np.max(rows, axis=0), tuple(np.where(runs.completed, names, "").tolist())
 
-    overshoot = worst([numbers[f"{k} overshoot_percent"] for k in moving], moving)
-    settling = worst([numbers[f"{k} settling_time_s"] for k in moving], moving)
-    peak = worst(numbers["effort"].T, range(n))
-    joints = {"overshoot": overshoot[1], "settling": settling[1], "peak": peak[1]}
+    found = {
+        "overshoot": worst([numbers[f"{k} overshoot_percent"] for k in moving], moving),
+        "settling": worst([numbers[f"{k} settling_time_s"] for k in moving], moving),
+        "peak": worst(numbers["effort"].T, range(n)),
+    }
     return MonteCarlo(
-        tuple(robots), overshoot[0], settling[0], peak[0], joints, numbers["effort"], numbers["speed"],
+        tuple(robots), found["overshoot"][0], found["settling"][0], found["peak"][0],
+        {name: joints for name, (_, joints) in found.items()}, numbers["effort"], numbers["speed"],
         setup.specification.period * instants, runs.kept,
     )  # fmt: skip
 
