@@ -19,7 +19,6 @@ import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -510,7 +509,7 @@ def _text(pose: np.ndarray) -> str:
 
 def _point(what: str, text: str) -> tuple[float, ...]:
     point: tuple[float, ...] = ()
-    with suppress(ValueError):
+    with contextlib.suppress(ValueError):
         point = lengths(text)
     if len(point) != 3 or not all(map(within_proportion, point)):
         raise InvalidInput(

@@ -119,9 +119,10 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     p, motor = plant.parameters.named(plant.parameters.vector()), "motor_position"
     joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
     stiffness = np.atleast_1d(p.stiffness).astype(float).tolist()
-    factors = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
-    others = {False: 1.0, True: VELOCITY_RATE**2}
-    return np.array([factors.get(name, others["velocity" in name]) * position for name in plant.outputs])
+    springs = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
+    others = {name: VELOCITY_RATE**2 if "velocity" in name else 1.0 for name in plant.outputs}
+    factors = [(springs if name.startswith("joint_torque") else others)[name] for name in plant.outputs]
+    return np.array([factor * position for factor in factors])
 
 
 def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:

@@ -55,13 +55,9 @@ def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.nda
     if s.shaping == "jump" or not np.any(goal != start):
         return None
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = np.asarray(
-        presets.BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float
-    )
-    held, each = (
-        [robot.operating_point(at)[1] for at in (start, goal)],
-        np.broadcast_to(bandwidth, np.shape(goal)),
-    )
+    bandwidth = presets.BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    held = [robot.operating_point(at)[1] for at in (start, goal)]
     return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
 
 
