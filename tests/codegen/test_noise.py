@@ -9,7 +9,6 @@ from scipy import stats
 from tests.interpreter import interpret
 
 from flexhinf.codegen import Buffer, Normal, Program, Repeat, Slice, compile_program, machine
-from flexhinf.codegen.emit.normal import Lines
 from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 from flexhinf.codegen.noise import normal_numbers, philox, seed_key
 from flexhinf.errors import InvalidInput
@@ -67,7 +66,7 @@ def test_known_answers_of_the_emitted_generator(lanes):
 
     for k in range(6):
         names.append(writer.let(f"load {whole}, ptr {place(k)}, align 8"))
-    for k, word in enumerate(philox(names[:4], names[4:], Lines(writer))):
+    for k, word in enumerate(philox(names[:4], names[4:], writer)):
         writer.do(f"store {whole} {word}, ptr {place(k)}, align 8")
     text = "\n".join(["define void @flexhinf_known(ptr %words) {", *writer.lines, "  ret void", "}"])
     code = machine.Code(machine.assemble(text, 2), "flexhinf_known", {})

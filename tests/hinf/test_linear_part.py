@@ -27,9 +27,9 @@ def test_scaled_solution_is_the_solution(random_plant):
     )  # fmt: skip
     hessians = []
     for part in (linear, other):
-        scaling, balanced = part.scaled(50.0)
-        found = balanced.riccati(50.0)
-        assert found is not None
+        solved = part.solved(50.0)
+        assert solved is not None
+        scaling, _, found = solved
         hessians.append(found.p * scaling.value**2 / np.outer(scaling.state, scaling.state))
     assert hessians[1] == pytest.approx(hessians[0] * np.outer(units, units), rel=1e-9)
 

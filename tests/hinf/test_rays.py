@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
-from flexhinf.hinf.margin import PENALTY_MARGIN
 from flexhinf.hinf.rays import Inequality, Rays
+from flexhinf.hinf.sampled import PENALTY_MARGIN
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from flexhinf.hinf.linear_part import balance, polish, solve_riccati
+from flexhinf.hinf.linear_part import LinearPart, balance, polish, solve_riccati
 
 
 @pytest.mark.oracle
@@ -46,10 +46,11 @@ def test_scaling_is_exact_and_undone():
     d = np.array([1e-6, 1.0, 1e4, 1e8])
     a, b, c = rng.standard_normal((4, 4)), rng.standard_normal((4, 2)), 1e5 * rng.standard_normal((3, 4))
     a, b, c = a * d / d[:, None], b / d[:, None], c * d
-    scaling = balance(a, b, c)
+    scaling, scaled = LinearPart(a, b, np.zeros((4, 0)), c, ()).scaled(1.0)
+    assert scaling.value == balance(a, b, c).value
     assert np.array_equal(np.log2(scaling.state) % 1, np.zeros(4))
     assert np.log2(scaling.value) % 1 == 0
-    sa, sb, sc = scaling.linear(a, b, c)
+    sa, sb, sc = scaled.a, scaled.b1, scaled.c
     assert np.abs(sa).max() < 10
     assert 0.01 < np.linalg.norm(sb @ sb.T) / np.linalg.norm(sc.T @ sc) < 100
     assert np.array_equal(sa * scaling.state[:, None] / scaling.state, a)

@@ -12,9 +12,8 @@ import numpy as np
 from flexhinf.certify.claim import Claim, Start
 from flexhinf.certify.evaluation import path_start, path_states
 from flexhinf.certify.starts import longest_run
-from flexhinf.hinf.margin import CheckedPenalty, checked_pair
 from flexhinf.hinf.rays import Inequality
-from flexhinf.hinf.sampled import sample_region
+from flexhinf.hinf.sampled import CheckedPenalty, checked_pair, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 
 #: Points of a surface along each side, and its sides over where the proved region is expected to end.

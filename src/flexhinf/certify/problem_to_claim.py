@@ -23,7 +23,7 @@ from flexhinf.certify.certificate import Certificate
 from flexhinf.certify.claim import FUNCTIONS, Function, Parameter, Polynomial, Signal, Term, Terms
 from flexhinf.certify.evaluation import linear_part
 from flexhinf.errors import InvalidInput
-from flexhinf.hinf.margin import CheckedPenalty, checked_pair
+from flexhinf.hinf.sampled import CheckedPenalty, checked_pair
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.model import ParameterTable
 from flexhinf.plant.plant import GeneralisedPlant

@@ -26,8 +26,7 @@ from flexhinf.certify.problem_to_claim import matrix_rows, nearest_double, state
 from flexhinf.certify.starts import largest_values, robot_start, start_inside, starts_of, tabled_start
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf.linear_part import solve_riccati
-from flexhinf.hinf.margin import CheckedPenalty
-from flexhinf.hinf.sampled import sample_region
+from flexhinf.hinf.sampled import CheckedPenalty, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.validation import HUGE

@@ -21,11 +21,12 @@ import stat
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -55,8 +56,11 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
     """
     expected = {buffer.name: buffer for buffer in program.buffers if buffer.role != "work"}
     if set(arrays) != set(expected):
-        what = f"The arrays do not match the buffers of '{program.name}'."
-        raise misfit(what, f"one for each of {sorted(expected)}", sorted(arrays))
+        raise misfit(
+            f"The arrays do not match the buffers of '{program.name}'.",
+            f"one for each of {sorted(expected)}",
+            sorted(arrays),
+        )
     for name, buffer in expected.items():
         width = 1 if buffer.shared else lanes
         if found := _misfit(arrays[name], buffer, width):
@@ -76,7 +80,6 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
 
 
 def _misfit(array: object, buffer: Buffer, width: int) -> str:
-    """Why an array does not fit a buffer of so many lanes; empty if it fits."""
     if not isinstance(array, np.ndarray):
         return type(array).__name__
     found = f"{array.dtype} of shape {array.shape}"
@@ -84,10 +87,13 @@ def _misfit(array: object, buffer: Buffer, width: int) -> str:
         return f"{found}, not contiguous"
     if not (array.flags.writeable or buffer.role == "in"):
         return f"{found}, read-only, but the program writes to it"
-    fits = array.size % width == 0 and buffer.size in (None, array.size // width)
-    fits = fits and (width == 1 or (array.ndim >= 2 and array.shape[-1] == width))
-    usable = array.dtype == np.float64 and array.dtype.isnative and array.flags.aligned
-    return "" if fits and usable else found
+    fits = (
+        array.size % width == 0
+        and buffer.size in (None, array.size // width)
+        and (width == 1 or (array.ndim >= 2 and array.shape[-1] == width))
+        and (array.dtype == np.float64 and array.dtype.isnative and array.flags.aligned)
+    )
+    return "" if fits else found
 
 
 def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
@@ -96,8 +102,9 @@ def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
     Raises InvalidInput: missing or unknown name, or a value that is not an integer ≥ 0.
     """
     if set(counts) != set(program.counts):
-        what, expected = f"The counts do not match those of '{program.name}'.", str(sorted(program.counts))
-        raise misfit(what, expected, sorted(counts))
+        raise misfit(
+            f"The counts do not match those of '{program.name}'.", str(sorted(program.counts)), sorted(counts)
+        )
     checked = {}
     for name in program.counts:
         try:
@@ -105,8 +112,9 @@ def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
         except TypeError:
             value = -1
         if value < 0:
-            what = f"Count '{name}' of '{program.name}' is not usable."
-            raise misfit(what, "an integer ≥ 0", repr(counts[name]))
+            raise misfit(
+                f"Count '{name}' of '{program.name}' is not usable.", "an integer ≥ 0", repr(counts[name])
+            )
         checked[name] = value
     return checked
 
@@ -128,9 +136,11 @@ def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[st
             first = start + sum(move for move in moves if move < 0)
             end = start + piece.size + sum(move for move in moves if move > 0)
             if first < 0 or end > lengths[piece.buffer]:
-                what = f"A slice leaves buffer '{piece.buffer}' of '{program.name}'."
-                expected = f"elements 0 to {lengths[piece.buffer]} (per lane)"
-                raise misfit(what, expected, f"{first} to {end}: {piece} with counts {dict(counts)}")
+                raise misfit(
+                    f"A slice leaves buffer '{piece.buffer}' of '{program.name}'.",
+                    f"elements 0 to {lengths[piece.buffer]} (per lane)",
+                    f"{first} to {end}: {piece} with counts {dict(counts)}",
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,19 +158,6 @@ class Status:
     def fine(self) -> bool:
         """Whether no guard failed, in any lane."""
         return not np.any(self.code)
-
-
-class BoundKernel(Protocol):
-    """A kernel with its arrays: the real-time path, nothing left to check."""
-
-    def __call__(self) -> int:
-        """Run; the largest code over the lanes, 0 when all is well."""
-        ...
-
-    @property
-    def status(self) -> Status:
-        """Status of the last call."""
-        ...
 
 
 #: The entry called without and with the interpreter's lock.
@@ -205,24 +202,24 @@ class Kernel:
         """
         checked = check_arrays(self.program, arrays, self.lanes)
         turns = check_counts(self.program, counts or {})
-        lengths = {}
-        for buffer in self.program.buffers:
-            if buffer.role == "work":
-                lengths[buffer.name] = buffer.size or 0
-            else:
-                lengths[buffer.name] = checked[buffer.name].size // (1 if buffer.shared else self.lanes)
+        lengths = {
+            buffer.name: buffer.size or 0
+            if buffer.role == "work"
+            else checked[buffer.name].size // (1 if buffer.shared else self.lanes)
+            for buffer in self.program.buffers
+        }
         check_reach(self.program, lengths, turns)
         return self._bind(checked, turns, short)
 
     def _bind(self, arrays: dict[str, np.ndarray], counts: dict[str, int], short: bool) -> BoundKernel:
-        arrays = dict(arrays)
-        for buffer in self.program.buffers:
-            if buffer.role == "work":
-                arrays[buffer.name] = aligned((buffer.size or 0) * self.lanes)
-        addresses = [arrays[buffer.name].ctypes.data for buffer in self.program.buffers]
-        slots = [*addresses, *(counts[name] for name in self.program.counts)]
+        work = [buffer for buffer in self.program.buffers if buffer.role == "work"]
+        arrays = arrays | {buffer.name: aligned((buffer.size or 0) * self.lanes) for buffer in work}
+        slots = [
+            *(arrays[buffer.name].ctypes.data for buffer in self.program.buffers),
+            *(counts[name] for name in self.program.counts),
+        ]
         context = np.array([*slots, *[0] * self.lanes, *[-1] * self.lanes], dtype=np.int64)
-        bound = BoundCode(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
+        bound = BoundKernel(self._short_entry if short else self._entry, ctypes.c_void_p(context.ctypes.data))
         bound.keep = (self, arrays, context)
         bound.outcome = context[len(slots) :]
         return bound
@@ -252,8 +249,11 @@ def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[by
             if (image := _read(path, key)) is not None:
                 return load(image)
         except Exception as reason:  # whatever is wrong with the file, what is made anew is right, or tells
-            wrong = " ".join(str(reason).split())[:100]
-            _CACHE_LOGGER.warning("the compiled code %s is not used (%s); it is compiled anew.", path, wrong)
+            _CACHE_LOGGER.warning(
+                "the compiled code %s is not used (%s); it is compiled anew.",
+                path,
+                " ".join(str(reason).split())[:100],
+            )
     image = make()
     code = load(image)
     if path is not None:
@@ -263,26 +263,21 @@ def cached(parts: tuple[str, ...], make: Callable[[], bytes], load: Callable[[by
 
 def folder() -> Path | None:
     """Where object code is kept (the folder may not exist); None where there is no place for it."""
-    chosen = os.environ.get("FLEXHINF_CACHE")
-    if chosen:
+    if chosen := os.environ.get("FLEXHINF_CACHE"):
         return Path(os.path.expanduser(chosen))
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/AppData/Local")
     elif sys.platform == "darwin":
         base = os.path.expanduser("~/Library/Caches")
     else:
-        wanted = os.environ.get("XDG_CACHE_HOME", "")
-        base = wanted if os.path.isabs(wanted) else os.path.expanduser("~/.cache")
+        base = os.environ.get("XDG_CACHE_HOME", "")
+        base = base if os.path.isabs(base) else os.path.expanduser("~/.cache")
     return Path(base) / "flexhinf" if os.path.isabs(base) else None  # of an unknown user "~" is left as it is
 
 
 def _key(parts: tuple[str, ...]) -> bytes:
-    digest = hashlib.sha256()
-    for part in parts:
-        encoded = part.encode()
-        digest.update(len(encoded).to_bytes(8, "little"))
-        digest.update(encoded)
-    return digest.digest()
+    encoded = [part.encode() for part in parts]
+    return hashlib.sha256(b"".join(len(part).to_bytes(8, "little") + part for part in encoded)).digest()
 
 
 def _read(path: Path, key: bytes) -> bytes | None:
@@ -314,16 +309,14 @@ def _without_waiting(path: str, flags: int) -> int:
 
 def _is_ours(info: os.stat_result) -> bool:
     """Whether it is a regular file of this user that nobody else may write (where the system knows of users)."""
-    if not stat.S_ISREG(info.st_mode):
-        return False
-    if not hasattr(os, "getuid"):
-        return True
-    return info.st_uid == os.getuid() and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    private = not hasattr(os, "getuid") or (
+        info.st_uid == os.getuid() and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    )
+    return stat.S_ISREG(info.st_mode) and private
 
 
 def _write(path: Path, key: bytes, image: bytes) -> None:
-    """Write the file, and remove the oldest files of ours beyond `_MOST_FILES`."""
-    try:
+    with suppress(OSError):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with part_file(path.parent, "flexhinf-") as temporary:
             with open(temporary, "wb") as file:
@@ -337,8 +330,6 @@ def _write(path: Path, key: bytes, image: bytes) -> None:
                 has_magic = file.read(len(_MAGIC)) == _MAGIC
             if has_magic:
                 other.unlink(missing_ok=True)
-    except OSError:
-        return
 
 
 #: Held while something is compiled or loaded, and while this process is forked: LLVM has global state, which a child
@@ -396,18 +387,12 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
                 from flexhinf.codegen.emit import emit_module
 
                 module = emit_module(program, lanes, host.fused)
-                image = machine.assemble(module.text, machine.level(module.operations))
-                return json.dumps(module.library).encode() + b"\n" + image
+                head = json.dumps(module.library).encode() + b"\n"
+                return head + machine.assemble(module.text, machine.level(module.operations))
 
-            made_by = (
-                host.triple,
-                host.cpu,
-                host.features,
-                host.version,
-                emitter_digest(),
-                version("flexhinf"),
-            )
-            return cached((fingerprint(program), str(lanes), *made_by), make, load)
+            made_for = (host.triple, host.cpu, host.features, host.version)
+            parts = (fingerprint(program), str(lanes), *made_for, emitter_digest(), version("flexhinf"))
+            return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(
             f"Program '{program.name}' cannot be compiled.",
@@ -416,8 +401,8 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
         ) from reason
 
 
-class BoundCode(partial):
-    """The entry with its one argument: calling it runs no Python code at all.
+class BoundKernel(partial):
+    """A kernel with its arrays, nothing left to check: calling it runs no Python code, and returns the largest code.
 
     `keep`: The kernel, the arrays and the context, alive as long as this object. `outcome`: codes and steps of
     the last call, (2·lanes,).
@@ -430,9 +415,8 @@ class BoundCode(partial):
     def status(self) -> Status:
         """Status of the last call."""
         codes, steps = self.outcome.reshape(2, -1)
-        if len(codes) == 1:
-            return Status(int(codes[0]), int(steps[0]))
-        return Status(codes.copy(), steps.copy())
+        single = len(codes) == 1
+        return Status(int(codes[0]), int(steps[0])) if single else Status(codes.copy(), steps.copy())
 
 
 def fingerprint(program: Program) -> str:
@@ -455,20 +439,15 @@ def fingerprint(program: Program) -> str:
         key = step.function.__hash__()
         if key not in functions:
             functions[key] = step.function.serialize()
-        number = list(functions).index(key)
-        return f"{type(step).__name__}({number}, {step.inputs!r}, {step.outputs!r})"
+        return f"{type(step).__name__}({list(functions).index(key)}, {step.inputs!r}, {step.outputs!r})"
 
-    steps = [line(step) for step in program.body]
-    lines = [repr(program.buffers), repr(program.counts), *steps]
-    lines += [f"{len(text)} {text}" for text in functions.values()]
-    return "\n".join(lines)
+    lines = [repr(program.buffers), repr(program.counts), *map(line, program.body)]
+    return "\n".join([*lines, *(f"{len(text)} {text}" for text in functions.values())])
 
 
 @cache
 def emitter_digest() -> str:
     """SHA-256 of the sources that turn a program into LLVM text; empty where there are none to read."""
-    digest = hashlib.sha256()
     here = Path(__file__).parent
-    for path in (here / "noise.py", *sorted((here / "emit").glob("*.py"))):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    sources = (here / "noise.py", *sorted((here / "emit").glob("*.py")))
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()

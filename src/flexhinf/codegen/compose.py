@@ -59,9 +59,9 @@ class Direct:
         """
         matrices = moving if isinstance(moving, tuple) else (moving,)
         results = [function(*column, *held) for column in zip(*(m.T for m in matrices), strict=True)]
-        if isinstance(results[0], tuple):
-            return tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
-        return np.stack(results, axis=1)
+        if not isinstance(results[0], tuple):
+            return np.stack(results, axis=1)
+        return tuple(np.stack(parts, axis=1) for parts in zip(*results, strict=True))
 
     def sweep(self, stages: Callable[..., Any], matrix: Any, *held: Any) -> Any:
         """``stages(run, column, *held)`` for every column of a matrix (n, s), where one function would be too large.
@@ -78,8 +78,7 @@ class Direct:
         """Σ wᵢ aᵢ aᵢᵀ over columns aᵢ, plus a symmetric matrix; exactly symmetric."""
         from flexhinf.scalars import gram
 
-        total = gram(columns, weights)
-        return total if plus is None else total + plus
+        return gram(columns, weights) if plus is None else gram(columns, weights) + plus
 
     def product(self, columns: Any, weights: Any, other: Any) -> Any:
         """Σ wᵢ aᵢ bᵢᵀ over columns aᵢ and bᵢ."""
@@ -89,8 +88,7 @@ class Direct:
 
     def combination(self, columns: Any, weights: Any, plus: Any = None) -> Any:
         """Σ wᵢ aᵢ over columns aᵢ, plus a vector."""
-        total = columns @ weights
-        return total if plus is None else plus + total
+        return columns @ weights if plus is None else plus + columns @ weights
 
     def cholesky(self, matrix: Any) -> Any:
         """L of L Lᵀ, see `flexhinf.scalars.cholesky`."""
@@ -113,28 +111,22 @@ class Composer:
 
     def __init__(self) -> None:
         self.body: list[Step] = []
-        self._size = 0
+        self.size = 0  # numbers of scratch memory so far
         self._pieces: dict[Hashable, tuple[Any, list[tuple[int, ...]], bool]] = {}
         self._kept: list[Any] = []
 
     @property
-    def size(self) -> int:
-        """Numbers of scratch memory so far."""
-        return self._size
-
-    @property
     def buffers(self) -> tuple[Buffer, ...]:
         """The scratch memory that the steps need."""
-        return (Buffer(self.scratch, self._size, "work", cleared=False),) if self._size else ()
+        return (Buffer(self.scratch, self.size, "work", cleared=False),) if self.size else ()
 
     def work(self, shape: tuple[int, ...], order: Order = "C") -> Block:
         """New scratch memory."""
         size = prod(shape)
         if not size:
             return Block(None, shape, order)
-        piece = Slice(self.scratch, self._size, size)
-        self._size += size
-        return Block(piece, shape, order)
+        self.size += size
+        return Block(Slice(self.scratch, self.size - size, size), shape, order)
 
     def copy(self, source: Block, target: Block) -> None:
         """Copy elements, if there are any."""
@@ -188,12 +180,15 @@ class Composer:
         """As `Direct.columns`: one piece, traced for one column; into new memory, or that of given blocks."""
         matrices: tuple[Block, ...] = moving if isinstance(moving, tuple) else (moving,)
         count, order = matrices[0].shape[1], matrices[0].order
-        shapes_in = [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
-        traced, shapes, several = self._traced(function, (*matrices, *held), shapes_in)
+        traced, shapes, several = self._traced(
+            function, (*matrices, *held), [(matrix.shape[0],) for matrix in matrices] + [None] * len(held)
+        )
         results = into or tuple(self.work((prod(shape), count), order) for shape in shapes)
-        inputs = [matrix.columns for matrix in matrices]
-        inputs += [array.place for array in held if isinstance(array, Block) and array.size]
-        self.body.append(Map(traced, tuple(inputs), tuple(result.columns for result in results)))
+        inputs = (
+            *(matrix.columns for matrix in matrices),
+            *(array.place for array in held if isinstance(array, Block) and array.size),
+        )
+        self.body.append(Map(traced, inputs, tuple(result.columns for result in results)))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -202,8 +197,8 @@ class Composer:
         column = inside.work((matrix.shape[0],))
         result = stages(inside, column, *held)
         target = self.work((len(result), matrix.shape[1]), matrix.order)
-        pairs = ((matrix.columns, column.place),), ((target.columns, result.place),)
-        self.body.append(Sweep(tuple(inside.body), *pairs, inside.size))
+        read, written = (matrix.columns, column.place), (target.columns, result.place)
+        self.body.append(Sweep(tuple(inside.body), (read,), (written,), inside.size))
         return target
 
     def beside(self, first: Block, function: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -228,8 +223,7 @@ class Composer:
     def combination(self, columns: Block, weights: Any, plus: Block | None = None) -> Block:
         """As `Direct.combination`."""
         left = self._block(weights).reshape(len(weights), 1)
-        total = self._outer_sum(left, columns.T, None, plus)
-        return total.reshape(total.size)
+        return self._outer_sum(left, columns.T, None, plus).reshape(columns.shape[0])
 
     def cholesky(self, matrix: Block) -> Block:
         """As `Direct.cholesky`."""
@@ -250,24 +244,19 @@ class Composer:
         left, right = self._ordered(left, "C"), self._ordered(right, "C")
         target = self.work((left.shape[1], right.shape[1]))
         factor, added = (None if block is None else block.place for block in (weights, plus))
-        step = OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric)
-        self.body.append(step)
+        self.body.append(OuterSum(left.place, right.place, target.place, len(left), factor, added, symmetric))
         return target
 
     def _block(self, array: Any) -> Block:
         return array if isinstance(array, Block) else self.call(_constants, np.asarray(array, dtype=float))
 
     def _weights(self, weights: Any) -> Block | None:
-        """Weights as a block; None where all of them are one."""
         ones = not isinstance(weights, Block) and np.all(np.equal(weights, 1.0))
         return None if ones else self._block(weights)
 
     def _ordered(self, block: Block, order: Order) -> Block:
-        """The same matrix in the wanted order, moved if it must be."""
-        if len(block.shape) < 2 or block.order == order or not block.size:
-            return block
-        moved = self.work(block.shape, order)
-        return self.columns(_same, block, into=(moved,))
+        fits = len(block.shape) < 2 or block.order == order or not block.size
+        return block if fits else self.columns(_same, block, into=(self.work(block.shape, order),))
 
     def _traced(
         self, function: Callable[..., Any], arrays: Sequence[Any], shapes: Sequence[tuple[int, ...] | None]
@@ -285,8 +274,12 @@ class Composer:
         lying = [
             shape or (block.T.shape if flip else block.shape) for (block, shape), flip in zip(blocks, flipped)
         ]
-        constants = tuple(id(array) for array in arrays if not isinstance(array, Block))
-        key = (function, tuple(lying), tuple(flipped), constants)
+        key = (
+            function,
+            tuple(lying),
+            tuple(flipped),
+            tuple(id(array) for array in arrays if not isinstance(array, Block)),
+        )
         if key in self._pieces:
             return self._pieces[key]
 
@@ -300,8 +293,7 @@ class Composer:
             return tuple(result for result in results if result.size)
 
         name = "".join(filter(str.isalpha, getattr(function, "__name__", ""))) or "piece"
-        traced = drop_empty(trace(on_symbols, *lying, name=name))
-        self._pieces[key] = (traced, seen, several)
+        self._pieces[key] = (drop_empty(trace(on_symbols, *lying, name=name)), seen, several)
         self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
         return self._pieces[key]
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -54,13 +56,14 @@ class Code:
     """Machine code loaded into this process; released when the object is.
 
     `image`: An object file for this host. `entry`: Name of the function to find. `library`: C library functions that
-    it needs. `address`: Of the entry.
+    it needs: name used in the machine code to name in the C library. `address`: Of the entry. Raises Unsupported: A
+    function that this C library does not have.
     """
 
     def __init__(self, image: bytes, entry: str, library: dict[str, str]) -> None:
         builder = llvm.JITLibraryBuilder().add_object_img(image).add_current_process().export_symbol(entry)
-        for name, address in addresses(library).items():
-            builder.import_symbol(name, address)
+        for emitted, name in library.items():
+            builder.import_symbol(emitted, _address(name))
         # A linker of its own: what one linker has once linked leaves 10 KB in it for ever. JITLink keeps the sections
         # of an object together; the older linker takes memory wherever there is some, and where code and constants
         # then are more than 2 GB apart, in a process with large arrays, it aborts the process.
@@ -75,8 +78,9 @@ def host() -> Host:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     version = f"llvmlite {llvmlite.__version__}, LLVM {'.'.join(map(str, llvm.llvm_version_info))}"
-    features = llvm.get_host_cpu_features().flatten()
-    return Host(llvm.get_process_triple(), llvm.get_host_cpu_name(), features, version)
+    return Host(
+        llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), version
+    )
 
 
 def assemble(text: str, level: int) -> bytes:
@@ -107,23 +111,12 @@ def _target(level: int) -> llvm.TargetMachine:
 _NAMES = {"win32": ("ucrtbase", "msvcrt"), "darwin": ("libm.dylib",)}
 
 
-def addresses(library: dict[str, str]) -> dict[str, int]:
-    """Where each function lies.
-
-    `library`: Name used in the machine code to name in the C library. Raises Unsupported: A function that this C
-    library does not have.
-    """
-    return {emitted: _address(name) for emitted, name in library.items()}
-
-
 @cache
 def _address(name: str) -> int:
     for library in _libraries():
-        function = getattr(library, name, None)
-        if function is not None:
-            address = ctypes.cast(function, ctypes.c_void_p).value
-            if address:
-                return address
+        function: Any = getattr(library, name, None)
+        if address := ctypes.cast(function, ctypes.c_void_p).value:
+            return address
     raise Unsupported("The C library lacks a function.", f"'{name}' was not found on {sys.platform}")
 
 
@@ -131,8 +124,6 @@ def _address(name: str) -> int:
 def _libraries() -> tuple[ctypes.CDLL, ...]:
     libraries = [] if os.name == "nt" else [ctypes.CDLL(None)]
     for name in _NAMES.get(sys.platform, ("libm.so.6", "libm.so")):
-        try:
+        with suppress(OSError):
             libraries.append(ctypes.CDLL(name))
-        except OSError:
-            continue
     return tuple(libraries)

@@ -50,14 +50,16 @@ class Buffer:
 
     def __post_init__(self) -> None:
         check_identifier(self.name, "buffer")
-        unsized = self.size is None and self.role == "work"
         rows = (
             (self.role not in get_args(Role), f"one of the roles {', '.join(get_args(Role))}"),
             (
                 self.size is not None and not (is_integer(self.size) and self.size > 0),
                 "a positive size, or None",
             ),
-            (unsized, "a size of a work buffer, which the kernel makes itself"),
+            (
+                self.size is None and self.role == "work",
+                "a size of a work buffer, which the kernel makes itself",
+            ),
             (not self.cleared and self.role != "work", "cleared=True: only work buffers are cleared"),
             (self.shared and self.role != "in", "shared=False: lanes may only share what they all read"),
         )
@@ -87,8 +89,11 @@ class Slice:
         object.__setattr__(self, "strides", tuple(self.strides))
         numbers = (self.offset, self.size, *self.strides)
         if not all(map(is_integer, numbers)) or self.offset < 0 or self.size < 1:
-            what = f"A slice of '{self.buffer}' is not usable."
-            raise misfit(what, "integers with offset ≥ 0 and size ≥ 1", repr(numbers))
+            raise misfit(
+                f"A slice of '{self.buffer}' is not usable.",
+                "integers with offset ≥ 0 and size ≥ 1",
+                repr(numbers),
+            )
 
     def __str__(self) -> str:
         moves = "".join(f" + {stride}·k{depth}" for depth, stride in enumerate(self.strides) if stride)
@@ -112,8 +117,11 @@ class Columns:
         if self.order not in get_args(Order):
             raise unknown_name("A matrix has an unknown order.", self.order, get_args(Order))
         if not is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
-            what = f"{self.whole} is no matrix of {self.count} columns."
-            raise misfit(what, f"a positive divisor of {self.whole.size}", repr(self.count))
+            raise misfit(
+                f"{self.whole} is no matrix of {self.count} columns.",
+                f"a positive divisor of {self.whole.size}",
+                repr(self.count),
+            )
 
     @property
     def size(self) -> int:
@@ -190,16 +198,14 @@ def whole(piece: Slice | Columns) -> Slice:
 
 def overlap(first: Slice, second: Slice) -> bool:
     """Whether slices share elements, as far as that can be told (same shift, same moves in all loops)."""
-    if (first.buffer, first.strides, first.shift) != (second.buffer, second.strides, second.shift):
-        return False
-    return first.offset < second.offset + second.size and second.offset < first.offset + first.size
+    alike = (first.buffer, first.strides, first.shift) == (second.buffer, second.strides, second.shift)
+    return alike and first.offset < second.offset + second.size and second.offset < first.offset + first.size
 
 
 def aligned(size: int) -> np.ndarray:
     """Zeros, (size,), that begin where a line of the cache does: vectors of eight then lie in one line each."""
     memory = np.zeros(size + LINE // 8)
-    start = -memory.ctypes.data % LINE // 8
-    return memory[start : start + size]
+    return memory[-memory.ctypes.data % LINE // 8 :][:size]
 
 
 def misfit(what: str, expected: str, found: object) -> InvalidInput:
@@ -234,26 +240,24 @@ def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Se
             f"free symbols: {', '.join(function.get_free())}",
             "pass them as arguments",
         )
-    arguments = [function.sparsity_in(k) for k in range(function.n_in())]
-    results = [function.sparsity_out(k) for k in range(function.n_out())]
-    _check_sizes(function.name(), "argument", function.name_in(), arguments, inputs)
-    _check_sizes(function.name(), "result", function.name_out(), results, outputs)
-
-
-def _check_sizes(function: str, kind: str, names: list[str], shapes: list, pieces: Sequence[Any]) -> None:
-    if len(shapes) != len(pieces):
-        what = f"Function '{function}' is called with the wrong number of {kind}s."
-        raise misfit(what, f"{len(shapes)} slices ({', '.join(names)})", len(pieces))
-    for name, shape, piece in zip(names, shapes, pieces, strict=True):
-        if not shape.is_dense():
-            raise InvalidInput(
-                f"Function '{function}' has the sparse {kind} '{name}'.",
-                f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
-                "casadi.densify",
-            )
-        if shape.numel() != piece.size:
-            what = f"Function '{function}' does not fit the slice for its {kind} '{name}'."
-            raise misfit(what, f"{shape.numel()} elements", piece)
+    for kind, names, sparsity, pieces in (
+        ("argument", function.name_in(), function.sparsity_in, inputs),
+        ("result", function.name_out(), function.sparsity_out, outputs),
+    ):
+        if len(names) != len(pieces):
+            what = f"Function '{function.name()}' is called with the wrong number of {kind}s."
+            raise misfit(what, f"{len(names)} slices ({', '.join(names)})", len(pieces))
+        for k, (name, piece) in enumerate(zip(names, pieces, strict=True)):
+            shape = sparsity(k)
+            if not shape.is_dense():
+                raise InvalidInput(
+                    f"Function '{function.name()}' has the sparse {kind} '{name}'.",
+                    f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
+                    "casadi.densify",
+                )
+            if shape.numel() != piece.size:
+                what = f"Function '{function.name()}' does not fit the slice for its {kind} '{name}'."
+                raise misfit(what, f"{shape.numel()} elements", piece)
 
 
 @dataclass(frozen=True)
@@ -280,15 +284,20 @@ class OuterSum:
     def __post_init__(self) -> None:
         count = self.count if is_integer(self.count) and self.count > 0 else 0
         rows, columns = self.shape if count else (0, 0)
-        fits = rows * columns == self.target.size and rows * count == self.left.size
-        fits = fits and columns * count == self.right.size
-        fits = fits and (self.weights is None or self.weights.size == count)
-        fits = fits and (self.plus is None or self.plus.size == self.target.size)
-        fits = fits and (not self.symmetric or self.left == self.right)
+        fits = (
+            (rows * columns, rows * count, columns * count)
+            == (self.target.size, self.left.size, self.right.size)
+            and (self.weights is None or self.weights.size == count)
+            and (self.plus is None or self.plus.size == self.target.size)
+            and (not self.symmetric or self.left == self.right)
+        )
         read = [piece for piece in (self.left, self.right, self.weights) if piece is not None]
         if not fits or any(overlap(piece, self.target) for piece in read):
-            expected = "N·r, N·c, r·c and N elements apart from the target, left equal to right if symmetric"
-            raise misfit("A sum of outer products joins slices that do not fit.", expected, self)
+            raise misfit(
+                "A sum of outer products joins slices that do not fit.",
+                "N·r, N·c, r·c and N elements apart from the target, left equal to right if symmetric",
+                self,
+            )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -317,12 +326,19 @@ class Polynomial:
 
     def __post_init__(self) -> None:
         degrees = self.degrees
-        known = bool(degrees) and all(is_integer(k) and k >= 0 for k in degrees)
-        fits = known and list(degrees) == sorted(set(degrees)) and not self.table.size % self.rows
-        fits = fits and self.columns >= self.target.size
+        fits = (
+            bool(degrees)
+            and all(is_integer(k) and k >= 0 for k in degrees)
+            and list(degrees) == sorted(set(degrees))
+            and not self.table.size % self.rows
+            and self.columns >= self.target.size
+        )
         if not fits or any(overlap(piece, self.target) for piece in (self.point, self.table)):
-            expected = "ascending degrees, a row for each monomial, a column for each value, a target apart"
-            raise misfit("Polynomials join slices that do not fit.", expected, self)
+            raise misfit(
+                "Polynomials join slices that do not fit.",
+                "ascending degrees, a row for each monomial, a column for each value, a target apart",
+                self,
+            )
 
     @property
     def rows(self) -> int:
@@ -349,8 +365,11 @@ class Cholesky:
     def __post_init__(self) -> None:
         square = self.order**2 == self.source.size == self.target.size
         if not square or overlap(self.source, self.target):
-            expected = "two slices of n² elements apart from each other"
-            raise misfit("A Cholesky factor does not fit its matrix.", expected, self)
+            raise misfit(
+                "A Cholesky factor does not fit its matrix.",
+                "two slices of n² elements apart from each other",
+                self,
+            )
 
     @property
     def order(self) -> int:

@@ -51,27 +51,25 @@ def seed_key(seed: int) -> tuple[int, int]:
 
 
 class Arrays:
-    """Operations on NumPy arrays of 64-bit integers and numbers, named as in LLVM; `flexhinf.codegen.emit.normal` has
-    the same as text, so that the algorithm stands here once."""
+    """Operations on NumPy arrays of 64-bit integers and numbers, named as in LLVM; the algorithm stands here once:
+    `flexhinf.codegen.emit.opcodes.Writer` has the same as text."""
 
     WHOLE: ClassVar = {
         "add": np.add, "sub": np.subtract, "mul": np.multiply, "and": np.bitwise_and, "xor": np.bitwise_xor,
         "shl": np.left_shift, "lshr": np.right_shift,
+        "ashr": lambda left, right: (left.view(np.int64) >> right.view(np.int64)).view(np.uint64),
     }  # fmt: skip
     REAL: ClassVar = {"fadd": np.add, "fsub": np.subtract, "fmul": np.multiply, "fdiv": np.divide}
 
     def whole(self, name: str, left: Any, right: Any) -> Any:
         """An operation on integers, unsigned but for "ashr"."""
-        left, right = np.asarray(left, np.uint64), np.asarray(right, np.uint64)
-        if name == "ashr":
-            return (left.view(np.int64) >> right.view(np.int64)).view(np.uint64)
-        return self.WHOLE[name](left, right)
+        return self.WHOLE[name](np.asarray(left, np.uint64), np.asarray(right, np.uint64))
 
     def real(self, name: str, left: Any, right: Any) -> Any:
         """An operation on numbers."""
         return self.REAL[name](left, right)
 
-    def number(self, integer: Any) -> Any:
+    def to_float(self, integer: Any) -> Any:
         """A signed integer of at most 53 bits as a number, exactly."""
         return integer.view(np.int64).astype(float)
 
@@ -115,9 +113,11 @@ def philox(counter: Sequence[Any], key: Sequence[Any], run: Any = ARRAYS) -> lis
 def normal(run: Any, counter: Sequence[Any], key: Sequence[Any]) -> Any:
     """A number N(0, 1) for each counter, by Box and Muller's transform of 53-bit uniforms. Nothing is fused."""
     block = philox(counter, key, run)
-    first, second = (_numerator(run, *block[k : k + 2]) for k in (0, 2))
-    radius = run.root(run.real("fmul", _logarithm(run, first), -2.0))
-    return run.real("fmul", radius, _cosine(run, second))
+    first, second = (  # n of two uniform numbers n/2⁵³, 1 … 2⁵³, as integers
+        run.whole("add", run.whole("xor", run.whole("shl", high, 21), run.whole("lshr", low, 11)), 1)
+        for high, low in (block[:2], block[2:])
+    )
+    return run.real("fmul", run.root(run.real("fmul", _logarithm(run, first), -2.0)), _cosine(run, second))
 
 
 def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarray:
@@ -138,14 +138,7 @@ def normal_numbers(seed: int, step: Any, channel: Any, sample: Any) -> np.ndarra
     return normal(ARRAYS, (step, channel, sample, 0), seed_key(seed))
 
 
-def _numerator(run: Any, high: Any, low: Any) -> Any:
-    """n of the uniform number n/2⁵³, 1 … 2⁵³, as an integer."""
-    bits = run.whole("xor", run.whole("shl", high, 21), run.whole("lshr", low, 11))
-    return run.whole("add", bits, 1)
-
-
 def _polynomial(run: Any, coefficients: tuple[float, ...], x: Any) -> Any:
-    """Horner's rule."""
     value = coefficients[0]
     for coefficient in coefficients[1:]:
         value = run.real("fadd", run.real("fmul", value, x), coefficient)
@@ -155,8 +148,8 @@ def _polynomial(run: Any, coefficients: tuple[float, ...], x: Any) -> Any:
 def _logarithm(run: Any, numerator: Any) -> Any:
     """log(n/2⁵³)."""
     real, whole = run.real, run.whole
-    above = whole("sub", run.bits(run.number(numerator)), SQRT_HALF)
-    exponent = run.number(whole("sub", whole("ashr", above, 52), 53))
+    above = whole("sub", run.bits(run.to_float(numerator)), SQRT_HALF)
+    exponent = run.to_float(whole("sub", whole("ashr", above, 52), 53))
     f = real("fsub", run.float(whole("add", whole("and", above, MANTISSA), SQRT_HALF)), 1.0)
     s = real("fdiv", f, real("fadd", f, 2.0))
     square = real("fmul", s, s)
@@ -174,7 +167,7 @@ def _cosine(run: Any, numerator: Any) -> Any:
     from_half = run.whole("sub", numerator, 1 << 52)
     negative = run.whole("ashr", from_half, 63)
     distance = run.whole("sub", run.whole("xor", from_half, negative), negative)
-    x = run.real("fmul", run.number(run.whole("sub", distance, 1 << 51)), TURN)
+    x = run.real("fmul", run.to_float(run.whole("sub", distance, 1 << 51)), TURN)
     square = run.real("fmul", x, x)
     cubed = run.real("fmul", run.real("fmul", square, x), _polynomial(run, SINE, square))
     return run.real("fadd", x, cubed)

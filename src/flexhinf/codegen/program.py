@@ -71,13 +71,19 @@ class Map:
         check_function(self.function, self.inputs, self.outputs)
         counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
         if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
-            what = f"Function '{self.function.name()}' is not mapped over the columns of matrices."
-            raise misfit(what, "results in Columns, and one number of columns", sorted(counts))
+            raise misfit(
+                f"Function '{self.function.name()}' is not mapped over the columns of matrices.",
+                "results in Columns, and one number of columns",
+                sorted(counts),
+            )
         for result in self.outputs:
             for piece in self.inputs:
                 if piece != result and overlap(whole(piece), result.whole):
-                    what = f"Function '{self.function.name()}' would overwrite arguments of other columns."
-                    raise misfit(what, f"a result apart from argument {piece}, or exactly there", result)
+                    raise misfit(
+                        f"Function '{self.function.name()}' would overwrite arguments of other columns.",
+                        f"a result apart from argument {piece}, or exactly there",
+                        result,
+                    )
 
     @property
     def count(self) -> int:
@@ -111,9 +117,10 @@ class Normal:
 
     def __post_init__(self) -> None:
         if (self.step.size, self.key.size) != (1, 3):
-            found = f"{self.step} and {self.key}"
             raise misfit(
-                "The counter of normal numbers has another size.", "a step (1,) and a key (3,)", found
+                "The counter of normal numbers has another size.",
+                "a step (1,) and a key (3,)",
+                f"{self.step} and {self.key}",
             )
 
 
@@ -129,8 +136,11 @@ class Guard:
 
     def __post_init__(self) -> None:
         if not is_integer(self.code) or self.code < 1:
-            what = f"The guard of {self.source} has no usable code."
-            raise misfit(what, "an integer ≥ 1 (0 means that all is well)", repr(self.code))
+            raise misfit(
+                f"The guard of {self.source} has no usable code.",
+                "an integer ≥ 1 (0 means that all is well)",
+                repr(self.code),
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +157,11 @@ class Repeat:
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
         if not isinstance(self.count, str) and (not is_integer(self.count) or self.count < 1):
-            expected = "the name of a count of the program, or an integer >= 1"
-            raise misfit("A loop has no usable count.", expected, repr(self.count))
+            raise misfit(
+                "A loop has no usable count.",
+                "the name of a count of the program, or an integer >= 1",
+                repr(self.count),
+            )
 
     def turns(self, counts: Mapping[str, Any]) -> Any:
         """Number of turns, by the counts of the program."""
@@ -172,8 +185,11 @@ class When:
     def __post_init__(self) -> None:
         object.__setattr__(self, "body", tuple(self.body))
         if self.flag.size != 1 or any(isinstance(step, Guard) for step in self.body):
-            what, found = "A condition is not one number, or has a guard inside.", f"{self.flag}, {self.body}"
-            raise misfit(what, "a slice of size 1; the guard after it", found)
+            raise misfit(
+                "A condition is not one number, or has a guard inside.",
+                "a slice of size 1; the guard after it",
+                f"{self.flag}, {self.body}",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,13 +216,17 @@ class Sweep:
         for step in steps if known else ():
             read, written = slices(step)
             inside += [*written, *(piece for piece in read if piece.buffer == COLUMN)]
-        fits = all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
-        fits = fits and all(columns.size == place.size for columns, place in pairs)
-        if not (known and fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
-            expected = (
-                f"calls, copies and fixed loops writing to '{COLUMN}' ({self.size}), columns of one count"
+        fits = (
+            known
+            and all(p.buffer == COLUMN and not p.strides and p.offset + p.size <= self.size for p in inside)
+            and all(columns.size == place.size for columns, place in pairs)
+        )
+        if not (fits and self.outputs and len({columns.count for columns, _ in pairs}) == 1):
+            raise misfit(
+                "A sweep over columns does not fit.",
+                f"calls, copies and fixed loops writing to '{COLUMN}' ({self.size}), columns of one count",
+                f"{self.inputs} and {self.outputs}",
             )
-            raise misfit("A sweep over columns does not fit.", expected, f"{self.inputs} and {self.outputs}")
 
     @property
     def count(self) -> int:
@@ -233,16 +253,23 @@ def slices(step: Simple | When) -> tuple[tuple[Slice, ...], tuple[Slice, ...]]:
         inside = [piece for leaf in leaves(step.body) for piece in slices(leaf)[0] if piece.buffer != COLUMN]
         columns = [tuple(matrix.whole for matrix, _ in pairs) for pairs in (step.inputs, step.outputs)]
         return (*columns[0], *inside), columns[1]
-    if isinstance(step, OuterSum):
-        read = (step.left, step.right, step.weights, step.plus)
-        return tuple(piece for piece in read if piece is not None), (step.target,)
-    if isinstance(step, Polynomial):
-        return (step.point, step.table), (step.target,)
-    if isinstance(step, Copy | Cholesky):
-        return (step.source,), (step.target,)
-    if isinstance(step, Normal):
-        return (step.step, step.key), (step.target,)
-    return (step.flag if isinstance(step, When) else step.source,), ()
+    read, written = (
+        [piece for piece in (getattr(step, name) for name in names) if piece is not None]
+        for names in _PIECES[type(step)]
+    )
+    return tuple(read), tuple(written)
+
+
+#: What other steps read and write, by the names of their fields.
+_PIECES: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    OuterSum: (("left", "right", "weights", "plus"), ("target",)),
+    Polynomial: (("point", "table"), ("target",)),
+    Cholesky: (("source",), ("target",)),
+    Copy: (("source",), ("target",)),
+    Normal: (("step", "key"), ("target",)),
+    Guard: (("source",), ()),
+    When: (("flag",), ()),
+}
 
 
 #: Every emitted name begins so: a function called `step` once bound to a symbol of the C library. ENTRY runs all.
@@ -271,19 +298,18 @@ class Program:
         for count in self.counts:
             check_identifier(count, "count")
         names = [*(buffer.name for buffer in self.buffers), *self.counts]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            what = f"Program '{self.name}' uses a name twice."
-            raise misfit(what, "a name of its own for every buffer and count", f"twice: {', '.join(twice)}")
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise misfit(
+                f"Program '{self.name}' uses a name twice.",
+                "a name of its own for every buffer and count",
+                f"twice: {', '.join(twice)}",
+            )
         for step, loops in self.steps():
             self._check_step(step, len(loops))
 
     def buffer(self, name: str) -> Buffer:
         """The buffer of that name (KeyError when there is none)."""
-        for buffer in self.buffers:
-            if buffer.name == name:
-                return buffer
-        raise KeyError(name)
+        return {buffer.name: buffer for buffer in self.buffers}[name]
 
     def steps(self) -> Iterator[tuple[Step, tuple[str | int, ...]]]:
         """Every step with the counts of its enclosing loops, outermost first; a step with a body comes before it."""
@@ -303,17 +329,21 @@ class Program:
                 raise unknown_name(f"{name} repeats by an unknown count.", step.count, self.counts)
             return
         if not isinstance(step, Simple | When):
-            kinds = ", ".join(kind.__name__ for kind in get_args(Step))
-            raise misfit(f"{name} holds something that is no step.", kinds, type(step).__name__)
+            raise misfit(
+                f"{name} holds something that is no step.",
+                ", ".join(kind.__name__ for kind in get_args(Step)),
+                type(step).__name__,
+            )
         read, written = slices(step)
         for piece in (*read, *written):
             if piece.buffer not in buffers:
                 raise unknown_name(f"{name} uses an unknown buffer.", piece.buffer, buffers)
             if piece.strides and len(piece.strides) != depth:
-                expected = (
-                    f"one per enclosing Repeat ({depth}), outermost first, 0 for those that do not move it"
+                raise misfit(
+                    f"A slice of {name} has the wrong number of strides.",
+                    f"one per enclosing Repeat ({depth}), outermost first, 0 for those that do not move it",
+                    piece.strides,
                 )
-                raise misfit(f"A slice of {name} has the wrong number of strides.", expected, piece.strides)
             if piece.shift and piece.shift not in self.counts:
                 raise unknown_name(
                     f"A slice of {name} is shifted by an unknown count.", piece.shift, self.counts

@@ -32,7 +32,7 @@ from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,
     UnscentedKalmanFilter,
-    constant_gain,
+    kalman,
     stationary_covariance,
 )
 from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
@@ -301,7 +301,7 @@ class LoopPlants:
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
-            constant_gain.check_detectable(a, c, model.states)
+            kalman.check_detectable(a, c, model.states)
             model = self.estimator_model if running else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
         # Of a filter that has run at the goal for long, so that its gain is constant from the start; without process

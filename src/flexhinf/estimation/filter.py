@@ -39,10 +39,12 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
         )
     matrix = array if array.shape == (size, size) else np.diag(np.broadcast_to(array, (size,)))
     scale = np.sqrt(np.abs(np.diag(matrix)))
-    tolerance = 1e-9 * np.outer(scale, scale)
-    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > tolerance):
-        what = f"The {what} is not a symmetric matrix of finite numbers."
-        raise InvalidInput(what, f"got {value_text(value)}", "variances")
+    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > (1e-9 * np.outer(scale, scale))):
+        raise InvalidInput(
+            f"The {what} is not a symmetric matrix of finite numbers.",
+            f"got {value_text(value)}",
+            "variances",
+        )
     # As correlations, so that signals of different scales are judged alike.
     weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
     matrix = (matrix + matrix.T) / 2.0
@@ -86,8 +88,7 @@ def correction(
     """
     mean, gain, _, innovation, p_yy = gained(run, prior, outputs, weights, y, noise)
     left = run.columns(_left, (prior[1], outputs[1]), gain)
-    root = run.columns(rooted, gain, run.cholesky(noise))
-    added = run.gram(root.T, np.ones(len(noise)))
+    added = run.gram(run.columns(rooted, gain, run.cholesky(noise)).T, np.ones(len(noise)))
     return Gaussian(mean, run.gram(left, weights, added)), innovation, p_yy  # 12
 
 
@@ -96,7 +97,6 @@ def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
 
 
 def _gain(p_yx: Any, factor: Any) -> Any:
-    """Gain (p,) from the innovation to one state: a row of K."""
     return solve_lower_transposed(factor, solve_lower(factor, p_yx))
 
 
@@ -164,8 +164,11 @@ class RecursiveFilter(Estimator):
         covariance: Any,
     ) -> None:
         if not isinstance(plant, Plant):
-            found = f"expected a Plant, got {type(plant).__name__}"
-            raise InvalidInput("An estimator needs a model.", found, "robot.plant()")
+            raise InvalidInput(
+                "An estimator needs a model.",
+                f"expected a Plant, got {type(plant).__name__}",
+                "robot.plant()",
+            )
         self.plant = plant
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
@@ -175,10 +178,8 @@ class RecursiveFilter(Estimator):
         self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
-        self._belief: Any = self.initial
-        self._u = np.zeros(len(plant.inputs))
         self._parameters = plant.parameters.named(plant.parameters.vector())
-        self.log_likelihood = float("nan")
+        self.reset()
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,).
@@ -193,8 +194,13 @@ class RecursiveFilter(Estimator):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share the arrays of the settings, so nobody may write them."""
-        shared = ("process_noise", "measurement_noise", "initial", "_start")
-        vars(self).update(state, **{name: read_only(state[name]) for name in shared})
+        vars(self).update(
+            state,
+            process_noise=read_only(state["process_noise"]),
+            measurement_noise=read_only(state["measurement_noise"]),
+            initial=read_only(state["initial"]),
+            _start=read_only(state["_start"]),
+        )
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
@@ -233,8 +239,9 @@ class RecursiveFilter(Estimator):
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
         root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
-        measured = run.columns(applied, root, c)
-        return correction(run, (belief.mean, root), (expected, measured), weights, y, measurement_noise)
+        return correction(
+            run, (belief.mean, root), (expected, run.columns(applied, root, c)), weights, y, measurement_noise
+        )
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -257,31 +264,20 @@ class RecursiveFilter(Estimator):
 
     def innovate(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance), likewise."""
-        vector = self.plant.parameters.flat(p)
-        return self.innovation_stages(DIRECT, belief, y, u, vector, measurement_noise)
+        return self.innovation_stages(DIRECT, belief, y, u, self.plant.parameters.flat(p), measurement_noise)
 
     def transition(self, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9): the plant over one period with u held."""
-        vector = self.plant.parameters.flat(p)
-        for _ in range(self.sub_steps):
-            x = self.sub_step(x, u, vector)
-        return x
+        return self.moved(DIRECT, x, u, self.plant.parameters.flat(p))
 
-    @property
-    def _method(self) -> Any:
-        return {4: rk4_stages, 8: eight_stages}[self.stages]
-
-    def sub_step(self, x: Any, u: Any, p: Any) -> Any:
+    def sub_step(self, x: Any, u: Any, p: Any, run: Any = DIRECT) -> Any:
         """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
-        return self._method(DIRECT, self.flow, x, self.period / self.sub_steps, u, p)
+        method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
+        return method(run, self.flow, x, self.period / self.sub_steps, u, p)
 
     def moved(self, run: Any, x: Any, u: Any, p: Any) -> Any:
         """F of Eq. (9) on a run, with one function of the flow for all stages of all steps."""
-
-        def step(x: Any) -> tuple[Any]:
-            return (self._method(run, self.flow, x, self.period / self.sub_steps, u, p),)
-
-        return run.repeat(self.sub_steps, step, x)[0]
+        return run.repeat(self.sub_steps, lambda x: (self.sub_step(x, u, p, run),), x)[0]
 
     def flow(self, x: Any, u: Any, p: Any) -> Any:
         """ẋ without disturbances; p is the vector of parameters."""
@@ -342,8 +338,8 @@ class RecursiveFilter(Estimator):
 
     def reset(self) -> None:
         """Back to the belief before the first measurement."""
-        self._belief = self.initial
-        self._u = np.zeros_like(self._u)
+        self._belief: Any = self.initial
+        self._u = np.zeros(len(self.plant.inputs))
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:

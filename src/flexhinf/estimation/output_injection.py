@@ -39,8 +39,8 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.estimation.constant_gain import check_decay, check_detectable, placed_gain, stationary_gain
 from flexhinf.estimation.filter import RecursiveFilter, applied, covariance_matrix
+from flexhinf.estimation.kalman import check_decay, check_detectable, placed_gain, stationary_gain
 from flexhinf.plant import Plant
 from flexhinf.scalars.trace import nonzero, sizes_of_rows, switches, varying
 from flexhinf.validation import read_only
@@ -122,8 +122,9 @@ class OutputInjectionObserver(RecursiveFilter):
         *,
         about: Any = None,
     ) -> None:
-        start = 0.0 if covariance is None else covariance
-        super().__init__(plant, period, process_noise, measurement_noise, mean, start)
+        super().__init__(
+            plant, period, process_noise, measurement_noise, mean, 0.0 if covariance is None else covariance
+        )
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
         self._poles, self._about = poles, point
         self._drift, self._sensors = output_form(plant, point)
@@ -131,11 +132,11 @@ class OutputInjectionObserver(RecursiveFilter):
         transition = self._held.transition
         if poles is None:
             check_detectable(self._drift, self._sensors, plant.states)
-            noises = self.process_noise, self.measurement_noise
-            self._gain = stationary_gain((transition, self._sensors), *noises)
+            self._gain = stationary_gain(
+                (transition, self._sensors), self.process_noise, self.measurement_noise
+            )
         else:
-            model = (self._drift, self._sensors, transition)
-            self._gain = placed_gain(*model, self.period, poles, plant.states)
+            self._gain = placed_gain(self._drift, self._sensors, transition, self.period, poles, plant.states)
         check_decay(self.error_matrix)
         if covariance is None:
             self._start = read_only(self._stationary_covariance())
@@ -143,8 +144,11 @@ class OutputInjectionObserver(RecursiveFilter):
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
-        poles = None if self._poles is None else np.array(self._poles)
-        return {**super().settings(), "poles": poles, "about": self._about}
+        return {
+            **super().settings(),
+            "poles": None if self._poles is None else np.array(self._poles),
+            "about": self._about,
+        }
 
     # What it is ------------------------------------------------------------------------------------
     @property
@@ -191,7 +195,6 @@ class OutputInjectionObserver(RecursiveFilter):
         return _stein(self.error_matrix.T, w)
 
     def _stationary_covariance(self) -> np.ndarray:
-        """P⁻ of a prediction after very many samples."""
         correction, gain, noise = self._correction, self._gain, self.process_noise
         added = correction @ noise @ correction.T + gain @ self.measurement_noise @ gain.T
         corrected, transition = _stein(self.error_matrix, (added + added.T) / 2.0), self._held.transition
@@ -249,8 +252,7 @@ class OutputInjectionObserver(RecursiveFilter):
         spread = run.gram(seen, np.ones(self.plant.n), measurement_noise)
         noise = run.columns(applied, run.cholesky(measurement_noise), belief.gain)
         added = run.gram(noise, np.ones(len(self.plant.outputs)), run.call(np.zeros_like, belief.covariance))
-        left = run.columns(_left, (root, seen), belief.gain)
-        covariance = run.gram(left, np.ones(self.plant.n), added)
+        covariance = run.gram(run.columns(_left, (root, seen), belief.gain), np.ones(self.plant.n), added)
         corrected = belief._replace(
             mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
         )
@@ -279,13 +281,11 @@ def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
 
 
 def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
-    """The corrected mean, the innovation, and the cleared flag of a time update."""
     innovation = y - expected
     return mean + gain @ innovation, innovation, np.zeros(1)
 
 
 def _left(root: Any, measured: Any, gain: Any) -> Any:
-    """Product of (1 − L H) and a column of a root of P⁻."""
     return root - gain @ measured
 
 
@@ -357,8 +357,6 @@ def output_form(plant: Plant, about: np.ndarray | None = None) -> tuple[np.ndarr
 
 
 class _Slopes:
-    """Derivatives of flow and output as expressions of (x, u)."""
-
     def __init__(self, plant: Plant) -> None:
         self.plant = plant
         x, u = ca.SX.sym("x", plant.n), ca.SX.sym("u", len(plant.inputs))
@@ -370,11 +368,9 @@ class _Slopes:
 
     @cached_property
     def deciding(self) -> ca.SX:
-        """Derivatives of the switching expressions of a flow that is not smooth, (s, n)."""
         return ca.jacobian(switches(self.flow, self.z), self.x)
 
     def check_output(self) -> None:
-        """Refuse a measurement that is not H x + η(u)."""
         slope = ca.jacobian(self.output, self.x)
         bad: Any = varying(slope, self.z, sizes_of_rows(slope))
         for row in range(len(self.plant.outputs)):
@@ -393,7 +389,6 @@ class _Slopes:
         )
 
     def check_flow(self, measured: np.ndarray) -> None:
-        """Refuse a flow that is not A x + φ(H x, u)."""
         if self._holds(measured):
             return
         varies = varying(self.by_state, self.z, sizes_of_rows(self.by_state))
@@ -427,15 +422,12 @@ class _Slopes:
         return ", ".join(names)
 
     def _holds(self, measured: np.ndarray) -> bool:
-        """Whether the flow is A x + φ(y, u) for these measurements."""
         hidden = ca.DM(null_space(measured))
         if not hidden.numel():
             return True
         along, decides = self.by_state @ hidden, self.deciding @ hidden
-        scale = sizes_of_rows(self.by_state, hidden.shape[1])
-        if varying(along, self.z, scale).any():
-            return False
-        return not nonzero(decides, self.z, sizes_of_rows(self.deciding, hidden.shape[1])).any()
+        sizes, jumps = (sizes_of_rows(part, hidden.shape[1]) for part in (self.by_state, self.deciding))
+        return not (varying(along, self.z, sizes).any() or nonzero(decides, self.z, jumps).any())
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:
@@ -446,8 +438,7 @@ def null_space(matrix: np.ndarray) -> np.ndarray:
     from scipy.linalg import qr
 
     n, size = matrix.shape[1], np.linalg.norm(matrix, axis=1, keepdims=True)
-    rows = matrix / np.where(size > 0.0, size, 1.0)
-    factors: Any = qr(rows, mode="r", pivoting=True)
+    factors: Any = qr(matrix / np.where(size > 0.0, size, 1.0), mode="r", pivoting=True)
     factor, order = factors
     diagonal = np.abs(np.diag(factor))
     rank = int(np.sum(diagonal > RANK * max(1.0, diagonal[0]))) if len(diagonal) else 0

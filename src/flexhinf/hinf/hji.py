@@ -18,7 +18,7 @@ The expansion
 -------------
 Let V = V_2 + V_3 + …, V_k homogeneous of degree k, and collect (8) by degree [albrekht1961, lukes1969, huang1995].
 
-*Degree 2*, V_2 = ½ xᵀPx, is a Riccati equation with an indefinite quadratic term (`riccati.py`),
+*Degree 2*, V_2 = ½ xᵀPx, is a Riccati equation with an indefinite quadratic term (`linear_part.py`),
 
     AᵀP + PA + Q + P M P = 0,    M = B1 B1ᵀ/γ² − B2 R2⁻¹ B2ᵀ,    A_cl = A + M P stable,    P ≥ 0.
 
@@ -46,7 +46,7 @@ The algorithm
    says so, complex Schur form U with substitution by index sums, backward stable even for a defective A_cl.
 5. *States in which V is bounded* (`BoundedStates`). Close to γ*, or where P is large for other reasons, the
    recursion runs in states in which P is of ordinary size; in others it would lose all digits there.
-6. *Accuracy* (`accuracy.py`). The V that is returned is inserted into (8) at random points; at every degree the
+6. *Accuracy* (`recursion.py`). The V that is returned is inserted into (8) at random points; at every degree the
    residual relative to the largest of the terms of (8) is reported. The error of each degree is estimated from the
    sensitivities of P, and measured by a second solve where these say that digits may be lost. A degree whose
    coefficients hold to fewer than two digits is not returned.
@@ -98,7 +98,7 @@ from flexhinf.hinf.recursion import (
     moved,
     solve_degrees,
 )
-from flexhinf.hinf.solution import HJISolution
+from flexhinf.hinf.solution import HIGHEST, HJISolution
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import monomials
@@ -128,12 +128,11 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool
     lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
     halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
     transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
-    values = 8 * 10 * highest
     products = 24 * min(4_000_000, highest * degree) + 4 * sum(
         min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
     )
     plant = 2 * 8 * n * sum(count(n, k) for k in range(1, degree))  # f, and f scaled, full to degree − 1
-    solve = plant + tables + pairs + lower + transform + values + products
+    solve = plant + tables + pairs + lower + transform + 80 * highest + products
     if not expanded:
         return solve
     monomials = [count(n + md + m, k) for k in range(degree)]
@@ -160,18 +159,22 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
-    room = f"{needed(fits) / 1e9:.3g} GB"
     advice = (
-        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about {room}"
+        f"degree {fits} is the highest that fits and takes less than about ten minutes, with about "
+        f"{needed(fits) / 1e9:.3g} GB"
     )
     if 2 * memory > available:
-        found = (
+        raise InvalidInput(
+            f"{what} does not fit in memory.",
             f"about {memory / 1e9:.3g} GB are needed, {available / 1e9:.3g} GB are available, of which half is "
-            "kept for what the estimate may miss"
+            "kept for what the estimate may miss",
+            advice,
         )
-        raise InvalidInput(f"{what} does not fit in memory.", found, advice)
-    found = f"expected less than about a day, got about {seconds / _DAY:.2g} days"
-    raise InvalidInput(f"{what} takes too long.", found, advice)
+    raise InvalidInput(
+        f"{what} takes too long.",
+        f"expected less than about a day, got about {seconds / _DAY:.2g} days",
+        advice,
+    )
 
 
 def available_memory() -> int:
@@ -181,13 +184,10 @@ def available_memory() -> int:
 
 
 def _free_of_machine() -> int | None:
-    try:
-        with open("/proc/meminfo", encoding="ascii") as table:
-            for line in table:
-                if line.startswith("MemAvailable:"):
-                    return int(line.split()[1]) * 1024
-    except OSError:
-        pass
+    with suppress(OSError), open("/proc/meminfo", encoding="ascii") as table:
+        for line in table:
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -195,14 +195,12 @@ def _free_of_machine() -> int | None:
 
 
 def _free_of_process() -> int | None:
-    """Addresses that the process may still take, as `ulimit -v` limits them; None without a limit."""
     try:
         import resource
 
-        limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if limit == resource.RLIM_INFINITY:
-            return None
-        return limit - int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        limit = resource.getrlimit(resource.RLIMIT_AS)[0]  # of addresses, as `ulimit -v` sets it
+        taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        return None if limit == resource.RLIM_INFINITY else limit - taken
     except (ImportError, OSError, ValueError):
         return None
 
@@ -264,7 +262,6 @@ _LARGE_P = 64.0, 1e3
 _LARGE_GROWTH = 2.0  # ‖dP/d log γ‖/‖P‖ from which it is: γ below about 1.2 γ*
 _DOUBTFUL_GROWTH = 100.0  # the same, from which the error is measured: γ below about 1.005 γ*
 _DOUBTFUL_P = 1e4  # eigenvalue of P in balanced states from which it is
-_HIGHEST = 200  # degree; far beyond what converges, and even one state would take minutes
 
 
 def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
@@ -319,9 +316,9 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
             "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
             "(is it used in flow?), and any gamma > 0 will do",
         )
-    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= _HIGHEST:
+    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= HIGHEST:
         raise InvalidInput(
-            f"The degree of V is not an integer from 2 to {_HIGHEST}.",
+            f"The degree of V is not an integer from 2 to {HIGHEST}.",
             f"expected 2, 3, 4, …, got {value_text(degree)}",
             "4 gives a cubic law; 2 gives the linear one",
         )
@@ -362,9 +359,8 @@ def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
             f"expected finite coefficients through degree {degree}, got infinite ones at gamma = {gamma:.6g}",
             "a gamma further above gamma*, or a lower degree",
         )
-    other = None
-    if solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P:
-        other = _nearby(plant, gamma, degree, solved)
+    doubtful = solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P
+    other = _nearby(plant, gamma, degree, solved) if doubtful else None
     errors = degree_errors(solved.value, solved.growth, solved.largest, other)
     records = checked_records(
         solved.records, equation_residuals(solved.problem, solved.value), errors, gamma, solved.growth
@@ -407,14 +403,10 @@ def _solve(
     advance: Callable[[int], None],
     stretch: np.ndarray | None = None,
 ) -> _Solved | None:
-    """Scale, solve the Riccati equation, choose the states, and go through the degrees; None where P does not exist."""
     begin = perf_counter()
-    if not linear.bounds(gamma):
+    if (parts := linear.solved(gamma)) is None:
         return None
-    scaling, balanced = linear.scaled(gamma)
-    riccati = balanced.riccati(gamma)
-    if riccati is None:
-        return None
+    scaling, balanced, riccati = parts
     eigenvalues, directions = np.linalg.eigh(riccati.p)
     largest, riccati = float(eigenvalues[-1]), polish(*balanced.riccati_terms(gamma), riccati.p) or riccati
     growth = _growth(balanced, riccati, gamma)
@@ -423,7 +415,7 @@ def _solve(
     if stretch is not None or riccati.form is None or largest > limit or growth > _LARGE_GROWTH:
         states = BoundedStates.of(eigenvalues, directions, stretch)
         balanced = balanced.in_states(states.to_x, states.to_y)
-        riccati = polish(*balanced.riccati_terms(gamma), states.hessian(riccati.p))
+        riccati = polish(*balanced.riccati_terms(gamma), states.to_x.T @ riccati.p @ states.to_x)
         if riccati is None:
             return None
         growth = _growth(balanced, riccati, gamma, states)
@@ -438,7 +430,6 @@ def _solve(
 def _growth(
     balanced: LinearPart, riccati: RiccatiSolution, gamma: float, states: BoundedStates | None = None
 ) -> float:
-    """‖dP/d log γ‖/‖P‖, both taken back to the scaled states."""
     b1 = balanced.b1.astype(float) / gamma
     change, p = sensitivity(riccati, -2 * b1 @ b1.T), riccati.p.astype(float)
     if states is not None:

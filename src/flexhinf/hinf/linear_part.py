@@ -67,27 +67,22 @@ def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray) -> RiccatiSolutio
         return None
     try:
         ordered: tuple[Any, ...] = schur(hamiltonian, sort="lhp", check_finite=False)
-    except np.linalg.LinAlgError:  # an eigenvalue crossed the axis while the form was being ordered
-        return None
-    triangular, vectors, stable = ordered
-    distance = np.abs(
-        np.diag(triangular)
-    ).min()  # of eigenvalues to the axis: 2×2 blocks have Re λ on their diagonal
-    if stable != n or distance <= _AXIS * n * size:
-        return None
-    upper, lower = vectors[:n, :n], vectors[n:, :n]
-    cross = upper.T @ lower
-    if np.linalg.norm(cross - cross.T) > _ISOTROPY * max(float(np.linalg.norm(cross)), 1e-10):
-        return None
-    try:
+        triangular, vectors, stable = ordered
+        upper, lower = vectors[:n, :n], vectors[n:, :n]
+        cross = upper.T @ lower
+        mixed = np.linalg.norm(cross - cross.T) > _ISOTROPY * max(float(np.linalg.norm(cross)), 1e-10)
+        # on the axis, as far as eigenvalues can be told: 2×2 blocks have Re λ on their diagonal
+        if stable != n or np.abs(np.diag(triangular)).min() <= _AXIS * n * size or mixed:
+            return None
         p = np.linalg.solve(upper.T, lower.T).T
-    except np.linalg.LinAlgError:
+    except (
+        np.linalg.LinAlgError
+    ):  # an eigenvalue crossed the axis while the form was being ordered, or P is infinite
         return None
     p = (p + p.T) / 2
     eigenvalues = np.linalg.eigvalsh(p) if np.isfinite(p).all() else np.array([-np.inf])
-    if eigenvalues[0] < -_NEGATIVE * abs(eigenvalues[-1]) or eigenvalues[-1] > _LARGEST_NORM * size:
-        return None
-    return RiccatiSolution(p, (a + m @ p).astype(float), np.nan)
+    lost = eigenvalues[0] < -_NEGATIVE * abs(eigenvalues[-1]) or eigenvalues[-1] > _LARGEST_NORM * size
+    return None if lost else RiccatiSolution(p, (a + m @ p).astype(float), np.nan)
 
 
 def polish(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> RiccatiSolution | None:
@@ -115,9 +110,8 @@ def polish(a: np.ndarray, m: np.ndarray, q: np.ndarray, p: np.ndarray) -> Riccat
         if not gained or _size(left) <= _ROUNDING * scale:
             break
     closed_loop = (a + m @ p).astype(float)
-    if np.linalg.eigvals(closed_loop).real.max() >= 0:
-        return None
-    return RiccatiSolution(p, closed_loop, _size(left) / scale, form)
+    stable = not np.linalg.eigvals(closed_loop).real.max() >= 0
+    return RiccatiSolution(p, closed_loop, _size(left) / scale, form) if stable else None
 
 
 def sensitivity(riccati: RiccatiSolution, change: np.ndarray) -> np.ndarray:
@@ -126,8 +120,7 @@ def sensitivity(riccati: RiccatiSolution, change: np.ndarray) -> np.ndarray:
     `change`: (n, n), ΔM, symmetric.
     """
     p = riccati.p.astype(float)
-    form = riccati.form or _schur(riccati.closed_loop)
-    step = _lyapunov_step(form, p @ change.astype(float) @ p)
+    step = _lyapunov_step(riccati.form or _schur(riccati.closed_loop), p @ change.astype(float) @ p)
     return np.full(p.shape, np.inf) if step is None else step
 
 
@@ -138,8 +131,8 @@ def _size(matrix: np.ndarray) -> float:
 def _schur(closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     from scipy.linalg import schur
 
-    form: tuple[Any, ...] = schur(closed, check_finite=False)
-    return form[0], form[1]
+    triangular, vectors, *_ = schur(closed, check_finite=False)
+    return triangular, vectors
 
 
 def _lyapunov_step(form: tuple[np.ndarray, np.ndarray], left: np.ndarray) -> np.ndarray | None:
@@ -174,13 +167,6 @@ class Scaling:
 
     state: np.ndarray
     value: float
-
-    def linear(
-        self, a: np.ndarray, b: np.ndarray, c: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Scaled A, input matrix and output matrix."""
-        d = self.state
-        return a * (d / d[:, None]), b * (self.value / d)[:, None], c * (d / self.value)
 
 
 def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
@@ -250,8 +236,7 @@ class ScaledProblem:
         for a, left in h.items():
             for b, right in h.items():
                 if b <= a and a + b <= degree:
-                    weight = 0.5 if a == b else 1.0
-                    add_part(q, a + b, weight * product(left.T, right, n, a, b))
+                    add_part(q, a + b, (0.5 if a == b else 1.0) * product(left.T, right, n, a, b))
         return cls(n, degree, f, g, {k: part for k, part in q.items() if part.any()}, signs)
 
 
@@ -263,8 +248,8 @@ _REACH = 1e-11  # relative size below which a coupling from d to z is rounding
 
 def check_problem(problem: object) -> None:
     """Raise `InvalidInput` unless this is a generalised plant."""
-    usual = isinstance(problem, GeneralisedPlant | PolynomialPlant)  # a protocol takes long to ask
-    if not usual and not isinstance(problem, Problem):
+    # the protocol last: it takes long to ask
+    if not isinstance(problem, GeneralisedPlant | PolynomialPlant) and not isinstance(problem, Problem):
         raise InvalidInput(
             "This is not a problem that can be solved.",
             f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
@@ -308,14 +293,15 @@ class LinearPart:
                 )
         return linear
 
-    def bounds(self, gamma: float) -> bool:
-        """Whether g1/γ is in proportion to the other matrices."""
-        return float(np.abs(self.b1).max(initial=0.0)) <= _LARGEST * gamma
-
     def scaled(self, gamma: float) -> tuple[Scaling, LinearPart]:
         """The linear part balanced for this level: g1 counts with its weight 1/γ."""
         scaling = balance(self.a, np.hstack([self.b1 / gamma, self.b2]), self.c)
-        a, b, c = scaling.linear(self.a, np.hstack([self.b1, self.b2]), self.c)
+        d, s = scaling.state, scaling.value
+        a, b, c = (
+            self.a * (d / d[:, None]),
+            np.hstack([self.b1, self.b2]) * (s / d)[:, None],
+            self.c * (d / s),
+        )
         md = self.b1.shape[1]
         return scaling, LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
 
@@ -343,10 +329,17 @@ class LinearPart:
                     f"a weight on {self.state_names[state]!r}",
                 )
 
-    def riccati(self, gamma: float) -> RiccatiSolution | None:
-        """Stabilising P ≥ 0 at this level to about 1e-10, or None. Expects balanced coordinates."""
-        b1, b2 = self.b1 / gamma, self.b2
-        return solve_riccati(self.a, b1 @ b1.T - b2 @ b2.T, self.c.T @ self.c)
+    def solved(self, gamma: float) -> tuple[Scaling, LinearPart, RiccatiSolution] | None:
+        """`scaled`, and the stabilising P ≥ 0 of this level to about 1e-10; None where there is none.
+
+        There is none either where g1/γ is out of proportion to the other matrices.
+        """
+        if not float(np.abs(self.b1).max(initial=0.0)) <= _LARGEST * gamma:
+            return None
+        scaling, part = self.scaled(gamma)
+        b1, b2 = part.b1 / gamma, part.b2
+        riccati = solve_riccati(part.a, b1 @ b1.T - b2 @ b2.T, part.c.T @ part.c)
+        return None if riccati is None else (scaling, part, riccati)
 
     def riccati_terms(self, gamma: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A, M = B1 B1ᵀ/γ² − B2 B2ᵀ and Q = CᵀC in extended precision (where the machine has it)."""
@@ -361,11 +354,9 @@ class LinearPart:
 
 def _missed_direction(a: np.ndarray, c: np.ndarray, mode: complex) -> int | None:
     """Largest component of a vector v with A v = λ v and C v = 0, or None if there is none."""
-    pencil = np.vstack([a - mode * np.eye(len(a)), c])
-    _, values, directions = np.linalg.svd(pencil)
-    if values[-1] > _RANK * max(float(np.linalg.norm(a)), float(np.linalg.norm(c))):
-        return None
-    return int(np.argmax(np.abs(directions[-1])))
+    _, values, directions = np.linalg.svd(np.vstack([a - mode * np.eye(len(a)), c]))
+    full = values[-1] > _RANK * max(float(np.linalg.norm(a)), float(np.linalg.norm(c)))
+    return None if full else int(np.argmax(np.abs(directions[-1])))
 
 
 def disturbance_reaches_output(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
@@ -454,10 +445,7 @@ def linear_smallest_gamma(linear: LinearPart, relative: float = _RELATIVE) -> fl
 
 def is_feasible(linear: LinearPart, gamma: float) -> bool:
     """Whether the Riccati equation of this level has a stabilising solution P ≥ 0."""
-    if not linear.bounds(gamma):
-        return False
-    _, balanced = linear.scaled(gamma)
-    return balanced.riccati(gamma) is not None
+    return linear.solved(gamma) is not None
 
 
 def _in_value_states(linear: LinearPart) -> LinearPart:
@@ -470,16 +458,16 @@ def _in_value_states(linear: LinearPart) -> LinearPart:
     if not is_feasible(linear, float("inf")):
         linear = _in_reached_states(linear)
     for _ in range(_PASSES):
-        _, balanced = linear.scaled(float("inf"))
-        riccati = balanced.riccati(float("inf"))
-        if riccati is None:
+        if (parts := linear.solved(float("inf"))) is None:
             break
+        _, balanced, riccati = parts
         eigenvalues, directions = np.linalg.eigh(riccati.p)
         largest = float(eigenvalues[-1])
         if largest <= _LARGE_P:
             break
-        sizes = np.maximum(np.abs(eigenvalues), _SMALLEST_P * largest)
-        linear = _scaled_states(balanced, directions, 1.0 / np.sqrt(sizes))
+        linear = _scaled_states(
+            balanced, directions, 1.0 / np.sqrt(np.maximum(np.abs(eigenvalues), _SMALLEST_P * largest))
+        )
     return linear
 
 
@@ -518,19 +506,16 @@ def _scaled_states(linear: LinearPart, directions: np.ndarray, sizes: np.ndarray
 
 def _bracket(linear: LinearPart) -> tuple[float, float]:
     """An infeasible and a feasible level, a factor of four apart."""
-    high = 1.0
-    if is_feasible(linear, high):
-        for _ in range(_WIDEST):
-            if not is_feasible(linear, high / _FACTOR):
-                return high / _FACTOR, high
-            high /= _FACTOR
-        return 0.0, high
+    level, feasible = 1.0, is_feasible(linear, 1.0)
     for _ in range(_WIDEST):
-        high *= _FACTOR
-        if is_feasible(linear, high):
-            return high / _FACTOR, high
+        other = level / _FACTOR if feasible else level * _FACTOR
+        if is_feasible(linear, other) is not feasible:
+            return (other, level) if feasible else (level, other)
+        level = other
+    if feasible:
+        return 0.0, level
     raise NumericalFailure(
         "The smallest attenuation level cannot be computed: it is too large, or the problem too ill-conditioned.",
-        f"found no stabilising solution up to gamma = {high:.3g}, although there is one without disturbance",
+        f"found no stabilising solution up to gamma = {level:.3g}, although there is one without disturbance",
         "d reaches z through a mode almost out of reach of the input: look at weights, units, inputs",
     )

@@ -131,8 +131,7 @@ class Inequality:
         """Follow every ray until it stops, passes `cap` or twice the lowest level so far, or leaves `largest`."""
         rays, count = Rays.of(self.solution, directions), len(directions)
         level, radius = np.full(count, np.inf), radii.astype(float)
-        broken, last = np.zeros(count, bool), np.zeros(count)
-        active = np.arange(count)
+        broken, last, active = np.zeros(count, bool), np.zeros(count), np.arange(count)
         reach = largest / np.abs(directions).max(axis=1)
         while len(active):
             ahead = max(1, _TOGETHER // len(active))
@@ -156,15 +155,12 @@ class Inequality:
             active = active[going]
         return Stops(level, radius, directions * radius[:, None], broken, directions)
 
-    def _along(
-        self, rays: Rays, chosen: np.ndarray, radii: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _along(self, rays: Rays, chosen: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, ...]:
         """V, whether r > 0, and whether V has stopped increasing, at radii (M, K) on each chosen ray, (M, K) each."""
         x, value, slope, radial = rays.chosen(np.repeat(chosen, radii.shape[1])).at(radii.ravel())
         terms = self.terms(x, slope)
         violated = ~(terms.sum(axis=0) <= _ROUNDING * np.abs(terms).max(axis=0))
-        turned = ~(radial > 0)
-        return value.reshape(radii.shape), violated.reshape(radii.shape), turned.reshape(radii.shape)
+        return tuple(each.reshape(radii.shape) for each in (value, violated, ~(radial > 0)))
 
     def _pinpoint(
         self, rays: Rays, good: np.ndarray, bad: np.ndarray, broken: np.ndarray
@@ -173,8 +169,7 @@ class Inequality:
         last good point, the first bad radius, and whether r > 0 there."""
         each, halvings = np.arange(len(good)), max(1, int(np.log2(_TOGETHER / len(good) + 1.0)))
         for _ in range(-(-_BISECTIONS // halvings)):
-            share = np.arange(1, 2**halvings) / 2**halvings
-            radii = good[:, None] + (bad - good)[:, None] * share
+            radii = good[:, None] + (bad - good)[:, None] * (np.arange(1, 2**halvings) / 2**halvings)
             _, violated, turned = self._along(rays, each, radii)
             stop = violated | turned
             first, some = stop.argmax(axis=1), stop.any(axis=1)
@@ -219,8 +214,7 @@ class Landscape:
             left, left_slope = self._inequality(x, slope)
         size = (y * y).sum(1)
         q = left / size
-        q_slope = (left_slope - 2 * q[:, None] * y) / size[:, None]
-        return q, q_slope, value, slope @ self.scale
+        return q, (left_slope - 2 * q[:, None] * y) / size[:, None], value, slope @ self.scale
 
     def _inequality(self, x: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """r and its gradient in y: V_xx times the worst closed loop, and differences of the fields at constant V_x."""
@@ -228,16 +222,16 @@ class Landscape:
         steps = _DIFFERENCE * self.scale.T  # one row per direction of y
         around = np.concatenate([x[:, None], x[:, None] + steps, x[:, None] - steps], axis=1)
         every = inequality.checked_fields(around.reshape(-1, n))
-        fields = tuple(values[:: 1 + 2 * n] for values in every)
-        rate = inequality.worst_rate(slope, fields)
+        rate = inequality.worst_rate(slope, tuple(values[:: 1 + 2 * n] for values in every))
         length = np.linalg.norm(np.linalg.solve(self.scale, rate.T), axis=0)
         small = (_DIFFERENCE / np.maximum(length, 1e-300))[:, None]
         _, beside = inequality.solution.value_and_gradient(
             np.concatenate([x + small * rate, x - small * rate])
         )
         bend = (beside[:count] - beside[count:]) / (2 * small)
-        constant = np.repeat(slope, 1 + 2 * n, axis=0)
-        terms = inequality.solution.hamiltonian_terms(constant, every, inequality.gamma)
+        terms = inequality.solution.hamiltonian_terms(
+            np.repeat(slope, 1 + 2 * n, axis=0), every, inequality.gamma
+        )
         values = terms.sum(axis=0).reshape(count, 1 + 2 * n)
         by_y = (values[:, 1 : 1 + n] - values[:, 1 + n :]) / (2 * _DIFFERENCE)
         return values[:, 0], bend @ self.scale + by_y
@@ -278,8 +272,7 @@ def ascend(landscape: Landscape, starts: np.ndarray, rounds: int) -> np.ndarray:
         tried = y[active] + step
         with np.errstate(all="ignore"):
             new_cost, new_slope, new_q, new_value = landscape.penalised(tried, unit[active])
-            expected = (slope[active] * step).sum(1)
-            better = new_cost <= cost[active] + _ARMIJO * expected
+            better = new_cost <= cost[active] + _ARMIJO * (slope[active] * step).sum(1)
         moved, stuck = active[better], active[~better]
         length[stuck] /= 3.0
         if len(moved):
@@ -295,8 +288,7 @@ def ascend(landscape: Landscape, starts: np.ndarray, rounds: int) -> np.ndarray:
                 1.0, 0.5 / np.maximum(np.linalg.norm(direction[moved], axis=1), 1e-300)
             )
         small = length[active] * np.linalg.norm(direction[active], axis=1) < _SHORTEST
-        arrived = (q[active] > 0) & (value[active] <= landscape.level)
-        active = active[~(small | arrived)]
+        active = active[~(small | ((q[active] > 0) & (value[active] <= landscape.level)))]
     return y[q > 0]
 
 
@@ -304,8 +296,7 @@ def _updated(inverse: np.ndarray, change: np.ndarray, bend: np.ndarray, fresh: n
     curvature = (change * bend).sum(1)
     good = curvature > 1e-12 * np.linalg.norm(change, axis=1) * np.linalg.norm(bend, axis=1)
     rho = np.where(good, 1.0 / np.where(good, curvature, 1.0), 0.0)
-    first = good & fresh
-    factor = np.where(first, curvature / np.maximum((bend * bend).sum(1), 1e-300), 1.0)
+    factor = np.where(good & fresh, curvature / np.maximum((bend * bend).sum(1), 1e-300), 1.0)
     inverse = inverse * factor[:, None, None]
     left = np.eye(change.shape[1]) - rho[:, None, None] * change[:, :, None] * bend[:, None, :]
     return (

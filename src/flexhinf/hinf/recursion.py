@@ -41,6 +41,7 @@ from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import add_part, gradient, matrix_product, monomials, product
 from flexhinf.polynomial.homological import HomologicalEquation, change_variables
+from flexhinf.validation import read_only
 
 
 @dataclass(frozen=True)
@@ -56,21 +57,17 @@ class BoundedStates:
         scale = np.exp2(-np.round(np.log2(np.hypot(1.0, eigenvalues))))
         scale = (scale if stretch is None else scale * stretch).astype(np.longdouble)
         q = q.astype(np.longdouble)
-        inverse = q.T @ (
-            2 * np.eye(len(q), dtype=np.longdouble) - q @ q.T
-        )  # a Newton step, which squares 1e-15
-        return cls(q * scale, inverse / scale[:, None])
-
-    def hessian(self, p: np.ndarray) -> np.ndarray:
-        """P of ½ xᵀPx in y."""
-        return self.to_x.T @ p @ self.to_x
+        # the inverse by a Newton step, which squares 1e-15
+        return cls(q * scale, q.T @ (2 * np.eye(len(q), dtype=np.longdouble) - q @ q.T) / scale[:, None])
 
     def problem(self, problem: ScaledProblem) -> ScaledProblem:
         """Eq. (8) in y: ẏ = T⁻¹ f(T y) + T⁻¹ g(T y) · (d, u), with q(T y)."""
-        f = {k: self._fields(part, k) for k, part in problem.f.items()}
-        g = {k: self._fields(part, k) for k, part in problem.g.items()}
-        q = {k: self._substituted(part, k) for k, part in problem.q.items()}
-        return replace(problem, f=f, g=g, q=q)
+        return replace(
+            problem,
+            f={k: self._fields(part, k) for k, part in problem.f.items()},
+            g={k: self._fields(part, k) for k, part in problem.g.items()},
+            q={k: self._substituted(part, k) for k, part in problem.q.items()},
+        )
 
     def value(self, value: Parts) -> Parts:
         """Tensor entries in x of a V given in y; degree 2 in the precision it comes in."""
@@ -136,8 +133,7 @@ def solve_degrees(
     }  # w, shape (count(n, degree), channels)
     for k in range(3, problem.degree + 1):
         begin = perf_counter()
-        known_rows = _channel_rows(problem, gradients, k)
-        if known_rows is not None:
+        if (known_rows := _channel_rows(problem, gradients, k)) is not None:
             rows[k - 1] = known_rows
         known = _known_part(problem, gradients, rows, k)
         if known is None:
@@ -156,20 +152,15 @@ def solve_degrees(
 
 def _channel_rows(problem: ScaledProblem, gradients: Parts, k: int) -> np.ndarray | None:
     """w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}; None if there is nothing."""
-    total = None
-    for i, slope in gradients.items():
-        fields = problem.g.get(k - i)
-        if k - i < 1 or fields is None:
-            continue
-        if total is None:
-            total = np.zeros((basis.count(problem.n, k - 1), len(problem.signs)))
+    known = {i: problem.g[k - i] for i in gradients if k - i >= 1 and k - i in problem.g}
+    total = np.zeros((basis.count(problem.n, k - 1), len(problem.signs)))
+    for i, fields in known.items():
         for channel in np.flatnonzero(fields.any(axis=(0, 2))):
-            total[:, channel] += product(slope, fields[:, channel], problem.n, i - 1, k - i)
-    return total
+            total[:, channel] += product(gradients[i], fields[:, channel], problem.n, i - 1, k - i)
+    return total if known else None
 
 
 def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:
-    """Monomial coefficients of all that is known at degree k; None if there is nothing."""
     n = problem.n
     terms = [problem.q[k]] if k in problem.q else []
     for i, slope in gradients.items():
@@ -178,8 +169,8 @@ def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -
     for a, left in rows.items():
         b = k - a
         if b <= a and b in rows:
-            weights = problem.signs * (0.5 if a == b else 1.0)
-            terms.append(product(left, (rows[b] * weights).T, n, a, b))
+            right = rows[b] * (problem.signs * (0.5 if a == b else 1.0))
+            terms.append(product(left, right.T, n, a, b))
     return sum(terms[1:], start=terms[0]) if terms else None
 
 
@@ -206,8 +197,7 @@ def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]
     for i, slope in slopes.items():
         for j, fields in channels.items():
             if i - 1 + j < problem.degree:
-                w = np.einsum("ai,ica->ac", slope, fields)
-                rows[i - 1 + j] = rows[i - 1 + j] + w if i - 1 + j in rows else w
+                add_part(rows, i - 1 + j, np.einsum("ai,ica->ac", slope, fields))
     nothing, residuals = np.zeros((_POINTS, len(problem.signs))), {}
     for k in range(2, problem.degree + 1):
         drift = sum(
@@ -225,9 +215,7 @@ def equation_residuals(problem: ScaledProblem, value: Parts) -> dict[int, float]
 
 @lru_cache(16)
 def _points(n: int) -> np.ndarray:
-    points = np.random.default_rng(0).standard_normal((_POINTS, n))
-    points.flags.writeable = False
-    return points
+    return read_only(np.random.default_rng(0).standard_normal((_POINTS, n)))
 
 
 def _slope(entries: np.ndarray, powers: np.ndarray, n: int, k: int) -> np.ndarray:
@@ -267,8 +255,7 @@ def degree_errors(
     errors = {}
     for k, part in value.items():
         size, apart = float(np.abs(part).max()), float(np.abs(other[k] - part).max())
-        least = (k - 1) * _LAST_BIT * (1 + growth)
-        errors[k] = max(_SAFETY * apart / size, least) if size > 0 else apart
+        errors[k] = max(_SAFETY * apart / size, (k - 1) * _LAST_BIT * (1 + growth)) if size > 0 else apart
     return errors
 
 

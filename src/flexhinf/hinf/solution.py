@@ -13,16 +13,14 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
-from flexhinf.hinf.margin import CheckedMargin, CheckedPenalty, checked_margin
 from flexhinf.hinf.recursion import DOUBTFUL, DegreeRecord
-from flexhinf.hinf.sampled import SampledCheck, sample_region
+from flexhinf.hinf.sampled import CheckedPenalty, checked_margin, sample_region
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant
@@ -39,7 +37,6 @@ if TYPE_CHECKING:
 
 
 def _row(degree: object, size: object, method: str, residual: str, error: str, seconds: float | None) -> str:
-    """A row of the table of a report; no time where there is none."""
     time = "–" if seconds is None else f"{seconds:.2f} s" if seconds >= 1 else f"{1e3 * seconds:.2f} ms"
     return f"{degree:>6}  {size:>12}  {method:<19}  {residual:>17}  {error:>11}  {time:>8}"
 
@@ -71,51 +68,8 @@ class HJISolution(ValueFunction, Law):
         """The law's linear part, shape (m, n): u = K x + …, K = −R2⁻¹ g2(0)ᵀ P."""
         return -np.linalg.solve(self.expansion.r2, self.expansion.g2_parts[0][:, :, 0].T @ self.P)
 
-    def sampled_region(
-        self,
-        gamma: float | None = None,
-        penalty: CheckedPenalty | None = None,
-        *,
-        rays: int = 500,
-        seed: int = 0,
-        largest: float = 1e3,
-    ) -> SampledCheck | None:
-        """Largest level set on which the dissipation inequality held at every point tried; not a proof.
-
-        Parameters
-        ----------
-        gamma : float, optional
-            The attenuation level to check, not below the designed one. Default: 1.1 times the designed one.
-        penalty : Penalty, callable, mapping, sequence or matrix, optional
-            The penalty to check, smaller than the designed one: a `Penalty` with the designed R2, h(x) from (N, n) to
-            (N, s), {state or group of states: weight}, one weight per state, or a matrix (s, n). Default: 0.9 times
-            the designed h.
-        rays : int
-            Directions that are followed outwards first, at most 100,000. The level does not depend on them: violations
-            are then looked for by ascent from many starts.
-        seed : int
-            Of the directions and of the starts.
-        largest : float
-            Largest deviation in any state that is tried.
-
-        Returns
-        -------
-        SampledCheck or None
-            None where the checked pair has no margin in some direction; `checked_margin` says in which. See
-            `flexhinf.hinf.margin` for what is checked, and `flexhinf.hinf.sampled` for how.
-
-        Raises
-        ------
-        InvalidInput
-            A γ below the designed one, a penalty that does not fit the states, or no rays or too many.
-        """
-        return sample_region(self, gamma, penalty, rays=rays, seed=seed, largest=largest)
-
-    def checked_margin(
-        self, gamma: float | None = None, penalty: CheckedPenalty | None = None
-    ) -> CheckedMargin:
-        """How much weaker the checked pair of `sampled_region` is than the designed one, near 0; same arguments."""
-        return checked_margin(self, gamma, penalty)
+    sampled_region = sample_region  # functions whose first argument is a solution
+    checked_margin = checked_margin
 
     def certify(
         self,
@@ -165,8 +119,17 @@ class HJISolution(ValueFunction, Law):
         """
         from flexhinf.certify.proof import certify
 
-        options = {"decay": decay, "about": about, "observer": observer}
-        return certify(self, gamma, penalty, level, **options, threads=threads, progress=progress)
+        return certify(
+            self,
+            gamma,
+            penalty,
+            level,
+            decay=decay,
+            about=about,
+            observer=observer,
+            threads=threads,
+            progress=progress,
+        )
 
     def law_polynomial(self) -> PolynomialLaw:
         """The law as a table of monomials through degree − 1.
@@ -240,16 +203,14 @@ class HJISolution(ValueFunction, Law):
     def summary(self) -> dict[str, str]:
         """γ, degree, states, inputs, coefficients and the largest residual of any degree, for ``repr``."""
         residuals = [record.residual for record in self.records if record.residual == record.residual]
-        facts = {
+        return {
             "gamma": number_text(self.gamma),
             "degree of V": str(self.degree),
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
             "coefficients": str(sum(len(part) for part in self.value_parts.values())),
+            **({"largest relative residual": f"{max(residuals):.1e}"} if residuals else {}),
         }
-        if residuals:
-            facts["largest relative residual"] = f"{max(residuals):.1e}"
-        return facts
 
     # Report and file ---------------------------------------------------------------------------
     def report(self) -> str:
@@ -295,10 +256,8 @@ class HJISolution(ValueFunction, Law):
                 f"cond(T)^{self.degree} eps = {growth:.1e}",
                 f"             (eigenbasis up to {HOPELESS:g} and where its residual is at rounding, Schur otherwise)",
             ]
-        unit, name, digits = (1e9, "GB", 2) if self.memory >= 1e9 else (1e6, "MB", 1)
-        if self.memory < 1e6:
-            unit, name = 1e3, "kB"
-        size = f"{self.memory / unit:.{digits}f} {name}"
+        sizes = ((1e9, f"{self.memory / 1e9:.2f} GB"), (1e6, f"{self.memory / 1e6:.1f} MB"))
+        size = next((text for least, text in sizes if self.memory >= least), f"{self.memory / 1e3:.1f} kB")
         return "\n".join([*lines, f"memory: about {size} at the peak, estimated before the solve"])
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -323,13 +282,17 @@ class HJISolution(ValueFunction, Law):
             "memory": self.memory,
             "records": [asdict(record) for record in self.records],
         }
-        arrays = {"P": self.P, "r2": plant.r2, "operating_point": plant.operating_point}
-        arrays["operating_input"] = plant.operating_input
-        arrays |= {f"V_{k}": part for k, part in self.value_parts.items()}
         exact = self.problem if isinstance(self.problem, PolynomialPlant) else plant
-        for name in _FIELDS:
-            arrays |= {f"{name}_{k}": part for k, part in getattr(exact, f"{name}_parts").items()}
-        write_arrays(path, "solution", {"header": np.array(json.dumps(header)), **arrays})
+        parts = {"V": self.value_parts} | {name: getattr(exact, f"{name}_parts") for name in _FIELDS}
+        arrays = {
+            "header": np.array(json.dumps(header)),
+            "P": self.P,
+            "r2": plant.r2,
+            "operating_point": plant.operating_point,
+            "operating_input": plant.operating_input,
+            **{f"{name}_{k}": part for name, by_degree in parts.items() for k, part in by_degree.items()},
+        }
+        write_arrays(path, "solution", arrays)
 
 
 def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) -> HJISolution:
@@ -351,23 +314,27 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
     path = checked_path("The solution's file", path)
     try:
         return HJISolution(**_assembled(*read_arrays(path), problem))
-    except FlexhinfError as error:
-        raise _unreadable(path, error.found or error.what) from error
-    except (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
-        raise _unreadable(path, f"damaged or not such a file ({type(error).__name__})") from error
+    except (FlexhinfError, *_DAMAGED) as error:
+        own = (error.found or error.what) if isinstance(error, FlexhinfError) else ""
+        raise InvalidInput(
+            "The solution cannot be read.",
+            f"expected a {_FORMAT} file, version {_VERSION}, got {path}: "
+            f"{own or f'damaged or not such a file ({type(error).__name__})'}",
+            "solve again and save; files are written by HJISolution.save",
+        ) from error
 
 
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
-_HIGHEST = 200  # degree that a file may claim, as for `solve_hji`
-
-
-def _unreadable(path: Path, found: str) -> InvalidInput:
-    return InvalidInput(
-        "The solution cannot be read.",
-        f"expected a {_FORMAT} file, version {_VERSION}, got {path}: {found}",
-        "solve again and save; files are written by HJISolution.save",
-    )
+HIGHEST = 200  # degree of V; far beyond what converges, and even one state would take minutes
+_DAMAGED = (
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)  # what its reading may raise
 
 
 def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | None) -> dict[str, Any]:
@@ -382,17 +349,18 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
     states, inputs, degree = header["states"], header["inputs"], header["degree"]
     gamma = float(header["gamma"])
     records, memory = tuple(_record(record, degree) for record in header["records"]), header["memory"]
-    lists = isinstance(states, list) and isinstance(inputs, list)
-    names = lists and all(isinstance(name, str) for name in states + inputs)
-    numbers = _is_integer(degree, 2, _HIGHEST) and gamma > 0 and _is_integer(memory, 0, 1 << 62)
-    if not (names and numbers):
+    if not (
+        isinstance(states, list)
+        and isinstance(inputs, list)
+        and all(isinstance(name, str) for name in states + inputs)
+        and (_is_integer(degree, 2, HIGHEST) and gamma > 0 and _is_integer(memory, 0, 1 << 62))
+    ):
         raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
     if arrays["P"].shape != (len(states), len(states)):
         raise InvalidInput("Wrong shapes.", f"P does not fit {len(states)} states")
-    parts = {name: _gather(arrays, name, 0, _HIGHEST) for name in _FIELDS}
     exact = PolynomialPlant.from_parts(
         len(states),
-        **parts,
+        **{name: _gather(arrays, name, 0, HIGHEST) for name in _FIELDS},
         r2=arrays.pop("r2"),
         state_names=states,
         operating_point=arrays.pop("operating_point"),

@@ -90,8 +90,9 @@ class ValueFunction:
     # The polynomial ----------------------------------------------------------------------------
     def coefficients(self, k: int) -> dict[tuple[int, ...], float]:
         """V_k in plain monomials, {exponents: coefficient}, every monomial of degree `k`."""
-        keys = map(tuple, self.exponents(k).tolist())
-        return dict(zip(keys, self.coefficient_array(k).tolist(), strict=True))
+        return dict(
+            zip(map(tuple, self.exponents(k).tolist()), self.coefficient_array(k).tolist(), strict=True)
+        )
 
     def coefficient_array(self, k: int) -> np.ndarray:
         """`coefficients` as an array, shape (count(n, k),), in the order of `exponents(k)`."""
@@ -123,13 +124,10 @@ class ValueFunction:
         """V(x): a scalar, or shape (N,)."""
 
         def value(points: np.ndarray) -> np.ndarray:
-            chunks = []
-            for chunk in self._chunks(points):
-                powers, start = monomials(chunk, self.value_parts), np.zeros(len(chunk))
-                chunks.append(sum((powers[k] @ part for k, part in self.value_parts.items()), start=start))
-            return np.concatenate(chunks)
+            powers, start = monomials(points, self.value_parts), np.zeros(len(points))
+            return sum((powers[k] @ part for k, part in self.value_parts.items()), start=start)
 
-        return self._at(x, value)
+        return self._at(x, lambda points: np.concatenate([*map(value, self._chunks(points))]))
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """V_x(x): shape (n,) or (N, n)."""
@@ -155,14 +153,14 @@ class ValueFunction:
 
     def inputs(self, x: np.ndarray) -> np.ndarray:
         """`law` at deviations (N, n), shape (N, m)."""
-        _, _, g2, _ = self._fields(x, "g2")
+        _, _, g2, _ = self.exact_fields(x, "g2")
         return -np.linalg.solve(self.expansion.r2, np.einsum("ai,aij->ja", self._gradient(x), g2)).T
 
     def worst_disturbance(self, x: np.ndarray) -> np.ndarray:
         """d = g1(x)ᵀ V_xᵀ / γ²: shape (md,) or (N, md); zero for γ = ∞."""
 
         def disturbance(points: np.ndarray) -> np.ndarray:
-            _, g1, _, _ = self._fields(points, "g1")
+            _, g1, _, _ = self.exact_fields(points, "g1")
             return np.einsum("ai,aij->aj", self._gradient(points), g1) / self.gamma**2
 
         return self._at(x, disturbance)
@@ -171,8 +169,9 @@ class ValueFunction:
         """Left-hand side of Eq. (8) with the exact f, g1, g2 and h: a scalar, or shape (N,)."""
 
         def left(points: np.ndarray) -> np.ndarray:
-            fields = self._fields(points, "residual")
-            return self.hamiltonian_terms(self._gradient(points), fields, self.gamma).sum(axis=0)
+            return self.hamiltonian_terms(
+                self._gradient(points), self.exact_fields(points, "residual"), self.gamma
+            ).sum(axis=0)
 
         return self._at(x, left)
 
@@ -194,17 +193,33 @@ class ValueFunction:
             [(slope * f).sum(1), (h * h).sum(1) / 2, (w1 * w1).sum(1) / 2, -(w2 * priced).sum(1) / 2]
         )
 
-    def exact_fields(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) of the exact plant at deviations (N, n)."""
-        return self._fields(x, "this")
+    def exact_fields(
+        self, x: np.ndarray, what: str = "this"
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) of the exact plant at deviations (N, n).
+
+        `what`: For errors, what needs them. Without the plant "g1" is the expansion's where that is constant, and "g2"
+        always.
+        """
+        if self.problem is not None:
+            return self.problem.fields(x)
+        constant = {"g1": self.expansion.g1_parts, "g2": self.expansion.g2_parts}.get(what, {})
+        if set(constant) == {0} or what == "g2":
+            return self.expansion.fields(x)
+        raise InvalidInput(
+            "The exact plant is not known to this solution.",
+            f"{what} needs it; the file it was loaded from holds the expansion only",
+            "load_solution(path, problem=…), or law_polynomial() for the law to the degree of V",
+        )
 
     # Inside ------------------------------------------------------------------------------------
     @cached_property
     def slope_parts(self) -> dict[int, np.ndarray]:
         """Monomial coefficients of V_k,x by degree k of V, shape (count(n, k−1), n)."""
         n = len(self.P)
-        parts = self.value_parts.items()
-        return read_only({k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in parts})
+        return read_only(
+            {k: gradient(part / basis.multiplicity(n, k), n, k) for k, part in self.value_parts.items()}
+        )
 
     def _at(self, x: np.ndarray, function: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """A function of points (N, n) at one deviation or several, all numbers finite."""
@@ -234,16 +249,3 @@ class ValueFunction:
 
     def _gradient(self, points: np.ndarray) -> np.ndarray:
         return sum(self.gradient_parts(points).values(), start=np.zeros(points.shape))
-
-    def _fields(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Exact fields; without the plant the expansion's g1 where that is constant, and its g2."""
-        if self.problem is not None:
-            return self.problem.fields(points)
-        constant = {"g1": self.expansion.g1_parts, "g2": self.expansion.g2_parts}.get(what, {})
-        if set(constant) == {0} or what == "g2":
-            return self.expansion.fields(points)
-        raise InvalidInput(
-            "The exact plant is not known to this solution.",
-            f"{what} needs it; the file it was loaded from holds the expansion only",
-            "load_solution(path, problem=…), or law_polynomial() for the law to the degree of V",
-        )

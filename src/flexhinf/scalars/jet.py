@@ -13,6 +13,7 @@ q(t + s) in s are q, q̇, q̈/2, … Unlike a `Jet`, whose coefficients are numb
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from numbers import Real
 from typing import Any
@@ -24,10 +25,19 @@ from flexhinf.polynomial import truncated
 from flexhinf.polynomial.truncated import Support, add, compose, multiply, size, space
 
 
-def _termwise(of: Callable[[Sequence[Any], Sequence[Any]], tuple[Any, ...]]) -> Any:
+def _termwise(
+    of: Callable[[Sequence[Any], Sequence[Any]], tuple[Any, ...]],
+    of_constant: Callable[[Any, Any], Any] | None = None,
+) -> Any:
+    """An operator of the coefficients with those of the other; `of_constant`: of each coefficient with a constant."""
+
     def method(self: Series, other: Any) -> Any:
         right = self._beside(other)
-        return NotImplemented if right is None else Series(of(self.coefficients, right))
+        if right is None:
+            return NotImplemented
+        if of_constant is not None and not isinstance(other, Series):
+            return Series(tuple(of_constant(c, other) for c in self.coefficients))
+        return Series(of(self.coefficients, right))
 
     return method
 
@@ -48,7 +58,6 @@ class Series:
         self.coefficients = coefficients
 
     def _beside(self, other: Any) -> tuple[Any, ...] | None:
-        """The other's coefficients; None for arrays and lists (NumPy then broadcasts)."""
         if isinstance(other, Series):
             if len(other.coefficients) != len(self.coefficients):
                 raise InvalidInput(
@@ -69,24 +78,10 @@ class Series:
     __rsub__ = _termwise(lambda a, b: tuple(y - x for x, y in zip(a, b)))
     __rtruediv__ = _termwise(lambda a, b: _quotient(b, a))
 
-    def __mul__(self, other: Any) -> Any:
-        right = self._beside(other)
-        if right is None:
-            return NotImplemented
-        a = self.coefficients
-        if isinstance(other, Series):
-            return Series(tuple(_convolved(a, right, k) for k in range(len(a))))
-        return Series(tuple(c * other for c in a))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Any:
-        right = self._beside(other)
-        if right is None:
-            return NotImplemented
-        if isinstance(other, Series):
-            return Series(_quotient(self.coefficients, right))
-        return Series(tuple(c / other for c in self.coefficients))
+    __mul__ = __rmul__ = _termwise(
+        lambda a, b: tuple(_convolved(a, b, k) for k in range(len(a))), operator.mul
+    )
+    __truediv__ = _termwise(lambda a, b: _quotient(a, b), operator.truediv)
 
     # NumPy's ufuncs on object arrays call the method of the same name.
     def sin(self) -> Series:
@@ -115,14 +110,9 @@ def series(*derivatives: Sequence[Any]) -> np.ndarray:
 
 def derivative(array: Any, order: int) -> np.ndarray:
     """The derivative of an order, (n,), of an array of `Series`; of other elements, which are constant, zero."""
-    factor, derivatives = math.factorial(order), []
-    for entry in array:
-        if isinstance(entry, Series):
-            term = entry.coefficients[order]
-            derivatives.append(term if factor == 1 else factor * term)
-        else:
-            derivatives.append(0.0 if order else entry)
-    return np.array(derivatives)
+    factor = math.factorial(order)
+    terms = [e.coefficients[order] if isinstance(e, Series) else 0.0 if order else e for e in array]
+    return np.array(terms if factor == 1 else [factor * term for term in terms])
 
 
 def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
@@ -135,8 +125,8 @@ def _convolved(a: Sequence[Any], b: Sequence[Any], k: int) -> Any:
 def _quotient(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
     inverse = 1.0 / b[0]
     c: list[Any] = []
-    for k in range(len(a)):
-        c.append((a[k] - _convolved(c, b, k)) * inverse)
+    for k, term in enumerate(a):
+        c.append((term - _convolved(c, b, k)) * inverse)
     return tuple(c)
 
 
@@ -152,14 +142,12 @@ def _sine_cosine(a: Sequence[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
 
 
 def _number(value: Any) -> float | None:
-    """A real number as a float; None for anything else (NumPy then broadcasts)."""
     if type(value) is float:
         return value
     return float(value) if isinstance(value, (Real, np.bool_)) else None
 
 
 def _operator(of_jets: Callable[[Any, Any], Jet], of_number: Callable[[Any, float], Jet]) -> Any:
-    """An operator of a jet with another of its kind, or with a real number."""
 
     def method(self: Jet, other: Any) -> Any:
         if isinstance(other, Jet):
@@ -265,9 +253,11 @@ class Jet:
         return Jet(*add(self.support, self.values, self.support.space.constant, np.array([amount])))
 
     def _scaled(self, factor: float) -> Jet:
-        if factor == 0.0:
-            return Jet(self.support.space.zero, np.zeros(0))
-        return Jet(self.support, self.values * factor)
+        return (
+            Jet(self.support, self.values * factor)
+            if factor != 0.0
+            else Jet(self.support.space.zero, np.zeros(0))
+        )
 
     def _divided(self, divisor: float) -> Jet:
         if divisor == 0.0:
@@ -279,9 +269,8 @@ class Jet:
         return Jet(self.support, self.values / divisor)
 
     def _to_jet(self, exponent: Jet) -> Jet:
-        if exponent.support is exponent.support.space.constant:
-            return self._power(exponent.constant)
-        return (self.log() * exponent).exp()
+        constant = exponent.support is exponent.support.space.constant
+        return self._power(exponent.constant) if constant else (self.log() * exponent).exp()
 
     def __neg__(self) -> Jet:
         return Jet(self.support, -self.values)
@@ -315,11 +304,9 @@ class Jet:
 
     def _compose(self, series: truncated.Series) -> Jet:
         support, values = self.support, self.values
+        outer = series(self.constant, support.space.degree)
         if support.has_constant:
-            outer = series(float(values[0]), support.space.degree)
             support, values = support.space.support(support.monomials[1:]), values[1:]
-        else:
-            outer = series(0.0, support.space.degree)
         return Jet(*compose(outer.tolist(), support, values))
 
     sin, cos, tan = _elementary("sin"), _elementary("cos"), _elementary("tan")
@@ -346,9 +333,8 @@ class Jet:
 
     def hypot(self, other: Any) -> Any:
         """√(self² + other²), off the origin."""
-        if not isinstance(other, Jet) and _number(other) is None:
-            return NotImplemented
-        return (self * self + other * other).sqrt()
+        known = isinstance(other, Jet) or _number(other) is not None
+        return (self * self + other * other).sqrt() if known else NotImplemented
 
     def conjugate(self) -> Jet:
         """The jet itself: its coefficients are real."""
@@ -388,8 +374,10 @@ def jets(point: Any, degree: int) -> np.ndarray:
     result = np.empty(len(point), dtype=object)
     for i, value in enumerate(point.tolist()):
         parts = [(0, value)] * (value != 0.0) + [(1 + i, 1.0)] * (degree > 0)
-        monomials = np.array([number for number, _ in parts], dtype=np.intp)
-        result[i] = Jet(home.support(monomials), np.array([v for _, v in parts], dtype=float))
+        result[i] = Jet(
+            home.support(np.array([number for number, _ in parts], dtype=np.intp)),
+            np.array([v for _, v in parts], dtype=float),
+        )
     return result
 
 
@@ -402,23 +390,22 @@ def terms(array: Any, n: int, degree: int) -> tuple[np.ndarray, np.ndarray, np.n
     """
     array = np.asarray(array, dtype=object)
     home = space(n, degree)
-    monomials, values = [np.zeros(0, np.intp)], [np.zeros(0)]
+    parts = [(np.zeros(0, np.intp), np.zeros(0))]
     for element in array.ravel():
         number = None if isinstance(element, Jet) else _number(element)
         if number is not None:
-            monomials.append(home.constant.monomials)
-            values.append(np.array([number]))
+            parts.append((home.constant.monomials, np.array([number])))
         elif isinstance(element, Jet) and element.support.space is home:
-            monomials.append(element.support.monomials)
-            values.append(element.values)
+            parts.append((element.support.monomials, element.values))
         else:
             raise InvalidInput(
                 "An element is not a polynomial of the asked kind.",
                 f"expected numbers and jets in {n} variables of degree {degree}, got {element!r}",
                 "the results of code that ran on jets(point, degree)",
             )
-    rows = np.repeat(np.arange(array.size), [len(part) for part in values[1:]])
-    return rows, np.concatenate(monomials), np.concatenate(values)
+    rows = np.repeat(np.arange(array.size), [len(values) for _, values in parts[1:]])
+    monomials, values = map(np.concatenate, zip(*parts))
+    return rows, monomials, values
 
 
 def coefficients(array: Any, n: int, degree: int) -> np.ndarray:

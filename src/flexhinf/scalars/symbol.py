@@ -27,9 +27,7 @@ def _lift(value: Any) -> ca.SX | None:
     """The SX of a Symbol or of a real number; None for anything else (NumPy then broadcasts)."""
     if isinstance(value, Symbol):
         return value.sx
-    if isinstance(value, (Real, np.bool_)):
-        return ca.SX(float(value))
-    return None
+    return ca.SX(float(value)) if isinstance(value, (Real, np.bool_)) else None
 
 
 # `SX.unary` and `SX.binary` build the same nodes as the operators and functions of CasADi, which look for the type of
@@ -131,21 +129,17 @@ class Symbol:
         return f"Symbol({text if len(text) < 60 else text[:57] + '...'})"
 
 
-def _sx(value: Any) -> ca.SX:
-    return value.sx if isinstance(value, Symbol) else ca.SX(float(value))
-
-
-def _dispatch(name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca.SX]) -> Callable[..., Any]:
-
+def _dispatch(
+    name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca.SX], text: str
+) -> Callable[..., Any]:
     def one(*elements: Any) -> Any:
         kinds = {type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))}
         if not kinds:
             return numeric(*elements)
         if kinds == {Symbol}:
-            return Symbol(symbolic(*map(_sx, elements)))
+            return Symbol(symbolic(*(e.sx if isinstance(e, Symbol) else ca.SX(float(e)) for e in elements)))
         offender = next(kind for kind in kinds if kind is not Symbol)
-        method = getattr(offender, f"piecewise_{name}", None)
-        if method is not None:
+        if method := getattr(offender, f"piecewise_{name}", None):
             return method(*elements)
         raise InvalidInput(
             f"The function {name} is not smooth, so it is not defined on {offender.__name__} elements.",
@@ -154,38 +148,33 @@ def _dispatch(name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca
         )
 
     def function(*arguments: Any) -> Any:
-        if all(np.asarray(a).dtype != object for a in arguments):
-            return numeric(*arguments)
-        result = np.frompyfunc(one, len(arguments), 1)(*arguments)
-        return result
+        numbers = all(np.asarray(a).dtype != object for a in arguments)
+        return (numeric if numbers else np.frompyfunc(one, len(arguments), 1))(*arguments)
 
-    function.__name__ = name
+    function.__name__, function.__doc__ = name, text
     return function
 
 
-where = _dispatch("where", np.where, lambda c, a, b: ca.if_else(c, a, b))
-maximum = _dispatch("maximum", np.maximum, ca.fmax)
-minimum = _dispatch("minimum", np.minimum, ca.fmin)
-sign = _dispatch("sign", np.sign, ca.sign)
-absolute = _dispatch("absolute", np.abs, ca.fabs)
+where = _dispatch(
+    "where",
+    np.where,
+    lambda c, a, b: ca.if_else(c, a, b),
+    """``a`` where the condition holds, else ``b``; both branches are evaluated.
+
+    A condition on symbols compares elements (``x[0] > 0``), or arrays by ``np.greater(x, y, dtype=object)``:
+    the operators of NumPy's arrays want yes or no.
+    """,
+)
+maximum = _dispatch("maximum", np.maximum, ca.fmax, "The larger of two elements.")
+minimum = _dispatch("minimum", np.minimum, ca.fmin, "The smaller of two elements.")
+sign = _dispatch("sign", np.sign, ca.sign, "−1, 0 or 1.")
+absolute = _dispatch("absolute", np.abs, ca.fabs, "The absolute value.")
 clip = _dispatch(
     "clip",
-    np.clip,
-    lambda x, low, high: ca.if_else(
-        x < low, low, ca.if_else(x > high, high, x)
-    ),  # NaN stays NaN; fmax drops it
+    np.clip,  # NaN stays NaN; fmax drops it
+    lambda x, low, high: ca.if_else(x < low, low, ca.if_else(x > high, high, x)),
+    "``x`` limited to [low, high].",
 )
-
-where.__doc__ = """``a`` where the condition holds, else ``b``; both branches are evaluated.
-
-A condition on symbols compares elements (``x[0] > 0``), or arrays by ``np.greater(x, y, dtype=object)``:
-the operators of NumPy's arrays want yes or no.
-"""
-maximum.__doc__ = "The larger of two elements."
-minimum.__doc__ = "The smaller of two elements."
-sign.__doc__ = "−1, 0 or 1."
-absolute.__doc__ = "The absolute value."
-clip.__doc__ = "``x`` limited to [low, high]."
 
 
 #: A pivot this small, times n, relative to what it is made of is zero: the matrix is singular to rounding.

@@ -12,7 +12,8 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
+from itertools import accumulate, pairwise
 from typing import Any
 
 import casadi as ca
@@ -36,6 +37,34 @@ def instructions(function: ca.Function) -> Iterator[Instruction]:
         code = function.instruction_id(k)
         constant = function.instruction_constant(k) if code == ca.OP_CONST else 0.0
         yield code, list(function.instruction_input(k)), list(function.instruction_output(k)), constant
+
+
+def walk(
+    function: ca.Function,
+    argument: Callable[[int, int], Any],
+    constant: Callable[[float], Any],
+    operation: Callable[[int, list[Any]], Any],
+) -> Iterator[tuple[int, int, Any]]:
+    """Evaluate a function on any kind of number, one instruction after the other.
+
+    `argument`: The number of an element of an argument. `constant`: Of a float. `operation`: Of an opcode and its
+    operands. Yields result, element and number of each output, in the order of the instructions.
+    """
+    work: dict[int, Any] = {}
+    for code, read, written, value in instructions(function):
+        if code == ca.OP_OUTPUT:
+            yield written[0], written[1], work[read[0]]
+        elif code == ca.OP_INPUT:
+            work[written[0]] = argument(read[0], read[1])
+        elif code == ca.OP_CONST:
+            work[written[0]] = constant(value)
+        else:
+            work[written[0]] = operation(code, [work[place] for place in read])
+
+
+def built(code: int, operands: Sequence[ca.SX]) -> ca.SX:
+    """An operation of one or two expressions."""
+    return (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(code, *operands)
 
 
 COLUMNS = ("first", "second", "result", "value")
@@ -67,23 +96,20 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
     """
     operations, rows = [], []
     for code, read, written, constant in instructions(function):
-        if code == ca.OP_CONST:
-            row = (0, 0, written[0], constant)
-        elif code == ca.OP_INPUT:
-            row = (read[0], read[1], written[0], 0.0)
-        elif code == ca.OP_OUTPUT:
-            row = (written[0], written[1], read[0], 0.0)
-        else:
-            row = (read[0], read[1] if len(read) > 1 else ONE_OPERAND, written[0], 0.0)
+        if code == ca.OP_OUTPUT:
+            read, written = written, read
+        empty = 0 if code == ca.OP_CONST else ONE_OPERAND
+        first, second = (*read, empty, empty)[:2]
         operations.append(NAMES[code])
-        rows.append(row)
-    columns = zip(*rows) if rows else ((),) * 4
+        rows.append((first, second, written[0], constant))
     arrays: dict[str, Any] = {
         name: np.array(column, dtype=float if name == "value" else np.int64)
-        for name, column in zip(COLUMNS, columns)
+        for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
     }
-    sizes = [function.size1_in(k) for k in range(function.n_in())]
-    sizes += [function.size1_out(k) for k in range(function.n_out())]
+    sizes = [
+        *(function.size1_in(k) for k in range(function.n_in())),
+        *(function.size1_out(k) for k in range(function.n_out())),
+    ]
     arrays["operation"] = np.array(operations, dtype=np.str_)
     arrays["sizes"], arrays["arguments"] = np.array(sizes, dtype=np.int64), np.array(function.n_in())
     return arrays
@@ -114,8 +140,7 @@ def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored")
         elif code == ca.OP_OUTPUT:
             results[first][second] = work[result]
         elif kind in (UNARY if second == ONE_OPERAND else BINARY):
-            operands = [work[place] for place in (first, second) if place != ONE_OPERAND]
-            work[result] = (ca.SX.unary if second == ONE_OPERAND else ca.SX.binary)(code, *operands)
+            work[result] = built(code, [work[place] for place in (first, second) if place != ONE_OPERAND])
         else:
             raise ValueError(f"unknown operation {operation!r}")
     return ca.Function(name, arguments, [ca.densify(result) for result in results])
@@ -170,15 +195,11 @@ def trace(
     arguments = [symbols(label, shape) for label, shape in zip(labels, shapes, strict=True)]
     inputs = [pack(argument) for argument in arguments]  # before the code may write into its arguments
     results = function(*arguments)
-    if not isinstance(results, tuple):
-        results = (results,)
-    outputs = [pack(result) for result in results]
+    outputs = [pack(result) for result in (results if isinstance(results, tuple) else (results,))]
     sizes = [output.numel() for output in outputs]
     shared = ca.cse(ca.vertcat(*outputs)) if outputs else ca.SX.zeros(0, 1)
-    edges = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-    split = [ca.densify(shared[int(a) : int(b)]) for a, b in pairwise(edges)]
-    results_named = [f"o{k}" for k in range(len(split))]
-    return ca.Function(name, inputs, split, labels, results_named)
+    split = [ca.densify(shared[a:b]) for a, b in pairwise(accumulate(sizes, initial=0))]
+    return ca.Function(name, inputs, split, labels, [f"o{k}" for k in range(len(split))])
 
 
 def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
@@ -190,8 +211,7 @@ def apply(function: ca.Function, *arrays: Any) -> tuple[np.ndarray, ...]:
             "one array per argument it was traced with",
         )
     if any(np.asarray(a).dtype == object for a in arrays):
-        results = function.call([pack(a) for a in arrays])
-        return tuple(unpack(r, (r.numel(),)) for r in results)
+        return tuple(unpack(r, (r.numel(),)) for r in function.call([pack(a) for a in arrays]))
     numbers = function.call([ca.DM(np.asarray(a, dtype=float).ravel()) for a in arrays])
     return tuple(np.asarray(r, dtype=float).ravel() for r in numbers)
 
@@ -219,28 +239,24 @@ def jacobian(
     value = traced.call(inputs)[0]
     derivative = ca.jacobian(value, inputs[0])
     flat = ca.densify(ca.vec(derivative.T))  # SX is column-major: the transpose flattens in C order
-    return _ValueAndJacobian(ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape)
+    return partial(
+        _value_and_jacobian, ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape
+    )  # which can be pickled, unlike a nested function
 
 
-@dataclass(frozen=True)
-class _ValueAndJacobian:
-    """The function that `jacobian` returns: unlike a nested function, it can be pickled."""
-
-    both: ca.Function
-    shape: tuple[int, int]
-
-    def __call__(self, *arrays: Any) -> tuple[np.ndarray, np.ndarray]:
-        y, dy = apply(self.both, *arrays)
-        return y, dy.reshape(self.shape)
+def _value_and_jacobian(
+    both: ca.Function, shape: tuple[int, int], *arrays: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    y, dy = apply(both, *arrays)
+    return y, dy.reshape(shape)
 
 
 def drop_empty(function: ca.Function) -> ca.Function:
     """The function without its arguments of length zero, which no buffer can hold."""
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     kept = [a for a in arguments if a.numel()]
-    if len(kept) == len(arguments):
-        return function
-    return ca.Function(function.name(), kept, function.call(arguments), {"cse": True})
+    whole = len(kept) == len(arguments)
+    return function if whole else ca.Function(function.name(), kept, function.call(arguments), {"cse": True})
 
 
 def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function | None, ca.Function]:
@@ -254,7 +270,6 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
     """
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     results = [ca.SX.zeros(function.size1_out(k)) for k in range(function.n_out())]
-    places: dict[int, _Value] = {}  # of the function's work vector
     before: list[ca.SX] = []
     names: list[ca.SX] = []
 
@@ -268,23 +283,21 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name
 
-    for code, read, written, constant in instructions(function):
-        if code == ca.OP_OUTPUT:
-            results[written[0]][written[1]] = outside(places[read[0]])
-            continue
-        if code == ca.OP_CONST:
-            value = _Value(ca.SX(constant), False, True)
-        elif code == ca.OP_INPUT:
-            value = _Value(arguments[read[0]][read[1]], moving[read[0]], True)
-        else:
-            operands = [places[place] for place in read]
-            moves = any(operand.moves for operand in operands)
-            symbols = [outside(operand) if moves else operand.sx for operand in operands]
-            if moves and code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
-                code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
-            build = ca.SX.unary if len(symbols) == 1 else ca.SX.binary
-            value = _Value(build(code, *symbols), moves, False)
-        places[written[0]] = value
+    def operation(code: int, operands: list[_Value]) -> _Value:
+        if not any(operand.moves for operand in operands):
+            return _Value(built(code, [operand.sx for operand in operands]), False, False)
+        symbols = [outside(operand) for operand in operands]
+        if code == ca.OP_DIV and not operands[1].moves and not operands[1].sx.is_constant():
+            code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
+        return _Value(built(code, symbols), True, False)
+
+    for result, element, value in walk(
+        function,
+        lambda k, element: _Value(arguments[k][element], moving[k], True),
+        lambda constant: _Value(ca.SX(constant), False, True),
+        operation,
+    ):
+        results[result][element] = outside(value)
     if not before:
         return None, function
     fixed = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
@@ -345,27 +358,20 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     a bounded function of them goes on elsewhere, and branch points of roots and inverse sines.
     """
     function = ca.Function("walked", [z], [ca.densify(ca.vec(expressions))])
-    work: dict[int, ca.SX] = {}
     conditions: list[ca.SX] = []
-    for operation, read, written, constant in instructions(function):
-        if operation == ca.OP_OUTPUT:
-            continue
-        if operation == ca.OP_INPUT:
-            value = z[read[1]]
-        elif operation == ca.OP_CONST:
-            value = ca.SX(constant)
-        else:
-            operands = [work[place] for place in read]
-            if operation in COMPARISONS:
-                conditions.append(operands[0] - operands[1])
-            elif operation in STEPS or operation in PAIRS:
-                conditions.extend(operands[: 2 if operation in PAIRS else 1])
-            elif poles and operation in POLES and not operands[POLES[operation]].is_constant():
-                conditions.append(operands[POLES[operation]])
-            elif poles and operation in BRANCHES:
-                conditions.append(BRANCHES[operation](operands[0]))
-            value = (ca.SX.unary if len(operands) == 1 else ca.SX.binary)(operation, *operands)
-        work[written[0]] = value
+
+    def operation(code: int, operands: list[ca.SX]) -> ca.SX:
+        if code in COMPARISONS:
+            conditions.append(operands[0] - operands[1])
+        elif code in STEPS or code in PAIRS:
+            conditions.extend(operands[: 2 if code in PAIRS else 1])
+        elif poles and code in POLES and not operands[POLES[code]].is_constant():
+            conditions.append(operands[POLES[code]])
+        elif poles and code in BRANCHES:
+            conditions.append(BRANCHES[code](operands[0]))
+        return built(code, operands)
+
+    list(walk(function, lambda _, element: z[element], ca.SX, operation))
     return ca.vertcat(*conditions) if conditions else ca.SX.zeros(0, 1)
 
 
@@ -379,22 +385,18 @@ def linear(function: ca.Function) -> bool:
 
     The derivative does not say it: that of an angle wrapped by arctan2(sin x, cos x) is one, that of floor(x) zero.
     """
-    moves: dict[int, bool] = {}  # of the work vector: whether a number depends on the first argument
-    for operation, read, written, _ in instructions(function):
-        if operation == ca.OP_OUTPUT:
-            continue
-        if operation == ca.OP_INPUT:
-            is_linear = read[0] == 0
-        else:
-            operands = [moves[place] for place in read]
-            is_linear = any(operands)
-            fixed = operation in LINEAR
-            fixed |= operation == ca.OP_MUL and not all(operands)
-            fixed |= operation == ca.OP_DIV and not operands[1]
-            if is_linear and not fixed:
-                return False
-        moves[written[0]] = is_linear
-    return True
+    bad: list[int] = []
+
+    def operation(code: int, moves: list[bool]) -> bool:
+        is_linear = (
+            code in LINEAR or (code == ca.OP_MUL and not all(moves)) or (code == ca.OP_DIV and not moves[1])
+        )
+        if any(moves) and not is_linear:
+            bad.append(code)
+        return any(moves)
+
+    list(walk(function, lambda k, _: k == 0, lambda _: False, operation))
+    return not bad
 
 
 def varying(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
@@ -428,12 +430,10 @@ def nonzero(entries: ca.SX, z: ca.SX, scale: ca.SX) -> np.ndarray:
 
 def sizes_of_rows(matrix: ca.SX, columns: int | None = None) -> ca.SX:
     """Σⱼ |mᵢⱼ| for every entry of row i, with as many columns as the matrix or as `columns`."""
-    sizes = ca.sum2(ca.fabs(ca.densify(matrix)))
-    return ca.repmat(sizes, 1, matrix.shape[1] if columns is None else columns)
+    return ca.repmat(ca.sum2(ca.fabs(ca.densify(matrix))), 1, matrix.shape[1] if columns is None else columns)
 
 
 def _at_points(flat: ca.SX, sizes: ca.SX, z: ca.SX) -> tuple[np.ndarray, np.ndarray]:
-    """Values and sizes of terms, both (k, N), at the points."""
     rng = np.random.default_rng(1)
     points = np.hstack([radius * rng.normal(size=(z.numel(), POINTS)) for radius in RADII])
     values = ca.Function("values", [z], [flat, sizes])

@@ -1,8 +1,4 @@
 """A program as C99: no library but ``<math.h>``, no memory but the caller's."""
 
-from __future__ import annotations
-
-from flexhinf.codegen.c.functions import Real, constant
-from flexhinf.codegen.c.module import Translator
-
-__all__ = ["Real", "Translator", "constant"]
+from flexhinf.codegen.c.algebra import Real as Real, constant as constant
+from flexhinf.codegen.c.module import Translator as Translator

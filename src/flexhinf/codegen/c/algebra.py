@@ -10,10 +10,47 @@ Arguments beyond, and those that are not finite, go to the library.
 from __future__ import annotations
 
 import math
+from itertools import accumulate
+from typing import Literal
 
-from flexhinf.codegen.c.functions import Real, constant
+import numpy as np
+
 from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
+from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
+
+
+class Real:
+    """``double`` or ``float``: the end of constants and of the names of ``<math.h>``, bytes, and the distance from 1 to
+    the next number. Nothing is computed in double in a float build."""
+
+    def __init__(self, name: Literal["double", "float"]) -> None:
+        self.name = name
+        self.suffix, self.bytes = ("", 8) if name == "double" else ("f", 4)
+        self.epsilon = float(np.finfo(np.float64 if name == "double" else np.float32).eps)
+
+
+def constant(value: float, real: Real) -> str:
+    """A number as C writes it; read back, it is the nearest one of this type.
+
+    Raises InvalidInput: if it is NaN, or lies beyond the type.
+    """
+    if math.isinf(value):
+        huge = f"HUGE_VAL{real.suffix.upper()}"
+        return huge if value > 0.0 else f"-{huge}"
+    with np.errstate(over="ignore", under="ignore"):
+        number = float(value) if real.name == "double" else np.float32(value)
+    if not np.isfinite(number) or (value != 0.0 and number == 0.0):
+        raise InvalidInput(
+            f"A number does not fit C's type {real.name}.",
+            f"expected magnitudes from 1e-45 to 3e38, or 0, got {value:g}",
+            "the type double, or other units",
+        )
+    text = repr(float(number)) if real.name == "double" else np.format_float_scientific(number, trim="-")
+    if "." not in text and "e" not in text:
+        text += ".0"
+    return text + real.suffix
+
 
 #: A pivot below so many times what it is made of, times n, counts as zero: 45 units of the last place.
 #: As `flexhinf.scalars.cholesky` in double, which says what it means.
@@ -31,8 +68,8 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
     The last of them are then computed again with those before, so that none is left over; `plus` must not be the
     target. One and one set no condition.
     """
-    arguments = ["const {R} *left", "const {R} *right"]
-    arguments += ["const {R} *weights"] * weighted + ["const {R} *plus"] * added
+    names = ["left", "right"] + ["weights"] * weighted + ["plus"] * added
+    arguments = [f"const {{R}} *{name}" for name in names]
     width = str(wide) if wide > 1 else f"((columns - j < {WIDE}) ? columns - j : {WIDE})"
     plus = " + plus[i * columns + j + e]" * added
     mirror = """
@@ -65,7 +102,6 @@ def outer_sum(name: str, weighted: bool, added: bool, symmetric: bool, tall: int
 
 
 def _terms(count: int, tall: int, width: str, weighted: bool) -> str:
-    """Terms k, k + 1 … of some rows, one after the other."""
 
     def ahead(text: str, number: int) -> str:
         return f"({text} + {number})" if number else text
@@ -95,19 +131,17 @@ def _last(first: str, count: str, together: int) -> str:
 def polynomial(name: str, n: int, values: int, columns: int, degrees: tuple[int, ...]) -> str:
     """Polynomials in nested form, see `flexhinf.codegen.program.Polynomial`: one loop inside the other."""
     width, highest = min(columns, WIDE), degrees[-1]
-    begin, before = [], 0
-    for degree in degrees:
-        begin.append(
-            f"        const {{R}} *row{degree} = table + first{f' + {before * columns}' if before else ''};"
-        )
-        before += basis.count(n, degree)
+    before = accumulate((basis.count(n, degree) for degree in degrees), initial=0)
+    begin = [
+        f"        const {{R}} *row{degree} = table + first{f' + {rows * columns}' if rows else ''};"
+        for degree, rows in zip(degrees, before)
+    ]
 
     def each(indent: int, line: str, end: str = str(width)) -> list[str]:
         lines = (f"for (int e = 0; e < {end}; ++e) {{", f"    {line}", "}")
         return [" " * indent + line for line in lines]
 
     def sums(chosen: int, indent: int) -> list[str]:
-        """Lines of the inner sums, after so many variables are chosen."""
         space, start = " " * indent, f"row{chosen}[e]" if chosen in degrees else "{0}"
         lines = [f"{space}{{R}} sum{chosen}[{width}];", *each(indent, f"sum{chosen}[e] = {start};")]
         if chosen in degrees:
@@ -179,33 +213,30 @@ def cholesky(name: str, real: Real) -> str:
 }}"""
 
 
-def finite(name: str) -> str:
-    """Whether all of some numbers are finite."""
-    return f"""static int {name}(const {{R}} *numbers, int count)
-{{
-    for (int i = 0; i < count; ++i) {{
-        if (!isfinite(numbers[i])) {{
+#: Whether all of some numbers are finite.
+FINITE = """static int {name}(const {R} *numbers, int count)
+{
+    for (int i = 0; i < count; ++i) {
+        if (!isfinite(numbers[i])) {
             return 0;
-        }}
-    }}
+        }
+    }
     return 1;
-}}"""
+}"""
 
-
-def copy(name: str) -> str:
-    """Copy numbers from one place to another; the places may overlap."""
-    return f"""static void {name}(const {{R}} *source, {{R}} *target, int count)
-{{
-    if (source < target) {{
-        for (int i = count - 1; i >= 0; --i) {{
+#: Copy numbers from one place to another; the places may overlap.
+COPY = """static void {name}(const {R} *source, {R} *target, int count)
+{
+    if (source < target) {
+        for (int i = count - 1; i >= 0; --i) {
             target[i] = source[i];
-        }}
-    }} else {{
-        for (int i = 0; i < count; ++i) {{
+        }
+    } else {
+        for (int i = 0; i < count; ++i) {
             target[i] = source[i];
-        }}
-    }}
-}}"""
+        }
+    }
+}"""
 
 
 def column(name: str, read: bool) -> str:

@@ -1,14 +1,30 @@
-"""A program as C functions: one for each traced function, a few for linear algebra, one that runs the steps."""
+"""A program as C functions: one for each traced function, a few for linear algebra, one that runs the steps.
+
+A traced function is a C function for one column of numbers or for several side by side. For several, every number is a
+row of LANES numbers, and the text is a few loops over the lanes which a compiler turns into vector instructions. Where
+the function calls the mathematical library, which has no vectors, the loops are cut: what later loops need of earlier
+ones is kept in rows.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import function as sine_function, row_function
-from flexhinf.codegen.c.functions import CALLS, INDENT, SINES, Real, constant, function_text
+from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.emit.opcodes import (
+    LIBRARY,
+    MULTIPLY_ADD,
+    MULTIPLY_SUBTRACT,
+    SINGLE,
+    SUBTRACT_PRODUCT,
+    Dataflow,
+    read_dataflow,
+)
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, overlap, whole
 from flexhinf.codegen.program import (
     Call,
@@ -28,8 +44,188 @@ from flexhinf.codegen.program import (
 from flexhinf.scalars import drop_empty
 from flexhinf.scalars.trace import instructions
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+#: Functions that are written here instead of called where numbers are double; and functions of two numbers.
+SINES = {casadi.OP_SIN: "sin", casadi.OP_COS: "cos"}
+OF_TWO = (
+    casadi.OP_ATAN2, casadi.OP_POW, casadi.OP_CONSTPOW, casadi.OP_HYPOT, casadi.OP_FMOD, casadi.OP_REMAINDER,
+    casadi.OP_COPYSIGN,
+)  # fmt: skip
+
+#: Expressions of operands {0}, {1}, … and of {one} and {zero}; {f} ends the names of functions of the type.
+OPERATIONS: dict[int, str] = {
+    **{code: f"{name}{{f}}({{0}})" for code, name in {**LIBRARY, **SINGLE, **SINES}.items()},
+    **{code: f"{LIBRARY.get(code, 'copysign')}{{f}}({{0}}, {{1}})" for code in OF_TWO},
+    MULTIPLY_ADD: "FMA({0}, {1}, {2})",
+    MULTIPLY_SUBTRACT: "FMA({0}, {1}, -{2})",
+    SUBTRACT_PRODUCT: "FMA(-{0}, {1}, {2})",
+    casadi.OP_ASSIGN: "{0}",
+    casadi.OP_ADD: "{0} + {1}",
+    casadi.OP_SUB: "{0} - {1}",
+    casadi.OP_MUL: "{0} * {1}",
+    casadi.OP_DIV: "{0} / {1}",
+    casadi.OP_NEG: "-{0}",
+    casadi.OP_SQ: "{0} * {0}",
+    casadi.OP_TWICE: "{0} + {0}",
+    casadi.OP_INV: "{one} / {0}",
+    casadi.OP_SIGN: "({0} < {zero}) ? -{one} : (({0} > {zero}) ? {one} : {0})",
+    # fmin, fmax of C: a NaN loses, the first operand wins a tie
+    casadi.OP_FMIN: "({1} < {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_FMAX: "({1} > {0} || isnan({0})) ? {1} : {0}",
+    casadi.OP_LT: "({0} < {1}) ? {one} : {zero}",
+    casadi.OP_LE: "({0} <= {1}) ? {one} : {zero}",
+    casadi.OP_EQ: "({0} == {1}) ? {one} : {zero}",
+    casadi.OP_NE: "({0} != {1}) ? {one} : {zero}",
+    casadi.OP_NOT: "({0} == {zero}) ? {one} : {zero}",
+    # NaN stands for "true", as in C
+    casadi.OP_AND: "(({0} != {zero}) && ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_OR: "(({0} != {zero}) || ({1} != {zero})) ? {one} : {zero}",
+    casadi.OP_IF_ELSE_ZERO: "({0} != {zero}) ? {1} : {zero}",
+}
+
+#: Operations that call the mathematical library; the others are single instructions.
+CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
+
+
+INDENT = "    "
+
+
+def block(head: str, lines: Iterable[str]) -> list[str]:
+    """Lines of C after a head that ends with a brace, and the other brace."""
+    return [head, *(INDENT + line for line in lines), "}"]
+
+
+def loop(counter: str, end: int | str, lines: Iterable[str]) -> list[str]:
+    """Lines of C for every `counter` from 0 to `end`."""
+    return block(f"for (int {counter} = 0; {counter} < {end}; ++{counter}) {{", lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Function:
+    flow: Dataflow
+    real: Real
+    lanes: int
+    moving: tuple[bool, ...]
+    calls: Mapping[int, str]
+    rows: Callable[[tuple[int, ...]], str]
+
+    def single(self) -> Iterator[str]:
+        needed = self._needed()
+        for k, operation in self.flow.operations.items():
+            if k in needed and operation.code != casadi.OP_CONST:
+                yield f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};"
+        for result, element, value in self.flow.outputs:
+            yield f"out{result}[{element}] = {self._operand(value, 'v', set())};"
+
+    def several(self) -> Iterator[str]:
+        """Loops over the lanes, cut where the library is called; one call may be of all lanes at once."""
+        operations, levels, needed = self.flow.operations, self._levels(), self._needed()
+        last = max(levels.values(), default=0)
+        kept = self._kept(levels, needed)
+        for k in sorted(kept):
+            yield f"{self.real.name} w{k}[{self.lanes}];"
+        for level in range(last + 1):
+            here = [k for k in sorted(needed) if levels.get(k) == level]
+            called = [k for k in here if operations[k].code in CALLS]
+            rows = [k for k in called if self._is_of_rows(k)]
+            yield from self._loop([k for k in here if k not in set(called)], kept, level == last)
+            yield from self._loop([k for k in called if k not in set(rows)], kept, False)
+            # a sine and a cosine of one argument are one call
+            of: dict[int, dict[int, int]] = {}  # argument → operation → value
+            for k in rows:
+                of.setdefault(operations[k].arguments[0], {})[operations[k].code] = k
+            for argument, values in of.items():
+                source, place = operations[argument], f"w{argument}"
+                if source.code == casadi.OP_INPUT and self.moving[source.arguments[0]]:
+                    k, element = source.arguments
+                    place = f"in{k} + {element * self.lanes}" if element else f"in{k}"
+                places = "".join(f", w{values[code]}" for code in sorted(values))
+                yield f"{self.rows(tuple(sorted(values)))}({place}{places});"
+
+    def _is_of_rows(self, k: int) -> bool:
+        operation = self.flow.operations[k]
+        source = self.flow.operations[operation.arguments[0]]
+        moves = self.moving[source.arguments[0]] if source.code == casadi.OP_INPUT else True
+        return operation.code in self.calls and moves and source.code != casadi.OP_CONST
+
+    def _loop(self, values: list[int], kept: set[int], last: bool) -> Iterator[str]:
+        here, lines, loaded = set(values), [], set()
+
+        def load(arguments: tuple[int, ...]) -> None:
+            for k in arguments:
+                if self.flow.operations[k].code == casadi.OP_INPUT and k not in loaded:
+                    loaded.add(k)
+                    lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'v', set())};")
+
+        for k in values:
+            load(self.flow.operations[k].arguments)
+            lines.append(f"const {self.real.name} v{k} = {self._expression(k, 'w', here | loaded)};")
+            if k in kept:
+                lines.append(f"w{k}[l] = v{k};")
+        if last:
+            load(tuple(value for _, _, value in self.flow.outputs))
+            lines += [
+                f"out{result}[{self._row(element)}] = {self._operand(value, 'w', here | loaded)};"
+                for result, element, value in self.flow.outputs
+            ]
+        if lines:
+            yield from loop("l", self.lanes or "count", lines)
+
+    def _row(self, element: int) -> str:
+        return f"{element * self.lanes} + l" if element else "l"
+
+    def _levels(self) -> dict[int, int]:
+        """The loop of each operation: after every library call that it depends on."""
+        operations, levels = self.flow.operations, {}
+        for k, operation in operations.items():
+            if operation.code not in (casadi.OP_CONST, casadi.OP_INPUT):
+                before = [
+                    levels[argument] + (operations[argument].code in CALLS)
+                    for argument in operation.arguments
+                    if argument in levels
+                ]
+                levels[k] = max(before, default=0)
+        results = [value for _, _, value in self.flow.outputs]
+        end = max((levels.get(value, 0) for value in results), default=0)
+        if any(levels.get(value) == end and operations[value].code in CALLS for value in results):
+            levels[-1] = max(levels.values()) + 1  # a loop for the results alone
+        return levels
+
+    def _kept(self, levels: dict[int, int], needed: set[int]) -> set[int]:
+        operations = self.flow.operations
+        uses = [(value, max(levels.values(), default=0), False) for _, _, value in self.flow.outputs]
+        for k in needed & levels.keys():
+            uses += [(a, levels[k], operations[k].code in CALLS) for a in operations[k].arguments]
+        return {
+            value
+            for value, level, called in uses
+            if value in levels and (levels[value] != level or (operations[value].code in CALLS) != called)
+        }
+
+    def _needed(self) -> set[int]:
+        operations, needed = self.flow.operations, {value for _, _, value in self.flow.outputs}
+        for k in reversed(operations):
+            if k in needed and operations[k].code != casadi.OP_INPUT:
+                needed.update(operations[k].arguments)
+        return needed
+
+    def _operand(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
+        if operation.code == casadi.OP_CONST:
+            text = constant(operation.constant, self.real)
+            return f"({text})" if text.startswith("-") else text
+        return f"w{value}[l]" if row == "w" and value not in here else f"v{value}"
+
+    def _expression(self, value: int, row: str, here: set[int]) -> str:
+        operation = self.flow.operations[value]
+        if operation.code == casadi.OP_INPUT:
+            argument, element = operation.arguments
+            several = self.lanes != 1 and self.moving[argument]
+            return f"in{argument}[{self._row(element) if several else element}]"
+        operands = [self._operand(argument, row, here) for argument in operation.arguments]
+        if operation.code in self.calls:
+            return f"{self.calls[operation.code]}({operands[0]})"
+        unit, zero = constant(1.0, self.real), constant(0.0, self.real)
+        return OPERATIONS[operation.code].format(*operands, one=unit, zero=zero, f=self.real.suffix)
 
 
 class Translator:
@@ -58,14 +254,12 @@ class Translator:
         Raises Unsupported: A step or an operation for which there is no C here.
         """
         full = f"{self.prefix}_{name}"
-        body = list(self._body(program.body, []))
+        body = [*self._body(program.body, []), "return 0;"]
         arguments = [
             f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
         ]
-        head = f"static int {full}({', '.join(arguments)})\n{{"
-        lines = [INDENT + line for line in (*body, "return 0;")]
-        self.functions[full] = "\n".join([head, *lines, "}"])
+        self.functions[full] = "\n".join(block(f"static int {full}({', '.join(arguments)})\n{{", body))
         return full
 
     # Steps --------------------------------------------------------------------------------------------
@@ -75,13 +269,10 @@ class Translator:
                 if isinstance(step.count, str):
                     raise _unsupported(f"a loop of {step.count!r} turns, a number that is given when it runs")
                 counter = f"k{len(loops)}"
-                yield f"for (int {counter} = 0; {counter} < {step.count}; ++{counter}) {{"
-                yield from (INDENT + line for line in self._body(step.body, [*loops, counter]))
-                yield "}"
+                yield from loop(counter, step.count, self._body(step.body, [*loops, counter]))
             elif isinstance(step, When):
-                yield f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
-                yield from (INDENT + line for line in self._body(step.body, loops))
-                yield "}"
+                head = f"if (*({self._at(step.flag, loops)}) != {constant(0.0, self.real)}) {{"
+                yield from block(head, self._body(step.body, loops))
             elif isinstance(step, Call):
                 moving: tuple[bool, ...] = ()
                 if self._columns > 1:
@@ -100,28 +291,23 @@ class Translator:
             elif isinstance(step, Polynomial):
                 sizes = step.point.size, step.target.size, step.columns
                 short = f"polynomials{''.join(f'_{number}' for number in (*sizes, *step.degrees))}"
-                name = self._helper(short, algebra.polynomial(f"{self.prefix}_{short}", *sizes, step.degrees))
+                name = self._helper(short, algebra.polynomial, *sizes, step.degrees)
                 places = [self._at(piece, loops) for piece in (step.point, step.table, step.target)]
                 yield f"{name}({', '.join(places)});"
             elif isinstance(step, Cholesky):
-                name = self._helper("cholesky", algebra.cholesky(f"{self.prefix}_cholesky", self.real))
+                name = self._helper("cholesky", algebra.cholesky, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 yield f"{name}({', '.join(places)}, {step.order});"
             elif isinstance(step, Copy):
                 source, target = self._at(step.source, loops), self._at(step.target, loops)
                 size = step.source.size * max(1, self._columns)
                 if self._columns and step.source.buffer != COLUMN:  # the same for all columns
-                    yield f"for (int i = 0; i < {size}; ++i) {{"
-                    yield f"{INDENT}({target})[i] = ({source})[i / {self._columns}];"
-                    yield "}"
+                    yield from loop("i", size, [f"({target})[i] = ({source})[i / {self._columns}];"])
                 else:
-                    name = self._helper("copy", algebra.copy(f"{self.prefix}_copy"))
-                    yield f"{name}({source}, {target}, {size});"
+                    yield f"{self._helper('copy', algebra.COPY)}({source}, {target}, {size});"
             elif isinstance(step, Guard):
-                name = self._helper("finite", algebra.finite(f"{self.prefix}_finite"))
-                yield f"if (!{name}({self._at(step.source, loops)}, {step.source.size})) {{"
-                yield f"{INDENT}return {step.code};"
-                yield "}"
+                finite = f"{self._helper('finite', algebra.FINITE)}({self._at(step.source, loops)}, {step.source.size})"
+                yield from block(f"if (!{finite}) {{", [f"return {step.code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
 
@@ -144,7 +330,7 @@ class Translator:
         tall = algebra.TALL if wide > 1 and step.shape[0] >= algebra.TALL else 1
         flags = step.weights is not None, step.plus is not None, step.symmetric
         short = "sum" + "".join(letter for letter, flag in zip("wpsvt", (*flags, wide > 1, tall > 1)) if flag)
-        name = self._helper(short, algebra.outer_sum(f"{self.prefix}_{short}", *flags, tall, wide))
+        name = self._helper(short, algebra.outer_sum, *flags, tall, wide)
         pieces = [step.left, step.right, step.weights, step.plus, step.target]
         places = [self._at(piece, loops) for piece in pieces if piece is not None]
         return f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
@@ -157,40 +343,30 @@ class Translator:
         apart = not any(
             overlap(whole(source), result.whole) for source in step.inputs for result in step.outputs
         )
-        if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
-            name = self._function(step.function, 0, moving)
-            places = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
-            yield f"{name}({', '.join(places)}, {step.count});"
-            return
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
+        if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
+            yield f"{self._function(step.function, 0, moving)}({', '.join(starts)}, {step.count});"
+            return
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
         name = self._function(step.function, lanes, moving if lanes > 1 else ())
-        declared, gather, scatter, places = [], [], [], []
+        left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
+        declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
             if not isinstance(piece, Columns):
                 places.append(start)
                 continue
             along, across = piece.moves
+            column, place = f"{start} + {_times('c', across)}", f"column{k}"
             if lanes == 1 and (along == 1 or piece.size == 1):
-                places.append(f"{start} + {_times('c', across)}")
+                places.append(column)
                 continue
-            place = f"column{k}"
             places.append(place)
             declared.append(f"{self.real.name} {place}[{piece.size * lanes}];")
-            sizes = f"{piece.size}, {along}, {across}"
-            if lanes == 1:
-                column = f"{start} + {_times('c', across)}"
-                line = f"{self._mover(k < read)}({column}, {place}, {piece.size}, {along});"
-            else:
-                line = f"{self._packer(k < read, lanes)}({start} + {_times('c', across)}, {place}, {sizes}, left);"
-            (gather if k < read else scatter).append(line)
-        yield f"for (int c = 0; c < {step.count}; c += {lanes}) {{"
-        if lanes > 1:
-            yield f"{INDENT}const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
-        call = f"{name}({', '.join(places)});"
-        yield from (INDENT + line for line in (*declared, *gather, call, *scatter))
-        yield "}"
+            moves = gather if k < read else scatter
+            moves.append(self._move(piece, start, place, lanes, "left", k < read))
+        lines = [*declared, *gather, f"{name}({', '.join(places)});", *scatter]
+        yield from block(f"for (int c = 0; c < {step.count}; c += {lanes}) {{", lines)
 
     def _sweep(self, step: Sweep, loops: list[str]) -> Iterator[str]:
         """Blocks of columns side by side; a column or two that are left over go alone.
@@ -204,37 +380,34 @@ class Translator:
             end = step.count - left % lanes if left >= lanes else step.count
             number = str(min(left, lanes))
             lines = [f"{self.real.name} column[{step.size * lanes}];"]
-            lines += [self._move(pair, loops, lanes, number, True) for pair in step.inputs]
+            for columns, place in step.inputs:
+                start, inside = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
+                lines.append(self._move(columns, start, inside, lanes, number, True))
             spread = _shared(step.body) if lanes > 1 else {}
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
-            lines += [self._move(pair, loops, lanes, number, False) for pair in step.outputs]
-            yield "{"
+            for columns, place in step.outputs:
+                start, inside = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
+                lines.append(self._move(columns, start, inside, lanes, number, False))
+            copies = [f"{self.real.name} {name}[{piece.size * lanes}];" for piece, name in spread.items()]
             for piece, name in spread.items():
-                yield f"{INDENT}{self.real.name} {name}[{piece.size * lanes}];"
-            for piece, name in spread.items():
-                yield f"{INDENT}for (int i = 0; i < {piece.size}; ++i) {{"
-                yield f"{INDENT * 2}for (int l = 0; l < {lanes}; ++l) {{"
-                yield f"{INDENT * 3}{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
-                yield f"{INDENT * 2}}}"
-                yield f"{INDENT}}}"
-            yield f"{INDENT}for (int c = {first}; c < {end}; c += {lanes}) {{"
-            yield from (INDENT * 2 + line for line in lines)
-            yield f"{INDENT}}}"
-            yield "}"
+                copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
+                copies += loop("i", piece.size, loop("l", lanes, [copy]))
+            yield from block(
+                "{", [*copies, *block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)]
+            )
             first = end
 
-    def _move(
-        self, pair: tuple[Columns, Slice], loops: list[str], lanes: int, number: str, read: bool
-    ) -> str:
-        columns, place = pair
+    def _move(self, columns: Columns, start: str, place: str, lanes: int, left: str, read: bool) -> str:
+        """A call that copies a column, or `left` columns side by side, from a matrix at `start` to a place, or back."""
         along, across = columns.moves
-        matrix = f"{self._at(columns.whole, loops)} + {_times('c', across)}"
-        ends = f"{matrix}, column + {place.offset * lanes}, {columns.size}, {along}"
+        ends = f"{start} + {_times('c', across)}, {place}"
         if lanes == 1:
-            return f"{self._mover(read)}({ends});"
-        return f"{self._packer(read, lanes)}({ends}, {across}, {number});"
+            name = self._helper("gather" if read else "scatter", algebra.column, read)
+            return f"{name}({ends}, {columns.size}, {along});"
+        name = self._helper("pack" if read else "unpack", algebra.columns, read, lanes)
+        return f"{name}({ends}, {columns.size}, {along}, {across}, {left});"
 
     # Functions ----------------------------------------------------------------------------------------
     def function(self, function: casadi.Function) -> str:
@@ -242,40 +415,51 @@ class Translator:
         return self._function(drop_empty(function))
 
     def _function(self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = ()) -> str:
-        """Name of the C function, which is written at its first use."""
+        """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
+
+        `lanes`: 0 for any number of them, which is then the last argument ``count``: of a function without library
+        calls, and with one element in every moving argument and result. For more than one, element e of a moving
+        argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
+        one, every store comes after every load, so that results may take the place of arguments. `moving`: Which
+        arguments differ from lane to lane. Raises Unsupported: an operation that is not in the table.
+        """
         key = (function.serialize(), lanes, moving)
-        if key not in self._names:
-            name = f"{self.prefix}_{function.name()}{len(self._names)}"
-            used = {code for code, *_ in instructions(function)}
-            calls = {}  # sine and cosine of our own, where they are used; a float build calls the library
-            for code, short in SINES.items():
-                if code in used and self.real.name == "double":
-                    text = sine_function(f"{self.prefix}_{short}", code == casadi.OP_COS, self.real)
-                    calls[code] = self._helper(short, text)
-            rows = self._row if lanes > 1 else None
-            self.functions[name] = function_text(name, function, self.real, lanes, moving, calls, rows)
-            self._names[key] = name
-        return self._names[key]
+        if key in self._names:
+            return self._names[key]
+        name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
+        flow = read_dataflow(function, OPERATIONS, fused=True)
+        codes = {code for code, *_ in instructions(function)}
+        own = [
+            code for code in SINES if code in codes and real.name == "double"
+        ]  # a float build calls the library
+        calls = {
+            code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
+        }
+        writer = _Function(flow, real, lanes, moving or (False,) * count, calls, self._row)
+        restrict = "restrict " if lanes != 1 else ""
+        arguments = [
+            *(f"const {real.name} *{restrict}in{k}" for k in range(count)),
+            *(f"{real.name} *{restrict}out{k}" for k in range(function.n_out())),
+            *(["int count"] if lanes == 0 else []),
+        ]
+        used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
+        unused = [f"(void)in{k};" for k in range(count) if k not in used]
+        lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]
+        self.functions[name] = "\n".join(block(f"static void {name}({', '.join(arguments)})\n{{", lines))
+        self._names[key] = name
+        return name
 
     def _row(self, codes: tuple[int, ...]) -> str:
         short = "".join(SINES[code] for code in codes) + "_row"
         ones = {code == casadi.OP_COS: f"{self.prefix}_{SINES[code]}" for code in codes}
-        return self._helper(short, row_function(f"{self.prefix}_{short}", ones, self.real, self.lanes))
+        return self._helper(short, algebra.row_function, ones, self.real, self.lanes)
 
-    def _mover(self, read: bool) -> str:
-        short = "gather" if read else "scatter"
-        return self._helper(short, algebra.column(f"{self.prefix}_{short}", read))
-
-    def _packer(self, read: bool, lanes: int) -> str:
-        short = "pack" if read else "unpack"
-        return self._helper(short, algebra.columns(f"{self.prefix}_{short}", read, lanes))
-
-    def _helper(self, short: str, text: str) -> str:
+    def _helper(self, short: str, make: str | Callable[..., str], *arguments: Any) -> str:
         name = f"{self.prefix}_{short}"
         if name not in self.functions:
-            real = self.real
+            real, text = self.real, make if isinstance(make, str) else make(name, *arguments)
             for mark, meant in (
-                ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
+                ("{name}", name), ("{R}", real.name), ("{0}", constant(0.0, real)), ("{1}", constant(1.0, real)),
                 ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),
             ):  # fmt: skip
                 text = text.replace(mark, meant)
@@ -287,14 +471,12 @@ def _shared(body: Sequence[Step]) -> dict[Slice, str]:
     """Names of the slices that functions read and that are the same for all columns of a sweep and all turns."""
     names: dict[Slice, str] = {}
     for step in body:
-        if isinstance(step, Repeat):
-            inner = [piece for piece in _shared(step.body) if not any(piece.strides)]
-        elif isinstance(step, Call):
-            inner = [piece for piece in step.inputs if piece.buffer != COLUMN and not any(piece.strides)]
-        else:
-            inner = []
-        for piece in inner:
-            names.setdefault(piece, f"spread{len(names)}")
+        read = (
+            _shared(step.body) if isinstance(step, Repeat) else step.inputs if isinstance(step, Call) else ()
+        )
+        for piece in read:
+            if piece.buffer != COLUMN and not any(piece.strides):
+                names.setdefault(piece, f"spread{len(names)}")
     return names
 
 

@@ -1,5 +1,3 @@
 """From a program to LLVM text. Nothing here needs llvmlite: text in, text out."""
 
-from flexhinf.codegen.emit.module import ENTRY, Module, emit_module
-
-__all__ = ["ENTRY", "Module", "emit_module"]
+from flexhinf.codegen.emit.module import emit_module as emit_module

@@ -12,20 +12,33 @@ one per lane          step (written)
 ====================  =================================================
 
 and returns the largest code.
+
+A traced function is one LLVM function: load, compute, store. Of functions that are mapped over the columns of matrices,
+columns are packed into lanes, and unpacked.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import casadi
 
 from flexhinf.codegen.emit.algebra import Algebra, Operand
-from flexhinf.codegen.emit.function import BLOCK, Packer, emit_function, load, store
-from flexhinf.codegen.emit.normal import emit_normal
-from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
+from flexhinf.codegen.emit.opcodes import (
+    NEAR,
+    OPCODES,
+    Dataflow,
+    Lanes,
+    ModuleText,
+    Writer,
+    emit_normal,
+    is_far,
+    read_dataflow,
+)
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.program import (
     ENTRY,
@@ -45,15 +58,142 @@ from flexhinf.codegen.program import (
     When,
 )
 
-if TYPE_CHECKING:
-    import casadi
-
-_UNROLLED = 64  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
-_PLACES = (
-    2  # from which a function may be called and yet be put there: a Map has one for blocks, one for the rest
-)
+#: From which a function may be called and yet be put there: a Map has one for blocks, one for the rest.
+_PLACES = 2
 _SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
+
+
+BLOCK = 8
+"""Columns of a `Map` that travel together in the lanes of a kernel for a single run."""
+
+
+@dataclass(frozen=True)
+class Packer:
+    """Copies neighbouring columns of a matrix into elements of as many lanes, and back.
+
+    `wide`: Of the packed elements; in a kernel of several lanes these are the kernel's, and a column goes alone.
+    `left`: Columns; lanes without one are zero.
+    """
+
+    writer: Writer
+    wide: Lanes
+    left: int
+
+    def pack(self, source: str, shared: bool, rows: int, moves: tuple[int, int], target: str) -> None:
+        """From the first of these columns at `source` to `rows` elements at `target`; see `Columns.moves`.
+
+        `shared`: One number serves all lanes of the kernel.
+        """
+        writer, wide = self.writer, self.wide
+        unit = "double" if shared else writer.lanes.element
+        for element in writer.elements(rows):
+            place = self._place(source, element, moves[0], unit)
+            if writer.lanes.width > 1:
+                value = writer.load_element(place, 0, shared)
+            elif self._neighbours(moves):
+                value = writer.let(f"load {wide.real}, ptr {place}, align 8")
+            else:
+                value = "zeroinitializer"
+                for lane in range(self.left):
+                    number = writer.let(f"getelementptr double, ptr {place}, i64 {lane * moves[1]}")
+                    number = writer.let(f"load double, ptr {number}, align 8")
+                    value = writer.let(f"insertelement {wide.real} {value}, double {number}, i64 {lane}")
+            kept = writer.let(f"getelementptr {wide.element}, ptr {target}, i64 {element}")
+            writer.do(f"store {wide.real} {value}, ptr {kept}, align 8")
+
+    def unpack(self, source: str, rows: int, moves: tuple[int, int], target: str) -> None:
+        """The inverse: from `rows` elements at `source` to the first of these columns at `target`."""
+        writer, wide = self.writer, self.wide
+        for element in writer.elements(rows):
+            kept = writer.let(f"getelementptr {wide.element}, ptr {source}, i64 {element}")
+            value = writer.let(f"load {wide.real}, ptr {kept}, align 8")
+            place = self._place(target, element, moves[0], writer.lanes.element)
+            if writer.lanes.width > 1 or self._neighbours(moves):
+                writer.do(f"store {wide.real} {value}, ptr {place}, align 8")
+                continue
+            for lane in range(self.left):
+                number = writer.let(f"extractelement {wide.real} {value}, i64 {lane}")
+                position = writer.let(f"getelementptr double, ptr {place}, i64 {lane * moves[1]}")
+                writer.do(f"store double {number}, ptr {position}, align 8")
+
+    def _neighbours(self, moves: tuple[int, int]) -> bool:
+        return self.left == self.wide.width and (moves[1] == 1 or self.left == 1)
+
+    def _place(self, matrix: str, element: str, move: int, unit: str) -> str:
+        offset = self.writer.let(f"mul nsw i64 {element}, {move}")
+        return self.writer.let(f"getelementptr {unit}, ptr {matrix}, i64 {offset}")
+
+
+def emit_function(
+    module: ModuleText,
+    name: str,
+    function: casadi.Function,
+    lanes: Lanes,
+    shared: tuple[bool, ...],
+    fused: bool,
+) -> int:
+    """Add ``void name(in₀, …, out₀, …)`` over pointers to the module.
+
+    `lanes`: Numbers that travel together in one element. `shared`: Which arguments hold one number for all lanes.
+    `fused`: The target has a fused multiply-add. Returns number of operations. Raises Unsupported: an operation that
+    is not in the table.
+
+    Every store comes after every load, so a result may overwrite an argument; the pointers carry no
+    ``noalias``.
+
+    With several lanes a function that has sines is written twice. The first is a straight line without the C library's
+    sines, whose calls would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm).
+    If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
+    """
+    flow = read_dataflow(function, OPCODES, fused)
+    far = ""
+    if lanes.width > 1 and any(operation.code in NEAR for operation in flow.operations.values()):
+        far = f"{name}_far"
+        _define(module, far, function, flow, lanes, shared, "noinline optnone cold ")
+    _define(module, name, function, flow, lanes, shared, far=far)
+    return flow.size
+
+
+def _define(
+    module: ModuleText,
+    name: str,
+    function: casadi.Function,
+    flow: Dataflow,
+    lanes: Lanes,
+    shared: tuple[bool, ...],
+    attributes: str = "",
+    far: str = "",
+) -> None:
+    """Write the function; with `far`, as a straight line that calls the function `far` where an angle is large."""
+    writer, values, angles = Writer(module, lanes), dict[int, str](), list[str]()
+    for k, operation in flow.operations.items():
+        if operation.code == casadi.OP_CONST:
+            values[k] = lanes.constant(operation.constant)
+        elif operation.code == casadi.OP_INPUT:
+            argument, element = operation.arguments
+            values[k] = writer.load_element(f"%in{argument}", element, shared[argument])
+        else:
+            operands = [values[argument] for argument in operation.arguments]
+            near = bool(far) and operation.code in NEAR
+            values[k] = (NEAR if near else OPCODES)[operation.code](writer, *operands)
+            angles += operands if near else []
+    pointers = [
+        *(f"ptr %in{k}" for k in range(function.n_in())),
+        *(f"ptr %out{k}" for k in range(function.n_out())),
+    ]
+    if far:  # before anything is stored: a result may overwrite an argument
+        some = reduce(
+            lambda a, b: writer.let(f"or {lanes.boolean} {a}, {b}"),
+            [is_far(writer, angle) for angle in dict.fromkeys(angles)],
+        )
+        writer.place("far", f"br i1 {writer.any(some)}, label %far, label %near, !prof !0")
+        writer.do(f"call void @{far}({', '.join(pointers)})")
+        writer.place("near", "ret void")
+    for result, element, value in flow.outputs:
+        writer.store_element(f"%out{result}", element, values[value])
+    head = f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{"
+    module.definitions[name] = "\n".join([head, *writer.lines, "  ret void", "}"])
 
 
 @dataclass(frozen=True)
@@ -85,14 +225,11 @@ class _Emitter:
         self.lanes = self.module.lanes
         self.single = lanes == 1  # a kernel for a single run
         self.fused = fused
-        self.operations = 0
         self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
         self.mapped: set[str] = set()
         self.writer = Writer(self.module)
-        self.pointers: dict[str, str] = {}
-        self.turns: dict[str, str] = {}
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
             Repeat: self._repeat, When: self._when, Call: self._call, Map: self._map, Sweep: self._sweep,
             OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
@@ -103,10 +240,14 @@ class _Emitter:
     def emit(self) -> Module:
         writer, width = self.writer, self.lanes.width
         slots = len(self.program.buffers) + len(self.program.counts)
-        for k, buffer in enumerate(self.program.buffers):
-            self.pointers[buffer.name] = writer.let(f"load ptr, ptr {self._word(k)}, align 8")
-        for k, count in enumerate(self.program.counts, len(self.program.buffers)):
-            self.turns[count] = writer.let(f"load i64, ptr {self._word(k)}, align 8")
+        self.pointers = {
+            buffer.name: writer.let(f"load ptr, ptr {self._word(k)}, align 8")
+            for k, buffer in enumerate(self.program.buffers)
+        }
+        self.turns = {
+            count: writer.let(f"load i64, ptr {self._word(k)}, align 8")
+            for k, count in enumerate(self.program.counts, len(self.program.buffers))
+        }
         self.codes, self.steps = self._word(slots), self._word(slots + width)
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(0)}, ptr {self.codes}, align 8")
         writer.do(f"store {self.lanes.integer} {self.lanes.whole(-1)}, ptr {self.steps}, align 8")
@@ -117,8 +258,7 @@ class _Emitter:
                 place = f"ptr align 8 {self.pointers[buffer.name]}"
                 writer.do(f"call void @{name}({place}, i8 0, i64 {size}, i1 false)")
         self._body(self.program.body, ())
-        writer.do("br label %finish")
-        writer.place("finish")
+        writer.place("finish", "br label %finish")
         largest = writer.let(f"load {self.lanes.integer}, ptr {self.codes}, align 8")
         if not self.single:
             name = f"llvm.vector.reduce.umax.{self.lanes.suffix('i64')}"
@@ -131,12 +271,14 @@ class _Emitter:
         # in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
         for name, places in self.calls.items():
             if places <= _PLACES and (name in self.mapped or self.sizes[name] <= _SMALL):
-                function = self.module.definitions[name]
-                self.module.definitions[name] = function.replace(
+                self.module.definitions[name] = self.module.definitions[name].replace(
                     ") nounwind {", ") nounwind alwaysinline {", 1
                 )
-        text = f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n'
-        return Module(text, dict(self.module.library), self.operations)
+        return Module(
+            f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n',
+            dict(self.module.library),
+            sum(self.sizes.values()),
+        )
 
     def _word(self, k: int) -> str:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
@@ -146,25 +288,18 @@ class _Emitter:
             self._writers[type(step)](step, turns)
 
     def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
-        end = str(step.turns(self.turns))
-        self._loop("0", end, lambda turn: self._body(step.body, (*turns, turn)))
-
-    def _loop(self, first: str, end: str, body: Callable[[str], None]) -> None:
-        """``for turn in range(first, end): body(turn)``."""
-        with self.writer.loop(end, first) as turn:
-            body(turn)
+        with self.writer.loop(str(step.turns(self.turns))) as turn:
+            self._body(step.body, (*turns, turn))
 
     def _when(self, step: When, turns: tuple[str, ...]) -> None:
         """Skip the body unless a lane's flag is set; NaN sets it."""
         writer, lanes = self.writer, self.lanes
-        flag = load(writer, self._address(step.flag, turns), "0", self._shared(step.flag))
+        flag = writer.load_element(self._address(step.flag, turns), "0", self._shared(step.flag))
         wanted = writer.any(writer.compare("une", flag, lanes.constant(0.0)))
         inside, after = writer.label("when"), writer.label("after")
-        writer.do(f"br i1 {wanted}, label %{inside}, label %{after}")
-        writer.place(inside)
+        writer.place(inside, f"br i1 {wanted}, label %{inside}, label %{after}")
         self._body(step.body, turns)
-        writer.do(f"br label %{after}")
-        writer.place(after)
+        writer.place(after, f"br label %{after}")
 
     def _address(self, piece: Slice, turns: tuple[str, ...]) -> str:
         writer = self.writer
@@ -178,23 +313,18 @@ class _Emitter:
         return writer.let(f"getelementptr {kind}, ptr {self.pointers[piece.buffer]}, i64 {element}")
 
     def _shared(self, piece: Slice) -> bool:
-        if COLUMN in self.pointers:  # in a sweep of a kernel for a single run, the lanes are columns
-            return piece.buffer != COLUMN and (self.single or self.program.buffer(piece.buffer).shared)
-        return self.program.buffer(piece.buffer).shared
+        columns = COLUMN in self.pointers and self.single  # in a sweep of a single run, the lanes are columns
+        return piece.buffer != COLUMN and (columns or self.program.buffer(piece.buffer).shared)
 
     def _function(self, function: casadi.Function, lanes: Lanes, shared: tuple[bool, ...]) -> str:
-        """Name of the emitted function, which is emitted at its first use."""
         key = (function.__hash__(), lanes.width, shared)
         if key not in self.functions:
-            self.functions[key] = f"{PREFIX}function{len(self.functions)}"
-            size = emit_function(self.module, self.functions[key], function, lanes, shared, self.fused)
-            self.sizes[self.functions[key]] = size
-            self.operations += size
+            self.functions[key] = name = f"{PREFIX}function{len(self.functions)}"
+            self.sizes[name] = emit_function(self.module, name, function, lanes, shared, self.fused)
         return self.functions[key]
 
     def _call(self, step: Call, turns: tuple[str, ...]) -> None:
-        shared = tuple(self._shared(piece) for piece in step.inputs)
-        name = self._function(step.function, self.lanes, shared)
+        name = self._function(step.function, self.lanes, tuple(self._shared(piece) for piece in step.inputs))
         pointers = ", ".join(f"ptr {self._address(piece, turns)}" for piece in (*step.inputs, *step.outputs))
         self.writer.do(f"call void @{name}({pointers})")
         self.calls[name] += 1
@@ -207,10 +337,8 @@ class _Emitter:
         )
         name = self._function(step.function, wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
-
-        def some(first: str, left: int) -> None:
-            packer = Packer(writer, self._each, wide, left)
-            pointers, packed = [], []
+        for first, left in self._blocks(step.count, block):
+            packer, pointers, packed = Packer(writer, wide, left), [], []
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
                     pointers.append(start)
@@ -227,33 +355,28 @@ class _Emitter:
             for place, piece, columns in packed[-len(step.outputs) :]:
                 packer.unpack(place, piece.size, piece.moves, columns)
 
-        self._blocks(step.count, block, some)
-
     def _column(self, columns: Columns, start: str, first: str) -> str:
         unit = "double" if self._shared(columns.whole) else self.lanes.element
         offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
         return self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
 
-    def _blocks(self, count: int, block: int, some: Callable[[str, int], None]) -> None:
-        def full(turn: str) -> None:
-            some(self.writer.let(f"mul nsw i64 {turn}, {block}"), block)
-
+    def _blocks(self, count: int, block: int) -> Iterator[tuple[str, int]]:
         if count >= block:
-            self._loop("0", str(count // block), full)
+            with self.writer.loop(str(count // block)) as turn:
+                yield self.writer.let(f"mul nsw i64 {turn}, {block}"), block
         if count % block:
-            some(str(count - count % block), count % block)
+            yield str(count - count % block), count % block
 
     def _sweep(self, step: Sweep, turns: tuple[str, ...]) -> None:
-        """Blocks of columns in lanes; one that is left over goes alone."""
 
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
             matrix = self._column(columns, self._address(columns.whole, turns), first)
             memory = self._scratch(wide)
             return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
 
-        def some(first: str, left: int) -> None:
+        for first, left in self._blocks(step.count, BLOCK if self.single else 1):
             wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
-            packer = Packer(self.writer, self._each, wide, left)
+            packer = Packer(self.writer, wide, left)
             for columns, place in step.inputs:
                 matrix, inside = ends(columns, place, first, wide)
                 packer.pack(matrix, self._shared(columns.whole), columns.size, columns.moves, inside)
@@ -267,8 +390,6 @@ class _Emitter:
                 matrix, inside = ends(columns, place, first, wide)
                 packer.unpack(inside, columns.size, columns.moves, matrix)
 
-        self._blocks(step.count, BLOCK if self.single else 1, some)
-
     def _scratch(self, wide: Lanes) -> str:
         if not self.scratch:
             needed = [step.size for step, _ in self.program.steps() if isinstance(step, Sweep)]
@@ -281,31 +402,24 @@ class _Emitter:
     def _outer_sum(self, step: OuterSum, turns: tuple[str, ...]) -> None:
         left, right = self._operand(step.left, turns), self._operand(step.right, turns)
         weights, plus = (p and self._operand(p, turns) for p in (step.weights, step.plus))
-        algebra = Algebra(self.writer, self._loop, self.fused)
-        target = self._address(step.target, turns)
-        algebra.outer_sum((left, right, weights, plus), step.count, step.shape, target, step.symmetric)
+        operands, target = (left, right, weights, plus), self._address(step.target, turns)
+        Algebra(self.writer, self.fused).outer_sum(operands, step.count, step.shape, target, step.symmetric)
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
-        algebra, sizes = (
-            Algebra(self.writer, self._loop, self.fused),
-            (step.point.size, step.target.size, step.columns),
-        )
-        algebra.polynomial(point, table, sizes, step.degrees, self._address(step.target, turns))
+        sizes, target = (step.point.size, step.target.size, step.columns), self._address(step.target, turns)
+        Algebra(self.writer, self.fused).polynomial(point, table, sizes, step.degrees, target)
 
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
-        Algebra(self.writer, self._loop, self.fused).cholesky(source, target, step.order)
+        Algebra(self.writer, self.fused).cholesky(source, target, step.order)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer
         source, target = self._address(step.source, turns), self._address(step.target, turns)
         if self._shared(step.source) and self.lanes.width > 1:
-
-            def broadcast(element: str) -> None:
-                store(writer, target, element, load(writer, source, element, shared=True))
-
-            self._each(step.source.size, broadcast)
+            for element in writer.elements(step.source.size):
+                writer.store_element(target, element, writer.load_element(source, element, shared=True))
             return
         name = "llvm.memmove.p0.p0.i64"
         self.module.declarations[name] = f"declare void @{name}(ptr, ptr, i64, i1)"
@@ -316,20 +430,13 @@ class _Emitter:
         writer, whole = self.writer, self.lanes.integer
 
         def integer(piece: Slice, element: int) -> str:
-            number = load(writer, self._address(piece, turns), element, self._shared(piece))
+            number = writer.load_element(self._address(piece, turns), element, self._shared(piece))
             return writer.let(f"fptosi {self.lanes.real} {number} to {whole}")
 
         number, key = integer(step.step, 0), [integer(step.key, k) for k in range(step.key.size)]
         target = self._address(step.target, turns)
         for channel in range(step.target.size):
-            store(writer, target, channel, emit_normal(writer, number, channel, key))
-
-    def _each(self, size: int, body: Callable[[str], None]) -> None:
-        if size > _UNROLLED:
-            self._loop("0", str(size), body)
-        else:
-            for element in range(size):
-                body(str(element))
+            writer.store_element(target, channel, emit_normal(writer, number, channel, key))
 
     def _guard(self, step: Guard, turns: tuple[str, ...]) -> None:
         """Emit a guard: Σ 0·x is NaN if some x is not finite; only then leave the straight path.
@@ -337,26 +444,21 @@ class _Emitter:
         There the lanes that fail for the first time are marked, and the run stops when no lane is left.
         """
         writer, lanes, integer, boolean = self.writer, self.lanes, self.lanes.integer, self.lanes.boolean
-        algebra, zero = Algebra(writer, self._loop, self.fused), lanes.constant(0.0)
+        algebra, zero = Algebra(writer, self.fused), lanes.constant(0.0)
         source, shared = self._address(step.source, turns), self._shared(step.source)
         sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
         for place in sums:
             writer.do(f"store {lanes.real} {zero}, ptr {place}, align 8")
-
-        def test(element: str) -> None:
+        for element in writer.elements(step.source.size):
             place = sums[int(element) % len(sums) if element.isdecimal() else 0]
             so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
-            value = load(writer, source, element, shared)
-            total = algebra.multiply_add(writer, value, zero, so_far)
+            total = algebra.multiply_add(writer, writer.load_element(source, element, shared), zero, so_far)
             writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
-
-        self._each(step.source.size, test)
         parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
         total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
         bad = writer.compare("uno", total, zero)
         failed, go_on = writer.label("failed"), writer.label("on")
-        writer.do(f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
-        writer.place(failed)
+        writer.place(failed, f"br i1 {writer.any(bad)}, label %{failed}, label %{go_on}, !prof !0")
         codes = writer.let(f"load {integer}, ptr {self.codes}, align 8")
         steps = writer.let(f"load {integer}, ptr {self.steps}, align 8")
         alive = writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}")
@@ -369,5 +471,4 @@ class _Emitter:
         writer.do(f"store {integer} {codes}, ptr {self.codes}, align 8")
         writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
         left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
-        writer.do(f"br i1 {left}, label %{go_on}, label %finish")
-        writer.place(go_on)
+        writer.place(go_on, f"br i1 {left}, label %{go_on}, label %finish")

@@ -8,6 +8,11 @@ Sine and cosine are one sequence of operations for one lane and for many, so tha
 by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4, and the polynomials
 of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. Arguments beyond `REACH` go
 to the C library.
+
+A traced function is read as operations in single-assignment form, products fused into the sums that use them
+(`read_dataflow`). Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag):
+the same text for any number of lanes then gives the same bits, at any optimisation level. So is the other liberty that
+is taken: several quotients by one number are products with its reciprocal, which costs one division instead of many.
 """
 
 from __future__ import annotations
@@ -16,17 +21,161 @@ import copy
 import itertools
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Container, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi
 
-from flexhinf.codegen.emit.dataflow import LIBRARY, MULTIPLY_ADD, MULTIPLY_SUBTRACT, SINGLE, SUBTRACT_PRODUCT
-from flexhinf.codegen.program import PREFIX
+from flexhinf.codegen.noise import normal
+from flexhinf.codegen.program import PREFIX, Unsupported
+from flexhinf.scalars.trace import walk
+
+# Fused operations, numbered beside CasADi's own (which are not negative).
+MULTIPLY_ADD = -1  # a·b + c
+MULTIPLY_SUBTRACT = -2  # a·b - c
+SUBTRACT_PRODUCT = -3  # c - a·b, arguments (a, b, c)
+
+#: Functions of the C library by opcode; and those of them that are single instructions.
+LIBRARY: dict[int, str] = {casadi.OP_CONSTPOW: "pow"} | {
+    getattr(casadi, f"OP_{name.upper()}"): name
+    for name in (
+        "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "exp", "expm1",
+        "log", "log1p", "pow", "hypot", "fmod", "remainder", "erf",
+    )
+}  # fmt: skip
+SINGLE: dict[int, str] = {
+    getattr(casadi, f"OP_{name.upper()}"): name for name in ("sqrt", "fabs", "floor", "ceil", "copysign")
+}
+
+#: Quotients by one number from which they share its reciprocal, whatever it is.
+MANY = 3
+
+
+@dataclass(frozen=True)
+class Operation:
+    """One value: a constant, an input element, or an operation on earlier values.
+
+    `code`: CasADi's opcode, or a fused operation. `arguments`: Earlier values; for OP_INPUT (argument, element).
+    `constant`: Value of an OP_CONST.
+    """
+
+    code: int
+    arguments: tuple[int, ...]
+    constant: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dataflow:
+    """A function as values and outputs.
+
+    `operations`: Value k is the result of operation k; products that were fused away are missing. `outputs`:
+    (result, element, value). `size`: operations before products were fused.
+    """
+
+    operations: dict[int, Operation]
+    outputs: list[tuple[int, int, int]]
+    size: int
+
+
+def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
+    """Read the instructions of an SX function.
+
+    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it (the target has a
+    fused multiply-add). Raises Unsupported: naming the first opcode that is not supported.
+    """
+    operations: list[Operation] = []
+
+    def add(code: int, arguments: Sequence[int], constant: float = 0.0) -> int:
+        if code not in supported and code not in (casadi.OP_CONST, casadi.OP_INPUT):
+            names = [name for name in dir(casadi) if name.startswith("OP_") and getattr(casadi, name) == code]
+            raise Unsupported(
+                f"Function '{function.name()}' cannot be compiled.",
+                f"the operation {names[0] if names else code} has no machine code here",
+            )
+        operations.append(Operation(code, tuple(arguments), constant))
+        return len(operations) - 1
+
+    outputs = list(
+        walk(
+            function,
+            lambda *place: add(casadi.OP_INPUT, place),
+            lambda constant: add(casadi.OP_CONST, (), constant),
+            add,
+        )
+    )
+    operations, outputs = _share_reciprocals(operations, outputs)
+    kept = dict(enumerate(operations))
+    if fused:
+        _fuse(kept, outputs)
+    return Dataflow(kept, outputs, len(operations))
+
+
+def _share_reciprocals(
+    operations: list[Operation], outputs: list[tuple[int, int, int]]
+) -> tuple[list[Operation], list[tuple[int, int, int]]]:
+    """The same values with one division for all quotients by one number.
+
+    Only by an argument of the function (a mass, an inertia), by a square root (a pivot of Cholesky's), which may
+    have been replaced by zero, and by what divides `MANY` numbers (an inertia): the reciprocal of a number
+    that is below 6e-309 is infinite, which a square root other than zero never is, and neither an argument nor an
+    inertia should be.
+    """
+    quotients = Counter(op.arguments[1] for op in operations if op.code == casadi.OP_DIV)
+
+    def shared(divisor: int) -> bool:
+        operation = operations[divisor]
+        if operation.code == casadi.OP_IF_ELSE_ZERO:
+            operation = operations[operation.arguments[1]]
+        return quotients[divisor] >= MANY or operation.code in (casadi.OP_INPUT, casadi.OP_SQRT)
+
+    written: list[Operation] = []
+    places: list[int] = []
+    reciprocals: dict[int, int] = {}
+    for operation in operations:
+        if operation.code != casadi.OP_INPUT:
+            divisor = operation.arguments[1] if operation.code == casadi.OP_DIV else -1
+            operation = replace(operation, arguments=tuple(places[a] for a in operation.arguments))
+            if quotients[divisor] > 1 and shared(divisor):
+                if divisor not in reciprocals:
+                    reciprocals[divisor] = len(written)
+                    written.append(Operation(casadi.OP_INV, operation.arguments[1:]))
+                operation = Operation(casadi.OP_MUL, (operation.arguments[0], reciprocals[divisor]))
+        places.append(len(written))
+        written.append(operation)
+    return written, [(result, element, places[value]) for result, element, value in outputs]
+
+
+def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]]) -> None:
+    uses = Counter(value for _, _, value in outputs)
+    for operation in operations.values():
+        if operation.code != casadi.OP_INPUT:
+            uses.update(operation.arguments)
+
+    def factors(value: int) -> tuple[int, ...] | None:
+        product = operations.get(value)
+        if product is None or uses[value] != 1 or product.code not in (casadi.OP_MUL, casadi.OP_SQ):
+            return None
+        return product.arguments * (2 if product.code == casadi.OP_SQ else 1)
+
+    for k, operation in list(operations.items()):
+        if operation.code not in (casadi.OP_ADD, casadi.OP_SUB):
+            continue
+        left, right = operation.arguments
+        add = operation.code == casadi.OP_ADD
+        if (pair := factors(right)) is not None:
+            operations[k] = Operation(MULTIPLY_ADD if add else SUBTRACT_PRODUCT, (*pair, left))
+            del operations[right]
+        elif (pair := factors(left)) is not None:
+            operations[k] = Operation(MULTIPLY_ADD if add else MULTIPLY_SUBTRACT, (*pair, right))
+            del operations[left]
+
 
 PURE = "nounwind willreturn memory(none)"
 """Attributes of functions whose result depends on their arguments alone."""
+
+_UNROLLED = 64  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
 
 
 class Lanes:
@@ -98,17 +247,13 @@ class Writer:
         other.lanes = lanes
         return other
 
-    def name(self) -> str:
-        """A fresh local name."""
-        return f"%v{next(self._names)}"
-
     def label(self, what: str) -> str:
         """A fresh block label, not yet placed."""
         return f"{what}{next(self._names)}"
 
-    def place(self, label: str) -> None:
-        """Start a block here."""
-        self.lines.append(f"{label}:")
+    def place(self, label: str, end: str = "") -> None:
+        """Start a block here; the one before ends with the line `end`, if that is not written yet."""
+        self.lines += [f"  {end}", f"{label}:"] if end else [f"{label}:"]
 
     def do(self, line: str) -> None:
         """A line without a result."""
@@ -116,13 +261,13 @@ class Writer:
 
     def let(self, expression: str) -> str:
         """A line with a result; returns its name."""
-        name = self.name()
+        name = f"%v{next(self._names)}"
         self.lines.append(f"  {name} = {expression}")
         return name
 
     def allocate(self, kind: str) -> str:
         """Memory on the stack, once per call of the function, wherever in its text this is requested."""
-        name = self.name()
+        name = f"%v{next(self._names)}"
         self.first.append(f"  {name} = alloca {kind}, align 64")
         return name
 
@@ -141,24 +286,31 @@ class Writer:
         place = self.allocate("i64")
         head, inside, after = self.label("head"), self.label("turn"), self.label("after")
         self.do(f"store i64 {first}, ptr {place}, align 8")
-        self.do(f"br label %{head}")
-        self.place(head)
+        self.place(head, f"br label %{head}")
         turn = self.let(f"load i64, ptr {place}, align 8")
         more = self.let(f"icmp slt i64 {turn}, {end}")
-        self.do(f"br i1 {more}, label %{inside}, label %{after}")
-        self.place(inside)
+        self.place(inside, f"br i1 {more}, label %{inside}, label %{after}")
         yield turn
         self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
-        self.do(f"br label %{head}")
-        self.place(after)
+        self.place(after, f"br label %{head}")
 
-    def real(self, operation: str, *operands: str) -> str:
-        """An LLVM operation on floats, such as ``fadd``."""
-        return self.let(f"{operation} {self.lanes.real} {', '.join(operands)}")
+    def elements(self, size: int) -> Iterator[str]:
+        """The integers below `size`: one after the other if they are few, else those of a loop."""
+        if size > _UNROLLED:
+            with self.loop(str(size)) as turn:
+                yield turn
+        else:
+            yield from map(str, range(size))
 
-    def whole(self, operation: str, *operands: str) -> str:
-        """An LLVM operation on 64-bit integers, such as ``xor``."""
-        return self.let(f"{operation} {self.lanes.integer} {', '.join(operands)}")
+    def real(self, operation: str, *operands: str | float) -> str:
+        """An LLVM operation on floats, such as ``fadd``: names of values, or constants."""
+        names = [x if isinstance(x, str) else self.lanes.constant(x) for x in operands]
+        return self.let(f"{operation} {self.lanes.real} {', '.join(names)}")
+
+    def whole(self, operation: str, *operands: str | int) -> str:
+        """An LLVM operation on 64-bit integers, such as ``xor``: names of values, or constants."""
+        names = [x if isinstance(x, str) else self.lanes.whole(x) for x in operands]
+        return self.let(f"{operation} {self.lanes.integer} {', '.join(names)}")
 
     def compare(self, predicate: str, left: str, right: str) -> str:
         """Truth value of an LLVM comparison of floats, such as ``olt``."""
@@ -177,12 +329,32 @@ class Writer:
         """The float of these bits."""
         return self.let(f"bitcast {self.lanes.integer} {bits} to {self.lanes.real}")
 
+    def to_float(self, integer: str) -> str:
+        """A signed integer of at most 53 bits as a float, exactly."""
+        return self.let(f"sitofp {self.lanes.integer} {integer} to {self.lanes.real}")
+
+    def root(self, value: str) -> str:
+        """The square root."""
+        return self.intrinsic("sqrt", value)
+
     def intrinsic(self, name: str, *operands: str) -> str:
         """An LLVM intrinsic on floats, such as ``floor``."""
         real = self.lanes.real
         full = f"llvm.{name}.{self.lanes.suffix()}"
         self.module.declarations[full] = f"declare {real} @{full}({', '.join([real] * len(operands))})"
         return self.call(full, *operands)
+
+    def load_element(self, pointer: str, element: int | str, shared: bool) -> str:
+        """Load one element; a shared one is copied to every lane."""
+        kind, size = ("double", "double") if shared else (self.lanes.real, self.lanes.element)
+        place = self.let(f"getelementptr {size}, ptr {pointer}, i64 {element}")
+        value = self.let(f"load {kind}, ptr {place}, align 8")
+        return self.splat(value) if shared else value
+
+    def store_element(self, pointer: str, element: int | str, value: str) -> None:
+        """Store one element."""
+        place = self.let(f"getelementptr {self.lanes.element}, ptr {pointer}, i64 {element}")
+        self.do(f"store {self.lanes.real} {value}, ptr {place}, align 8")
 
     def any(self, condition: str) -> str:
         """Whether the condition holds in some lane (an i1)."""
@@ -204,8 +376,7 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
     The function is linked under our own prefix, so that LLVM takes it for an unknown function and does not
     replace it by something that depends on the number of lanes.
     """
-    module = writer.module
-    foreign = PREFIX + name
+    module, foreign = writer.module, PREFIX + name
     scalars = ", ".join(["double"] * len(operands))
     module.library[foreign] = name
     module.declarations[foreign] = f"declare double @{foreign}({scalars}) {PURE}"
@@ -213,23 +384,36 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
         return writer.call(foreign, *operands)
     lanewise = f"{foreign}_lanes{writer.lanes.width}"
     if lanewise not in module.definitions:
-        module.definitions[lanewise] = _lanewise(writer, foreign, lanewise, len(operands))
+        inside, result = Writer(module, writer.lanes), "poison"
+        real, names = inside.lanes.real, [f"%x{k}" for k in range(len(operands))]
+        for lane in range(inside.lanes.width):
+            elements = [inside.let(f"extractelement {real} {name}, i64 {lane}") for name in names]
+            value = inside.let(f"call double @{foreign}({', '.join(f'double {x}' for x in elements)})")
+            result = inside.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
+        inside.do(f"ret {real} {result}")
+        arguments = ", ".join(f"{real} {name}" for name in names)
+        head = f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{"
+        module.definitions[lanewise] = "\n".join([head, *inside.lines, "}"])
     return writer.call(lanewise, *operands)
 
 
-def _lanewise(caller: Writer, foreign: str, lanewise: str, arity: int) -> str:
-    writer = Writer(caller.module, caller.lanes)
-    real = writer.lanes.real
-    operands = [f"%x{k}" for k in range(arity)]
-    result = "poison"
-    for lane in range(writer.lanes.width):
-        scalars = [writer.let(f"extractelement {real} {operand}, i64 {lane}") for operand in operands]
-        value = writer.let(f"call double @{foreign}({', '.join(f'double {scalar}' for scalar in scalars)})")
-        result = writer.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
-    writer.do(f"ret {real} {result}")
-    arguments = ", ".join(f"{real} {operand}" for operand in operands)
-    head = f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{"
-    return "\n".join([head, *writer.lines, "}"])
+def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
+    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
+
+    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
+    seed, likewise.
+    """
+    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
+    whole, real = lanes.integer, lanes.real
+    if full not in caller.module.definitions:
+        writer = Writer(caller.module, lanes)
+        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
+        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
+        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
+        head = f"define internal {real} @{full}({arguments}) noinline {PURE} {{"
+        caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
+    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
+    return caller.let(f"call {real} @{full}({numbers})")
 
 
 REACH = 2.0**30
@@ -286,11 +470,9 @@ def _turn(name: str, near: bool = False) -> Rule:
             result = within = _near(writer, "%x", name)
             if not near:  # the C library beyond the reach, behind a branch that is hardly ever taken
                 far = is_far(writer, "%x")
-                writer.do(f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
-                writer.place("beyond")
+                writer.place("beyond", f"br i1 {writer.any(far)}, label %beyond, label %done, !prof !0")
                 exact = writer.select(far, library_call(writer, name, "%x"), within)
-                writer.do("br label %done")
-                writer.place("done")
+                writer.place("done", "br label %done")
                 result = writer.let(f"phi {lanes.real} [ {within}, %entry ], [ {exact}, %beyond ]")
             writer.do(f"ret {real} {result}")
             head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
@@ -310,9 +492,7 @@ def _near(writer: Writer, value: str, name: str) -> str:
     rest = size
     for part in HALF_PI:
         rest = writer.intrinsic("fma", turns, lanes.constant(part), rest)
-    odd = writer.let(
-        f"icmp ne {lanes.integer} {writer.whole('and', quadrant, lanes.whole(1))}, {lanes.whole(0)}"
-    )
+    odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
     square = writer.real("fmul", rest, rest)
 
     def horner(coefficients: tuple[float, ...]) -> str:
@@ -328,11 +508,11 @@ def _near(writer: Writer, value: str, name: str) -> str:
     cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
     if name == "sin":
         result = writer.select(odd, cos, sin)
-        flip = writer.whole("xor", writer.whole("shl", quadrant, lanes.whole(62)), writer.bits(value))
+        flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(value))
     else:
         result = writer.select(odd, sin, cos)
-        flip = writer.whole("shl", writer.whole("add", quadrant, lanes.whole(1)), lanes.whole(62))
-    sign = writer.whole("and", flip, lanes.whole(-(2**63)))
+        flip = writer.whole("shl", writer.whole("add", quadrant, 1), 62)
+    sign = writer.whole("and", flip, -(2**63))
     return writer.float(writer.whole("xor", writer.bits(result), sign))
 
 
@@ -348,12 +528,9 @@ def _compared(predicate: str) -> Rule:
     return lambda writer, left, right: _number(writer, writer.compare(predicate, left, right))
 
 
-def _logical(name: str) -> Rule:
-    def rule(writer: Writer, left: str, right: str) -> str:
-        both = f"{name} {writer.lanes.boolean} {_truth(writer, left)}, {_truth(writer, right)}"
-        return _number(writer, writer.let(both))
-
-    return rule
+def _logical(writer: Writer, name: str, left: str, right: str) -> str:
+    both = f"{name} {writer.lanes.boolean} {_truth(writer, left)}, {_truth(writer, right)}"
+    return _number(writer, writer.let(both))
 
 
 def _sign(writer: Writer, value: str) -> str:
@@ -362,19 +539,10 @@ def _sign(writer: Writer, value: str) -> str:
     return writer.select(writer.compare("olt", value, zero), writer.lanes.constant(-1.0), positive)
 
 
-def _extremum(better: str) -> Rule:
-    """fmin, fmax of C: a NaN loses, the first operand wins a tie."""
-
-    def rule(writer: Writer, left: str, right: str) -> str:
-        beaten = writer.compare(better, right, left)
-        missing = writer.compare("uno", left, left)
-        return writer.select(writer.let(f"or {writer.lanes.boolean} {beaten}, {missing}"), right, left)
-
-    return rule
-
-
-def _instruction(name: str) -> Rule:
-    return lambda writer, *operands: writer.real(name, *operands)
+def _extremum(writer: Writer, better: str, left: str, right: str) -> str:
+    # a NaN loses, the first operand wins a tie
+    beaten, missing = writer.compare(better, right, left), writer.compare("uno", left, left)
+    return writer.select(writer.let(f"or {writer.lanes.boolean} {beaten}, {missing}"), right, left)
 
 
 def _intrinsic(name: str) -> Rule:
@@ -392,24 +560,24 @@ OPCODES: dict[int, Rule] = {
     MULTIPLY_SUBTRACT: lambda w, a, b, c: w.intrinsic("fma", a, b, w.real("fneg", c)),
     SUBTRACT_PRODUCT: lambda w, a, b, c: w.intrinsic("fma", w.real("fneg", a), b, c),
     casadi.OP_ASSIGN: lambda w, x: x,
-    casadi.OP_ADD: _instruction("fadd"),
-    casadi.OP_SUB: _instruction("fsub"),
-    casadi.OP_MUL: _instruction("fmul"),
-    casadi.OP_DIV: _instruction("fdiv"),
-    casadi.OP_NEG: _instruction("fneg"),
+    casadi.OP_ADD: lambda w, a, b: w.real("fadd", a, b),
+    casadi.OP_SUB: lambda w, a, b: w.real("fsub", a, b),
+    casadi.OP_MUL: lambda w, a, b: w.real("fmul", a, b),
+    casadi.OP_DIV: lambda w, a, b: w.real("fdiv", a, b),
+    casadi.OP_NEG: lambda w, x: w.real("fneg", x),
     casadi.OP_SQ: lambda w, x: w.real("fmul", x, x),
     casadi.OP_TWICE: lambda w, x: w.real("fadd", x, x),
     casadi.OP_INV: lambda w, x: w.real("fdiv", w.lanes.constant(1.0), x),
     casadi.OP_SIGN: _sign,
-    casadi.OP_FMIN: _extremum("olt"),
-    casadi.OP_FMAX: _extremum("ogt"),
+    casadi.OP_FMIN: lambda w, a, b: _extremum(w, "olt", a, b),
+    casadi.OP_FMAX: lambda w, a, b: _extremum(w, "ogt", a, b),
     casadi.OP_LT: _compared("olt"),
     casadi.OP_LE: _compared("ole"),
     casadi.OP_EQ: _compared("oeq"),
     casadi.OP_NE: _compared("une"),
     casadi.OP_NOT: lambda w, x: _number(w, w.compare("oeq", x, w.lanes.constant(0.0))),
-    casadi.OP_AND: _logical("and"),
-    casadi.OP_OR: _logical("or"),
+    casadi.OP_AND: lambda w, a, b: _logical(w, "and", a, b),
+    casadi.OP_OR: lambda w, a, b: _logical(w, "or", a, b),
     casadi.OP_IF_ELSE_ZERO: lambda w, flag, x: w.select(_truth(w, flag), x, w.lanes.constant(0.0)),
     casadi.OP_SIN: _turn("sin"),
     casadi.OP_COS: _turn("cos"),
