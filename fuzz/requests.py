@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design import Specification
-from flexhinf.design.cartesian import tool_of, with_joints
-from flexhinf.design.design_file import DesignRequest, read_request
+from flexhinf.design.design_file import DesignRequest, read_request, tool_of, with_joints
 from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import integral_dead_zone, joint_limits
-from flexhinf.design.waypoint_table import waypoints
+from flexhinf.design.specification import waypoints
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, load_robot

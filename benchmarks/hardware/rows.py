@@ -7,7 +7,6 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -72,7 +71,7 @@ def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
         row["hunting"] = [*map(float, found.rest.amplitudes)]
         row["hunts"] = bool(found.rest.oscillates)
         row["rest_error"] = float(found.rest.errors.max())
-    return row | _reach(found)
+    return row | _reach(found.synthesis.noise_search, found.setup)
 
 
 def _least_damped(evaluation: Any) -> dict[str, Any]:
@@ -104,27 +103,26 @@ def _linear(robot: Any, s: Specification, limits: np.ndarray) -> dict[str, Any]:
     setup = replace(setup, estimator_noise=search.chosen.levels)
     row = _least_damped(LawEvaluation("design", setup))
     noises = {"noise_share": float((search.chosen.noises / limits).max())}
-    return row | noises | _reach(SimpleNamespace(noise_search=search, setup=setup))
+    return row | noises | _reach(search, setup)
 
 
-def _reach(found: Any) -> dict[str, Any]:
+def _reach(search: Any, setup: Any) -> dict[str, Any]:
     """What any noise level of the estimator reaches, and how much of a vibration the motors show: version of today."""
-    search = found.noise_search
     if search is None or not hasattr(search.chosen, "missed"):
         return {}
     from flexhinf.analysis.modes import JointScales
 
-    scales = JointScales.of(found.setup.model, found.setup.goal_equilibrium)
+    scales = JointScales.of(setup.model, setup.goal_equilibrium)
     part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
     worst = int(np.argmin(part))
     best = max(search.trade_off, key=lambda one: one.damping)
-    limits = found.setup.limits.effort
+    limits = setup.limits.effort
     return {
         "tried": search.count,
         "best_damping": best.damping,
         "best_noise_share": float((best.noises / limits).max()),
         "unreachable": list(search.unreachable),
-        "hidden_joint": found.setup.joints[worst],
+        "hidden_joint": setup.joints[worst],
         "shown_part": float(part[worst]),
         "zero_hz": float(np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)),
         "vibration_hz": float(scales.vibration[worst] / (2.0 * np.pi)),

@@ -164,11 +164,6 @@ def is_integer(value: Any) -> bool:
     return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
 
 
-def is_integer(value: Any) -> bool:
-    """Whether this is an integer of Python or NumPy, and no bool."""
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-
-
 def within_proportion(value: float, positive: bool = False) -> bool:
     """Whether a physical number in SI units is at most `HUGE`, and, where it must be positive, not below 1/`HUGE`."""
     return abs(value) <= HUGE and not (positive and 0.0 < value < 1.0 / HUGE)
@@ -234,12 +229,6 @@ def unknown_name(what: str, name: Any, known: Iterable[Any], otherwise: str = "o
     return InvalidInput(
         what, f"expected one of {known}, got {value_text(name, 60)}", nearest(name, known, otherwise)
     )
-
-
-def one_of(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> None:
-    """Refuse a name that is none of the known ones; `what` is the message's first sentence."""
-    if name not in known:
-        raise unknown_name(what, name, known, otherwise)
 
 
 def one_of(what: str, name: Any, known: Iterable[Any], otherwise: str = "one of these") -> None:

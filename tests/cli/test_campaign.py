@@ -25,8 +25,7 @@ from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.journal import read_columns, read_sealed, sealed
 from flexhinf.cli import main
 from flexhinf.cli.arguments import design_file_of
-from flexhinf.design.campaign_folder import stored_campaign, stored_request
-from flexhinf.design.campaign_gain import stored_gains
+from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
 from flexhinf.pages.campaign_parts import percent_text
 
 pytest.importorskip("pyarrow")

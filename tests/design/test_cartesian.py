@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Specification
-from flexhinf.design.cartesian import tool_of, with_joints
-from flexhinf.design.design_file import DesignRequest
+from flexhinf.design.design_file import DesignRequest, tool_of, with_joints
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.kinematics import position_of
 

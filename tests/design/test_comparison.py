@@ -11,7 +11,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.baselines import MotorPD, lqr
-from flexhinf.design import Specification, compare, comparison_stages, pipeline, tuning
+from flexhinf.design import Specification, compare, pipeline, stages, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, NL_HINF, law_names
 from flexhinf.design.loop_setup import LoopSetup
@@ -57,7 +57,7 @@ def rig(made: Callable[..., Comparison]) -> Comparison:
 def test_every_stage_is_told() -> None:
     robot, s, told = fh.load_robot("vertical-rig"), Specification(**RIG), []
     found = compare(robot, s, ["lqr"], progress=told.append)
-    assert abs(len(told) - comparison_stages(robot, s, ["lqr"])) <= 1
+    assert abs(len(told) - stages(robot, s, law_names(["lqr"]))) <= 1
     assert [row.name for row in found.compared] == [DESIGN, NL_HINF, "lqr"]
     assert sum(text.startswith("lqr") for text in told) == 5
 

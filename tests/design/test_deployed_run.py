@@ -10,7 +10,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.design import Specification
-from flexhinf.design.deployed_run import Conditions, DeployedRun, perturbed, prepare_run
+from flexhinf.design.deployed_run import DeployedRun, perturbed, prepare_run
 from flexhinf.errors import InvalidInput
 from flexhinf.pages import run_met, run_notes, run_tables, run_verdict
 from flexhinf.pages.run import SLOW
@@ -38,12 +38,12 @@ def paper() -> tuple[fh.Robot, fh.Controller]:
 def prepared(
     paper: tuple[fh.Robot, fh.Controller],
     robot: fh.Robot | None = None,
-    conditions: Any = None,
+    conditions: dict[str, Any] | None = None,
     **fields: Any,
 ) -> DeployedRun:
     model, controller = paper
     original, s = Specification(start="-0.1"), Specification(**{"start": "-0.1", "duration": 0.3, **fields})
-    return prepare_run(controller, (model, original), robot or model, s, conditions or Conditions())
+    return prepare_run(controller, (model, original), robot or model, s, **(conditions or {}))
 
 
 @pytest.mark.oracle
@@ -60,7 +60,7 @@ def test_the_step_is_that_of_the_loop_on_our_own_plant(paper: tuple[fh.Robot, fh
 
 def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) -> None:
     softer = perturbed(paper[0], ["stiffness=-20%"])
-    loaded = Conditions(noise=False, load=0.5, load_at=0.1)
+    loaded = {"noise": False, "load": 0.5, "load_at": 0.1}
     run = prepared(paper, softer, loaded, angle_unit="deg")
     made = run.make(real_time=False)
     torque = made.trajectory.signal("disturbance", "link_torque")
@@ -80,7 +80,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
     robot = fh.load_robot("planar-two-link")
     controller = controller_of(robot, [0.2, 0.1], {"link_position": 60, "link_position_integral": 300})
     s = Specification(start="0.2,0.1", move=MOVE)
-    run = prepare_run(controller, (robot, Specification(start="0.2,0.1")), robot, s, Conditions(noise=False))
+    run = prepare_run(controller, (robot, Specification(start="0.2,0.1")), robot, s, noise=False)
     assert run.loop.controller.mode.moving
     np.testing.assert_allclose(run.start, [0.1, 0.0])
     np.testing.assert_allclose(run.goal, [0.2, 0.2])
@@ -154,6 +154,6 @@ def test_changes_of_all_joints_and_of_one() -> None:
 
 def test_a_load_outside_of_the_run_and_extras_of_others(paper: tuple[fh.Robot, fh.Controller]) -> None:
     with pytest.raises(InvalidInput, match="outside"):
-        prepared(paper, conditions=Conditions(load=1.0, load_at=0.3))
+        prepared(paper, conditions={"load": 1.0, "load_at": 0.3})
     with pytest.raises(InvalidInput, match=r"MuJoCo.*'inductance'"):
         prepared(paper, extras="inductance")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import stated_move, step_command
-from flexhinf.design.requirements import move_requirements, tracking_limits
+from flexhinf.design.requirements import move_limits, move_requirements
 from flexhinf.design.responses import joint_limits
 from flexhinf.errors import InvalidInput
 
@@ -78,8 +77,8 @@ def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Be
 def test_a_joint_that_stays_has_a_tracking_error_that_can_be_met(robot_of: Callable[[str], Any]) -> None:
     """Its way along the move is rounding: 5 % of 5e-16 rad were required."""
     robot, s = robot_of("cart"), Specification()
-    move: Any = SimpleNamespace(travel=np.array([0.04, 5e-16]))
-    np.testing.assert_allclose(tracking_limits(s, joint_limits(robot, s), move.travel), [2e-3, 5e-4])
+    tracking, _ = move_limits(s, joint_limits(robot, s), np.array([0.04, 5e-16]))
+    np.testing.assert_allclose(tracking, [2e-3, 5e-4])
 
 
 def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) -> None:

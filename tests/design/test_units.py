@@ -123,7 +123,7 @@ def test_angles_are_in_radians_unless_they_say_degrees() -> None:
     assert units.angles("0.5,-90deg, 180 deg,180°") == (0.5, -math.pi / 2, math.pi, math.pi)
     assert units.angles(["30deg", 0.25]) == (math.radians(30), 0.25)
     assert units.angles(0.5) == units.angles(np.array([0.5])) == (0.5,)
-    assert units.poses(["0.1,90°", [0.2, 0.3]]) == ((0.1, math.pi / 2), (0.2, 0.3))
+    assert units._poses(["0.1,90°", [0.2, 0.3]]) == ((0.1, math.pi / 2), (0.2, 0.3))
     with pytest.raises(ValueError, match="90grad"):
         units.angles("90grad")
 
@@ -141,15 +141,15 @@ def test_a_time_may_have_a_unit(text: str, meant: float) -> None:
 
 def test_names_integers_and_weights_stand_between_commas() -> None:
     assert units.names(" a, b ,,") == ("a", "b")
-    assert units.integers("4,2,2") == (2, 4)
-    assert units.weights("60,0,300") == (60.0, 0.0, 300.0)
-    assert units.weights("link_position=60, motor_velocity = 3") == {
+    assert units._integers("4,2,2") == (2, 4)
+    assert units._weights("60,0,300") == (60.0, 0.0, 300.0)
+    assert units._weights("link_position=60, motor_velocity = 3") == {
         "link_position": 60.0,
         "motor_velocity": 3.0,
     }
     for wrong in ("link_position=a", "", [[1.0, 2.0], [3.0]], {}, 3.0):
         with pytest.raises(ValueError):  # noqa: PT011
-            units.weights(wrong)
+            units._weights(wrong)
 
 
 @pytest.mark.filterwarnings("ignore:the matrix subclass")

@@ -76,7 +76,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
     interrupted.
     """
     from flexhinf.design import open_campaign
-    from flexhinf.design.campaign_gain import search_gain, searches_gain
+    from flexhinf.design.campaign_folder import search_gain, searches_gain
 
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     known = list(design.metrics.units)
@@ -198,8 +198,7 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
 def replay(context: typer.Context, o: ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
     from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_folder import stored_request
-    from flexhinf.design.campaign_gain import GainSearch, stored_gains
+    from flexhinf.design.campaign_folder import GainSearch, stored_gains, stored_request
 
     refuse_if(
         (o.sample is None) == (not o.worst_case),
@@ -242,7 +241,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
 
 def _finish(table: MergedTable, requirements: list[Requirement]) -> int:
     from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_gain import stored_gains
+    from flexhinf.design.campaign_folder import stored_gains
 
     journal, folder = table.journal, table.journal.folder
 

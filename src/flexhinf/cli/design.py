@@ -81,12 +81,12 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     """
     from rich.console import Console
 
-    from flexhinf.design import compare as make_comparison, comparison_stages, law_names
+    from flexhinf.design import compare as make_comparison, law_names, stages
 
     request = request_of(context, o, o.robot, o.elastic)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = report.check(o.out)
-    count = comparison_stages(request.robot, request.specification, law_names(chosen))
+    count = stages(request.robot, request.specification, law_names(chosen))
     with step_progress(count + 1) as progress:
         result = make_comparison(
             request.robot, request.specification, chosen, o.tune, progress, o.same_sensors

@@ -190,7 +190,7 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
 
 def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
     from flexhinf.design import load_design
-    from flexhinf.design.deployed_run import Conditions, perturbed, prepare_run
+    from flexhinf.design.deployed_run import perturbed, prepare_run
     from flexhinf.robot.mujoco import check_expressed
 
     needs = "A run needs a design file, which states robot, start and goal."
@@ -202,5 +202,4 @@ def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
         warnings.simplefilter("ignore")  # `request_of` has told them
         designed = load_design(path)
         controller, _ = controller_of(o.source)
-    conditions = Conditions(o.noise, o.load, o.load_at)
-    return prepare_run(controller, designed, robot, request.specification, conditions)
+    return prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)

@@ -1,13 +1,13 @@
 """The room's public names and the files that they come from; read when a name is first used."""
 
 from .campaign_folder import (
-    DesignCampaign as DesignCampaign,
     DesignPair as DesignPair,
     PairResult as PairResult,
     open_campaign as open_campaign,
     open_pair as open_pair,
     stored_campaign as stored_campaign,
 )
+from .deployed_run import DesignCampaign as DesignCampaign
 from .design_file import (
     DesignRequest as DesignRequest,
     design_schema as design_schema,
@@ -20,7 +20,6 @@ from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
 from .options import CampaignOptions as CampaignOptions
 from .pipeline import (
     compare as compare,
-    comparison_stages as comparison_stages,
     design as design,
     stages as stages,
 )

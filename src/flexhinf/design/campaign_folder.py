@@ -1,229 +1,45 @@
-"""Campaign of a design: its step or move on sampled robots, the campaign's folder, and the comparison of two."""
+"""The folder of a design's campaign, and the comparison of two campaigns.
+
+In the folder are also gains: those that the worst finite-energy disturbances attain, for the robot and for the worst
+one within the tolerances. ∫|z|²/∫|d|² from rest at the goal is compared with γ² for z and d of the synthesis, and with
+the proved γ² for z and d of the proof and the robots that it covers; it is a lower bound of the gain, so it never
+exceeds a proved one. The loop is that of the law with the true state fed back, inputs held for a period; the same
+search with the estimator is made for the nominal robot, and no proof covers it.
+"""
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import tomlkit
 
+from flexhinf.analysis import Attained, worst_disturbance
+from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
 from flexhinf.campaign import (
     Campaign,
     CampaignJudgement,
     Journal,
     PairedCampaigns,
-    Sample,
-    Tolerances,
-    Variable,
 )
-from flexhinf.campaign.journal import check_own_folder, differing, listed
-from flexhinf.design.checks import end_limit_cycle
-from flexhinf.design.design_file import (
-    DESIGN_FILE,
-    DesignRequest,
-    load_design,
-    plain,
-    read_request,
-    request_document,
-)
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import DESIGN
-from flexhinf.design.loop_setup import LoopPlants
+from flexhinf.campaign.journal import UNREADABLE, check_own_folder, differing, listed
+from flexhinf.certify.certificate import linear_part
+from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
+from flexhinf.design.deployed_run import DesignCampaign, fields_text
 from flexhinf.design.options import CampaignOptions
-from flexhinf.design.pipeline import step_duration
-from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import RunMetrics, final_limits, tracking_limits
-from flexhinf.design.responses import LOAD_START, Plan, joint_limits, plan_ends, start_and_goal
-from flexhinf.design.result import forwarded
-from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
-from flexhinf.loop import Controller, Loop, Step, load_controller
-from flexhinf.loop.simulation.inputs import sample_count
+from flexhinf.loop import Controller, load_controller
+from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.report import unchanged
-from flexhinf.robot import Parameter, Robot, load_robot
-from flexhinf.robot.elastic import inactive_parameters
-from flexhinf.robot.signals import UNITS, signal_names
-from flexhinf.validation import checked_path, read_toml, value_text
-
-_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
-_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
-
-
-def robot_sample(
-    robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
-) -> Sample:
-    """True robot with the parameters of a sample and `extras`, in equilibrium at the sample's start.
-
-    The estimator starts at `start` (n,), rad or m. Raises an error for a robot that no input holds there: the sample
-    fails.
-    """
-    values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
-    errors = [numbers.get(name, 0.0) for name in signal_names(ERROR, robot.joint_names)]
-    x, _ = robot.operating_point(start + errors, extras, values)
-    loads = {name: numbers[name] for name in signal_names(TORQUE, robot.joint_names) if name in numbers}
-    parameters = robot.plant(extras=extras).parameters.known(values)
-    return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
-
-
-ERROR, TORQUE = "initial_error", "link_torque"
-
-
-@dataclass(frozen=True, eq=False)
-class DesignCampaign:
-    """A design and the options of its campaign; the controller is that of the report `file` if that is unchanged."""
-
-    request: DesignRequest
-    options: CampaignOptions
-    file: Path | None = None
-
-    specification = forwarded("request.specification", Specification, "The specification of the design.")
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
-        robot = self.request.robot
-        if self.options.payload is not None:
-            robot = load_robot(self.request.source, self.request.elastic, payload=self.options.payload)
-        off = inactive_parameters(self.specification.extras, robot.joint_names)
-        for name, spread in self.options.tolerances:
-            parameter = robot[name]
-            if name in off:
-                raise InvalidInput(
-                    f"The parameter {name!r} does not act in this design's true plant.",
-                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
-                    "the design with --extras for it",
-                )
-            robot = robot.with_parameters(_spread(parameter, spread))
-        return robot
-
-    @cached_property
-    def plan(self) -> Plan | None:
-        """The move that the design is judged along, as `stated_move`; None for a step."""
-        return stated_move(self.request.robot, self.specification)
-
-    @cached_property
-    def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Link positions (n,) where a run begins, and where it should end, rad or m."""
-        if self.plan is not None:
-            return plan_ends(self.plan)
-        return start_and_goal(self.request.robot, self.specification, None)
-
-    @cached_property
-    def variables(self) -> tuple[Variable, ...]:
-        """Quantities that vary from sample to sample; InvalidInput if none does."""
-        o, robot = self.options, self.robot
-        off = inactive_parameters(self.specification.extras, robot.joint_names)
-        acting = [p for p in robot.uncertain if p.name not in off]
-        variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
-        for size, name, signal in (
-            (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
-        ):  # fmt: skip
-            names = signal_names(name, robot.joint_names) if size else ()
-            variables += [
-                Variable(full_name, -size, size, o.distribution, UNITS[signal][sliding])
-                for full_name, sliding in zip(names, robot.links.slides)
-            ]
-        if not variables:
-            raise InvalidInput(
-                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
-                "expected a tolerance, a range of the payload, an initial error or a disturbance",
-                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
-            )
-        return tuple(variables)
-
-    @property
-    def stated(self) -> dict[str, str]:
-        """Settings of design and campaign as text by name, before anything is designed; InvalidInput for a misfit."""
-        o, s, (start, goal) = self.options, self.specification, self.ends
-        length = {} if o.duration is None else {"duration": str(float(o.duration))}
-        if o.duration is not None:
-            sample_count(o.duration, s.period)
-        fields = {f"design {name}": text for name, text in fields_text(s).items()}
-        robots = {"robot": self.request.robot, "true robot": self.robot}
-        parameters = {
-            f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip()
-            for which, robot in robots.items()
-            for p in robot.parameters
-            if which == "robot" or p not in self.request.robot.parameters
-        }
-        return {
-            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
-            **{f"variable {v.name}": v.text() for v in self.variables},
-            "start": str(start.tolist()), "goal": str(goal.tolist()), **fields, **parameters, **length,
-        }  # fmt: skip
-
-    def campaign(self, controller: Controller, duration: float) -> Campaign:
-        """The campaign with a controller and runs of this length, s."""
-        s, robot, o = self.specification, self.robot, self.options
-        plants, plant = LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
-        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
-        reference: Any = None  # where the law holds its goal
-        if self.plan is not None:
-            reference = move_reference(self.request.robot, self.plan, plants.dry_friction)
-        elif has_integrals(controller.law):
-            reference = step_command(self.request.robot, s, *self.ends)
-        # a disturbance is of one N·m or N; what a sample draws is the factor
-        torques = dict.fromkeys(signal_names(TORQUE, robot.joint_names), Step(1.0, at=LOAD_START * duration))
-        arguments = {
-            "reference": reference, "noise": plants.noise, "disturbance": torques if o.disturbance else None,
-        }  # fmt: skip
-        options: dict[str, Any] = {"duration": duration}
-        options |= {name: value for name, value in arguments.items() if value is not None}
-        draw = Tolerances(self.variables, o.method, partial(robot_sample, robot, self.ends[0], s.extras))
-        return Campaign(
-            loop, draw, o.samples, o.seed, options,
-            self.metrics.metrics(plant.states, controller.states, controller.commanded),
-            signal_names("link_position", robot.joint_names), o.batch, self.stated,
-        )  # fmt: skip
-
-    @cached_property
-    def metrics(self) -> RunMetrics:
-        """Metrics of each run, with the limits of the design."""
-        s, limits = self.specification, joint_limits(self.request.robot, self.specification)
-        if self.plan is None:
-            return RunMetrics(limits, self.ends)
-        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
-        travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-        return RunMetrics(limits, None, (tracking_limits(s, limits, travel), final_limits(limits, travel)))
-
-    @property
-    def requirements(self) -> tuple[str, ...]:
-        """Requirements on each run from the design's specification, besides reaching its end."""
-        limits, move = self.metrics.limits, ("tracking_error_use<=1", "final_error_use<=1")
-        step = ("settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}")
-        peak = ("input_limit_use<=1",) if limits.limits_peak else ()
-        speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
-        return (*(step if self.plan is None else move), *peak, *speed)
-
-
-def fields_text(s: Specification) -> dict[str, str]:
-    """The fields of a specification that are not at their defaults, as text."""
-    values = {name: (plain(name, getattr(s, name)), plain(name, f.default)) for name, f in FIELDS.items()}
-    return {name: str(value) for name, (value, default) in values.items() if value != default}
-
-
-def _spread(parameter: Parameter, text: str) -> Parameter:
-    percent, ends = _PERCENT.match(text), _RANGE.match(text)
-    with suppress(ValueError):
-        if percent:
-            return replace(parameter, tolerance=float(percent[1]), range=None)
-        if ends:
-            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
-    raise InvalidInput(
-        f"The tolerance of {parameter.name!r} cannot be read.",
-        f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",
-        f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
-        f"{1.1 * parameter.value:g}",
-    )
-
+from flexhinf.validation import checked_path, read_toml
 
 #: Folders of the two campaigns in that of their comparison.
 FOLDERS = ("a", "b")
@@ -244,13 +60,11 @@ class DesignPair:
     b: DesignCampaign
 
     def __post_init__(self) -> None:
-        sides = self.a, self.b
-        a, b = map(_circumstances, sides)
+        a, b = _circumstances(self.a), _circumstances(self.b)
         rows = [f"{name}: {in_a} ↔ {in_b}" for name, in_a, in_b in differing(a, b, [*a, *b], "default")]
-        plants = [
-            side.robot.plant(side.specification.measured, extras=side.specification.extras) for side in sides
-        ]
-        if not rows and plants[0].code_key != plants[1].code_key:
+        designs = [(side.robot, side.specification) for side in (self.a, self.b)]
+        keys = [robot.plant(s.measured, extras=s.extras).code_key for robot, s in designs]
+        if not rows and keys[0] != keys[1]:
             rows = ["the equations of the robots, which have the same parameters"]
         if rows:
             raise InvalidInput(
@@ -280,12 +94,11 @@ class PairResult:
 
 
 def _circumstances(side: DesignCampaign) -> dict[str, str]:
-    """Settings of a campaign as text by name, except those of its control law."""
     limits = side.metrics.limits
-    stated = {name: text for name, text in side.stated.items() if not name.startswith("design ")}
-    fields = {name: text for name, text in fields_text(side.specification).items() if name in SHARED}
     return {
-        **stated, **fields, "true state fed back": str(side.specification.estimator == "none"),
+        **{name: text for name, text in side.stated.items() if not name.startswith("design ")},
+        **{name: text for name, text in fields_text(side.specification).items() if name in SHARED},
+        "true state fed back": str(side.specification.estimator == "none"),
         "limits of the inputs": str(limits.peak.tolist()), "saturation": str(limits.saturation.tolist()),
         "limits of the speeds": str(limits.speed.tolist()),
     }  # fmt: skip
@@ -296,9 +109,6 @@ SETUP, CONTROLLER = "setup", "controller"
 
 #: Held while a controller is designed and written.
 SETUP_LOCK = ".campaign-setup-lock"
-
-#: What the folder of a comparison may hold.
-_OWN = (*FOLDERS, "index.html")
 
 #: How long a driver waits for another one that designs the controller, s.
 PATIENCE = 3600.0
@@ -326,7 +136,6 @@ def open_campaign(
             journal = Journal.read(folder, (SETUP,))  # another driver of a job array may have been quicker
             if journal is None:
                 return _begun(request, place, command, *(designed or designed_controller(request, progress)))
-    journal.refuse_other(request.stated, partly=True)
     campaign = reopened(request, journal)
     journal.refuse_campaign(campaign)
     return campaign, journal
@@ -338,17 +147,21 @@ def _begun(
     o, design, setup = request.options, request.request, place / SETUP
     duration = duration if o.duration is None else o.duration
     request.campaign(controller, duration)  # refuses what does not fit before anything is written
-    document = request_document(
+    document = design_file.request_document(
         design.specification, design.source, design.elastic, setup, design.payload, design.robot.links.slides
     )
     text = tomlkit.dumps(document)
-    write_file(setup / DESIGN_FILE, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
+    write_file(
+        setup / design_file.DESIGN_FILE,
+        "design file",
+        lambda name: Path(name).write_text(text, encoding="utf-8"),
+    )
     controller.save(setup / CONTROLLER)
     campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
-    nominal = {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables}
     about = {
         "title": f"Campaign of the robot “{design.robot.name}”", "requirements": list(request.requirements),
-        "nominal": nominal, "options": {**vars(o), "tolerances": [list(tolerance) for tolerance in o.tolerances]},
+        "nominal": {v.name: request.robot.nominal.get(v.name, 0.0) for v in request.variables},
+        "options": {**vars(o), "tolerances": [list(tolerance) for tolerance in o.tolerances]},
     }  # fmt: skip
     return campaign, Journal.opened(place, campaign, command, about)
 
@@ -361,24 +174,25 @@ def designed_controller(
     A report's controller begins at the start of the step, so for a move a controller is designed that begins there.
     """
     path, plan, robot, s = request.file, request.plan, request.request.robot, request.specification
-    report = path if plan is None and path is not None and path.name == DESIGN_FILE else None
-    if report and unchanged(report.parent, (DESIGN_FILE, CONTROLLER)):
+    report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
+    if report and unchanged(report.parent, (design_file.DESIGN_FILE, CONTROLLER)):
         length = read_toml(report, "design file").get("result", {}).get("duration")
-        if isinstance(length, float) and fields_text(load_design(report)[1]) == fields_text(s):
+        if isinstance(length, float) and fields_text(design_file.load_design(report)[1]) == fields_text(s):
             return load_controller(report.parent / CONTROLLER), length
     synthesis = synthesise(robot, s, progress)
-    setup, _ = end_limit_cycle(synthesis.setup(robot, s))
-    length = step_duration(LawEvaluation(DESIGN, setup), synthesis)
+    setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
+    length = pipeline.step_duration(evaluation.LawEvaluation(laws.DESIGN, setup), synthesis)
     if plan is None:
         return setup.bumpless_controller, length
-    periods = round((plan.duration + length) / s.period)
-    return setup.controller(request.ends[0], moving=True), periods * s.period
+    length = round((plan.duration + length) / s.period) * s.period
+    return setup.controller(request.ends[0], moving=True), length
 
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
-    """The campaign of a folder, with its stored controller."""
-    duration = float(journal.settings["duration"])
-    return request.campaign(load_controller(journal.folder / SETUP / CONTROLLER), duration)
+    """The campaign of a folder, with its stored controller; InvalidInput if it was begun with other settings."""
+    journal.refuse_other(request.stated, partly=True)
+    controller = load_controller(journal.folder / SETUP / CONTROLLER)
+    return request.campaign(controller, float(journal.settings["duration"]))
 
 
 def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
@@ -393,9 +207,7 @@ def stored_campaign(folder: str | Path) -> tuple[Campaign, Journal]:
             f"expected a folder that `flexhinf campaign` wrote, got {folder}",
             "its --out; a campaign from Python replays with Campaign(...).replay(sample)",
         )
-    request = stored_request(journal)
-    journal.refuse_other(request.stated, partly=True)
-    return reopened(request, journal), journal
+    return reopened(stored_request(journal), journal), journal
 
 
 def stored_request(journal: Journal) -> DesignCampaign:
@@ -413,7 +225,7 @@ def stored_request(journal: Journal) -> DesignCampaign:
             f"{journal.folder}: {error}",
             "a copy of its manifest",
         ) from error
-    return DesignCampaign(read_request(journal.folder / SETUP / DESIGN_FILE), options)
+    return DesignCampaign(design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options)
 
 
 def open_pair(
@@ -427,7 +239,7 @@ def open_pair(
     Raises as `open_campaign`, before any work for either.
     """
     place = checked_path("The comparison's folder", folder).expanduser().absolute()
-    check_own_folder(place, "comparison of campaigns", _OWN)
+    check_own_folder(place, "comparison of campaigns", (*FOLDERS, "index.html"))
     place.mkdir(parents=True, exist_ok=True)
     with locked(place / SETUP_LOCK, PATIENCE):
         sides = [(side, Journal.read(place / at, (SETUP,))) for side, at in zip((pair.a, pair.b), FOLDERS)]
@@ -441,3 +253,215 @@ def open_pair(
             open_campaign(side, place / name, command, progress, result and (result[0], duration))
             for (side, _), name, command, result in zip(sides, FOLDERS, commands, designed)
         ]
+
+
+#: File of the results, in the campaign's folder, and its bytes at most.
+FILE, _MOST_FILE = Path("worst-case") / "disturbance.json", 100_000_000
+
+#: States of the problem of one joint.
+STATES = 5
+
+#: Where no region was sampled: level of V of small disturbances, relative to V where the step starts.
+SMALL = 1e-4
+
+#: Random plants of the box at which the search begins beside the nominal one.
+RANDOM = 3
+
+#: Ascents of the search with the estimator: each run has the loop's own period.
+ESTIMATOR_TURNS = 6
+
+#: Why γ of a proof is not compared with anything.
+BENT = "z of the proof is not linear in the state"
+
+
+@dataclass(frozen=True)
+class GainRow:
+    """One disturbance and the gain that it attained."""
+
+    robot: str  # {"nominal", "worst"}
+    loop: str  # {"true state", "estimator"}
+    pair: str  # {"synthesis", "proof"}. Whose z and d are meant
+    # gain, gamma: Attained, and the level that it is compared with; √(∫|z|²/∫|d|²)
+    gain: float
+    gamma: float
+    claim: str  # What γ is: "designed", "proved", or "not claimed" for this robot and loop
+    energy: float  # ∫|d|²
+    numbers: Mapping[str, float]  # Of the robot
+    names: tuple[str, ...]  # Of d
+    times: tuple[float, ...]  # s
+    disturbance: tuple[tuple[float, ...], ...]  # d, each sample held until the next
+
+    @property
+    def kept(self) -> bool:
+        """Whether the gain is at most γ."""
+        return self.gain <= self.gamma
+
+
+@dataclass(frozen=True)
+class GainResults:
+    """Gains of one design: rows (none if nothing was searched), and why no γ is proved (empty if one is)."""
+
+    rows: tuple[GainRow, ...] = ()
+    unproved: str = ""
+    campaign: str = ""
+
+
+def searches_gain(request: DesignCampaign) -> bool:
+    """Whether a disturbance is searched for: not with so many states that one ascent takes minutes."""
+    return STATES * len(request.request.robot.joint_names) <= certification.MOST_SEARCHED
+
+
+class _Claim(NamedTuple):
+    pair: str
+    problem: GeneralisedPlant  # whose gain is searched
+    level: float  # of V, that keeps the state
+    gamma: float
+    # what γ is for the nominal robot, and for the worst one
+    nominal: str
+    worst: str
+
+
+class GainSearch:
+    """Search for the gains of a design, for runs of `duration` (s); it is solved again, as no file stores z and V."""
+
+    def __init__(
+        self, request: DesignCampaign, duration: float, progress: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self.request, self.s, self.progress = request, request.specification, progress
+        designed, known = request.request.robot, request.robot.nominal
+        self.synthesis = synthesise(designed, self.s, progress)
+        self.estimator = self.synthesis.setup(designed, self.s).estimator(self.synthesis.goal)
+        # length of the disturbances, s
+        self.horizon = min(certification.LONGEST_DISTURBANCE, certification.STEPS * duration)
+        # the robot's uncertain parameters, both ends (d,) of their intervals, and the nominal robot in the unit box
+        variables = [v for v in request.variables if v.name in known]
+        self.names = tuple(v.name for v in variables)
+        self.low, self.high = np.array([(v.low, v.high) for v in variables], dtype=float).reshape(-1, 2).T
+        width = np.where(self.high > self.low, self.high - self.low, 1.0)
+        self.nominal = np.clip((np.array([known[name] for name in self.names]) - self.low) / width, 0.0, 1.0)
+
+    def numbers(self, point: np.ndarray) -> dict[str, float]:
+        """Parameters of the robot at a point (d,) of the unit box."""
+        return dict(zip(self.names, ((1.0 - point) * self.low + point * self.high).tolist(), strict=True))
+
+    def problem_of(self, problem: GeneralisedPlant, numbers: Mapping[str, float]) -> GeneralisedPlant:
+        """A problem with another robot, about that robot's equilibrium at the goal; FlexhinfError where it has none."""
+        robot, plant = self.request.robot, problem.plant
+        values = robot.plant_parameters(robot.nominal | dict(numbers))
+        equilibrium = robot.operating_point(self.synthesis.goal, (), values)
+        plant = plant.with_parameters(**plant.parameters.known(values))
+        return replace(problem, plant=plant, pose=None, equilibrium=equilibrium)
+
+    def results(self) -> GainResults:
+        """Results of all searches: for γ of the synthesis, for the loop with its estimator, for γ of the proof."""
+        # the level of the sampled region, or for small disturbances where none was sampled
+        law, chosen, level = self.synthesis.solution, self.synthesis.chosen, self.synthesis.chosen.level
+        if not (chosen.looked and 0.0 < level < math.inf):
+            n, away = len(law.plant_states), np.zeros(len(law.state_names))
+            start = self.request.request.robot.operating_point(self.synthesis.start)[0]
+            away[:n] = start - law.operating_point[:n]
+            level = SMALL * law.value(away)
+        designed = _Claim(
+            "synthesis", self.synthesis.problem, float(level), law.gamma, "designed", "not claimed"
+        )
+        rows = self._rows(designed)
+        if self.estimator is not None:  # a disturbance of the same energy
+            self.progress("worst disturbance of the loop with the estimator")
+            attained = worst_disturbance(
+                self.synthesis.problem, law, self.estimator, self.s.period, energy=rows[0].energy,
+                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=self.s.seed,
+            )  # fmt: skip
+            rows.append(_row("nominal", "estimator", designed, "not claimed", attained, rows[0].numbers))
+        self.progress("proof")
+        claim, unproved = self.proved
+        return GainResults(tuple(rows + ([] if claim is None else self._rows(claim))), unproved)
+
+    @cached_property
+    def proved(self) -> tuple[_Claim | None, str]:
+        """z, d and γ of the proof, its level in the law's V; or None and why: no proof, or z not linear in x."""
+        robot, options = self.request.request.robot, self.request.options
+        proof = certification.prove_design(
+            robot, self.s, self.synthesis, math.nan, certification.Attenuation(None, ())
+        )
+        certificate, law, solution = proof.certificate, self.synthesis.proved, self.synthesis.solution
+        boxed = certificate is not None and any(p.low < p.high for p in certificate.parameters)
+        if certificate is not None and law is not None and boxed:
+            problem, level = law.problem, certificate.level / law.scale
+        elif (
+            certificate is not None
+            and all(sum(powers) == 1 for row in certificate.penalty for powers, _ in row)
+            and isinstance(solution.problem, GeneralisedPlant)
+        ):
+            matrix = linear_part(certificate.penalty, len(solution.state_names))
+            problem = replace(solution.problem, penalty=Penalty(matrix, np.array(certificate.r2)))
+            level = certificate.level
+        else:
+            return None, proof.reason or BENT
+        worst = "proved" if boxed and not options.tolerances and options.payload is None else ""
+        return _Claim("proof", problem, level, certificate.gamma, "proved", worst), proof.reason
+
+    def _rows(self, claim: _Claim) -> list[GainRow]:
+        s, problem, law = self.s, claim.problem, self.synthesis.solution
+        self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
+        first = worst_disturbance(
+            problem, law, None, s.period, level=claim.level, horizon=self.horizon, seed=s.seed
+        )
+        rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.nominal))]
+        if claim.worst and self.names:
+            self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
+            worst = worst_gain(
+                lambda point: self.problem_of(problem, self.numbers(point)), law, self.nominal, first,
+                level=claim.level, period=s.period, horizon=self.horizon,
+                starts=np.random.Generator(np.random.Philox(key=[s.seed, 0])).random((RANDOM, len(self.names))),
+            )  # fmt: skip
+            numbers = self.numbers(worst.point)
+            rows.append(_row("worst", "true state", claim, claim.worst, worst.attained, numbers))
+        return rows
+
+    def again(self, row: GainRow) -> float:
+        """Simulate the disturbance of a row again, and return its gain."""
+        claim, law = self.proved[0] if row.pair == "proof" else None, self.synthesis.solution
+        problem = self.synthesis.problem if claim is None else claim.problem
+        if row.robot == "worst":
+            problem = self.problem_of(problem, row.numbers)
+            law = MovedLaw(law, problem)
+        estimator = self.estimator if row.loop == "estimator" else None
+        runs = DisturbanceRuns(problem, law, estimator, self.s.period, self.horizon)
+        return runs.attained(np.array(row.disturbance)).gain
+
+
+def _row(
+    robot: str, loop: str, claim: _Claim, what: str, attained: Attained, numbers: Mapping[str, float]
+) -> GainRow:
+    return GainRow(
+        robot, loop, claim.pair, attained.gain, claim.gamma, what, attained.energy, dict(numbers),
+        tuple(claim.problem.disturbance_names), tuple(attained.times.tolist()),
+        tuple(map(tuple, attained.disturbance.tolist())),
+    )  # fmt: skip
+
+
+def search_gain(
+    request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
+) -> GainResults:
+    """Results of `GainSearch`, stored in the campaign's folder; read from there if they are stored already."""
+    if not searches_gain(request):
+        raise InvalidInput(
+            "The worst disturbance is not searched for robots of so many joints.",
+            f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
+            "--metric with a metric of the runs, as overshoot_percent",
+        )
+    results = stored_gains(journal)
+    if not results.rows:
+        results = GainSearch(request, float(journal.settings["duration"]), progress).results()
+        results = replace(results, campaign=journal.digest)
+        journal.store(FILE, asdict(results))
+    return results
+
+
+def stored_gains(journal: Journal) -> GainResults:
+    """The results in a campaign's folder; no rows where nothing was searched, or the file is damaged."""
+    with suppress(*UNREADABLE):
+        results = journal.stored(FILE, GainResults, _MOST_FILE)
+        if results.campaign == journal.digest:
+            return results
+    return GainResults()

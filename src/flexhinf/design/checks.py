@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 
@@ -59,13 +58,10 @@ from flexhinf.loop.simulation.metrics import (
     RingDown,
     limit_cycle,
     ring_down as fit_ring_down,
-    steady_state_error,
     tail_of,
 )
 from flexhinf.plant import Law, Parameters, sub_steps
-from flexhinf.robot import Robot, Weighing, weigh_payload
-from flexhinf.robot.arm import payload_ends
-from flexhinf.robot.elastic import stated_friction
+from flexhinf.robot import Robot, Weighing, arm, elastic, weigh_payload
 
 # An impulse on each joint of the resting loop ------------------------------------------------------------
 
@@ -168,10 +164,8 @@ def impulse_runs(
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
-    delay, diverged = (
-        round(setup.specification.delay / period),
-        any(run.diverged_at is not None for run in runs),
-    )
+    delay = round(setup.specification.delay / period)
+    diverged = any(run.diverged_at is not None for run in runs)
     return ImpulseRuns(runs, impulses, None if diverged else _ring_down(runs, state, held, delay), delay)
 
 
@@ -238,13 +232,11 @@ class LimitCycleCheck:
         diverged, time = self.response.diverged_at is not None, self.response.run.time
         return () if diverged else tuple(limit_cycle(time, q) for q in self.response.positions.T)
 
-    @cached_property
+    @property
     def errors(self) -> np.ndarray:
         """Largest distance (n,) of each link from the goal in the last tenth of the run, rad or m."""
-        if self.response.diverged_at is not None:
-            return np.full(len(self.response.goal), np.inf)
-        pairs = zip(self.response.positions.T, self.response.goal)
-        return np.array([steady_state_error(q, np.full(len(q), goal)) for q, goal in pairs])
+        rows = self.response.metrics
+        return np.array([row["steady_state_error"] for row in rows] or [np.inf] * len(self.response.goal))
 
     @property
     def amplitudes(self) -> np.ndarray:
@@ -301,7 +293,7 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
 
 def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     """Run the check; None for a robot without dry friction, or with none above zero."""
-    s, dry = setup.specification, stated_friction(setup.robot.plant_parameters())
+    s, dry = setup.specification, elastic.stated_friction(setup.robot.plant_parameters())
     if not dry:
         return None
     extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
@@ -339,13 +331,12 @@ class MarginLimits:
         """Share of each limit that is used: above 1 it is exceeded."""
         if not at_pose.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
-        shares = {
+        damping = self.damping / at_pose.damping if self.damping and at_pose.damping > 0.0 else np.inf
+        return {
             "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
             "gain_margin": self.gain_margin / at_pose.gain_margin,
+            **({"damping": damping} if self.damping else {}),
         }
-        if self.damping:
-            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
-        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,15 +442,6 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
 # Payloads at the ends of their ranges --------------------------------------------------------------------
 
 
-def _load_step_worst(key: str, doc: str) -> Worst:
-    """A property: the worst of the load step's metrics of this name; zero without a load step."""
-
-    def worst(evaluation: PayloadEvaluation) -> Worst:
-        return Worst(0.0, "") if evaluation.load_step is None else worst_of(evaluation.load_step.metrics, key)
-
-    return cast("Worst", property(worst, doc=doc))
-
-
 @dataclass(frozen=True, eq=False)
 class PayloadEvaluation:
     """Evaluation of a loop whose true robot has other payload masses than the model."""
@@ -469,24 +451,17 @@ class PayloadEvaluation:
     step: Response  # From start to goal, with the payload
     # The weight beyond the model's as constant torques; None where the model carries as much or more
     load_step: LoadResponse | None
+    # After the load step, zero without one: the largest deviation of a link, rad or m; the time until all links are
+    # back within 2 % of their step, s, infinite where one is not in the run; the largest deviation in its last tenth
+    deflection: Worst
+    recovery: Worst
+    remaining: Worst
     margins: Margins  # Of the running loop about the goal, with the payload
 
     @property
     def mass(self) -> float:
         """Sum of all payloads, kg."""
         return float(sum(self.masses.values()))
-
-    deflection = _load_step_worst(
-        "peak_deviation",
-        "Largest deviation of a link after the load step, rad or m; zero without a load step.",
-    )
-    recovery = _load_step_worst(
-        "recovery_time_s",
-        "Time until all links are back within 2 % of their step, s; infinite where one is not in the run.",
-    )
-    remaining = _load_step_worst(
-        "remaining_error", "Largest deviation in the last tenth of the run, rad or m."
-    )
 
     @cached_property
     def weighed(self) -> Weighing | None:
@@ -501,12 +476,13 @@ class PayloadEvaluation:
 
 def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluation, ...]:
     """Evaluations with payloads at the ends of their ranges, the lower if the model carries more; empty without any."""
-    return tuple(evaluate_payload(setup, runs, masses) for masses in payload_ends(setup.robot.uncertain))
+    return tuple(evaluate_payload(setup, runs, masses) for masses in arm.payload_ends(setup.robot.uncertain))
 
 
 def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:
     """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
     robot, load_step = setup.robot, None
+    deflection = recovery = remaining = Worst(0.0, "")
     true = robot.plant_parameters({**robot.nominal, **masses})
     step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
@@ -515,7 +491,10 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
             for p in (robot.plant_parameters(), true)
         )
         load_step = setup.load_response(-(held - nominal), runs.load_duration, runs.sub_steps)
-    return PayloadEvaluation(robot, masses, step, load_step, margins(setup.equilibrium_loop(values=true)))
+        keys = ("peak_deviation", "recovery_time_s", "remaining_error")
+        deflection, recovery, remaining = (worst_of(load_step.metrics, key) for key in keys)
+    running = margins(setup.equilibrium_loop(values=true))
+    return PayloadEvaluation(robot, masses, step, load_step, deflection, recovery, remaining, running)
 
 
 def payload_requirements(
@@ -536,12 +515,13 @@ def payload_requirements(
         )  # fmt: skip
     if load.load_step is None:
         return lines
-    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.remaining
-    joint = limits.joints.index(remaining.joint) if remaining.joint else 0
-    lines.append(
+    where, joint = f"gripping {load.mass:.3g} kg at the goal", load.remaining.joint
+    k = limits.joints.index(joint) if joint else 0
+    return [
+        *lines,
         REQUIREMENTS["load_step"].judge(
-            None, SETTLING_BAND * float(load.load_step.reference_step[joint]), remaining.value, where,
-            unit=limits.position_units[joint], joint=of_several(limits.joints, remaining.joint),
-        )
-    )  # fmt: skip
-    return lines + limit_requirements(limits, load.load_step.response, where, always=False)
+            None, SETTLING_BAND * float(load.load_step.reference_step[k]), load.remaining.value, where,
+            unit=limits.position_units[k], joint=of_several(limits.joints, joint),
+        ),
+        *limit_requirements(limits, load.load_step.response, where, always=False),
+    ]  # fmt: skip

@@ -1,33 +1,31 @@
-"""One run of a design's controller as it is deployed: on MuJoCo's robot, at its period, on the wall clock.
+"""Runs of a design's controller as it is deployed: one on MuJoCo's robot, or a campaign on sampled robots.
 
-The robot that is driven may carry a payload, or have other parameters than the controller was designed for.
+The robots may carry a payload, or have other parameters than the controller was designed for. The run on MuJoCo's robot
+goes at its period, on the wall clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexhinf.design.loop_setup import LoopPlants
-from flexhinf.design.plans import has_integrals, move_reference, stated_move, step_command
-from flexhinf.design.requirements import (
-    REQUIREMENTS,
-    Requirement,
-    move_requirements,
-    step_requirements,
-)
-from flexhinf.design.responses import Move, Plan, Response, plan_ends, start_and_goal
-from flexhinf.design.specification import Specification
+from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
+from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
+from flexhinf.design.options import CampaignOptions
+from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
-from flexhinf.robot import MuJoCoPlant, Robot
+from flexhinf.loop.simulation.inputs import sample_count
+from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
-from flexhinf.robot.signals import signal_names
 from flexhinf.validation import nearest, value_text
 
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
@@ -39,51 +37,44 @@ LOAD_AT = 0.5
 WHERE = "this run, on MuJoCo's robot"
 
 
-@dataclass(frozen=True)
-class Conditions:
-    """Circumstances of a run: whether measurements have the stated noise, and a torque on every link (N·m or N) from
-    the time `load_at` (s) on, by default from the middle of the run."""
-
-    noise: bool = True
-    load: float | None = None
-    load_at: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class DeployedRun:
-    """A prepared run: loop, robot and conditions."""
+    """A prepared run: loop, robot and options."""
 
     robot: Robot  # The driven one
     specification: Specification
-    plants: LoopPlants  # Of the robot that the controller was designed for: sensors, noise and limits
+    plants: (
+        loop_setup.LoopPlants
+    )  # Of the robot that the controller was designed for: sensors, noise and limits
     box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
     # start, goal: (n,). Link positions, rad or m
     start: np.ndarray
     goal: np.ndarray
-    plan: Plan | None  # The move; None for a step
+    plan: responses.Plan | None  # The move; None for a step
     arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
-    conditions: Conditions
 
     def make(self, **options: Any) -> RealTimeRun:
         """Execute the run; options and errors are those of `flexhinf.run_realtime`."""
         return run_realtime(self.loop, **self.arguments, **options)
 
-    def response(self, run: RealTimeRun) -> Response:
+    def response(self, run: RealTimeRun) -> responses.Response:
         """The run with its metrics for each joint."""
-        return Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
+        return responses.Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
-    def requirements(self, run: RealTimeRun) -> list[Requirement]:
+    def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and that no deadline of an input was missed."""
         limits, response = self.plants.limits, self.response(run)
         if self.plan is None:
-            lines = step_requirements(self.specification, limits, response, WHERE)
+            lines = required.step_requirements(self.specification, limits, response, WHERE)
         else:
-            lines = move_requirements(self.specification, limits, Move.along(self.plan, response))
+            lines = required.move_requirements(
+                self.specification, limits, responses.Move.along(self.plan, response)
+            )
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
-            lines.insert(0, REQUIREMENTS["deadlines"].judge(None, 0.0, missed, WHERE))
+            lines.insert(0, required.REQUIREMENTS["deadlines"].judge(None, 0.0, missed, WHERE))
         return lines
 
 
@@ -92,24 +83,28 @@ def prepare_run(
     designed: tuple[Robot, Specification],
     robot: Robot,
     specification: Specification,
-    conditions: Conditions = Conditions(),
+    noise: bool = True,
+    load: float | None = None,
+    load_at: float | None = None,
 ) -> DeployedRun:
     """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
 
     `designed`: robot and specification of the controller; `robot` is driven, as `specification` says.
+    `noise`: whether measurements have the stated noise.
+    `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
     """
     (model, original), s = designed, specification
-    plan = stated_move(model, s)
-    start, goal = start_and_goal(model, s, plan)
+    plan = plans.stated_move(model, s)
+    start, goal = responses.start_and_goal(model, s, plan)
     if plan is not None:
-        start, goal = plan_ends(plan)
-    plants = LoopPlants(model, s)
-    box = LoopPlants(robot, s).mujoco_plant(goal)
-    begun, aim = start_and_goal(model, original, stated_move(model, original))
+        start, goal = responses.plan_ends(plan)
+    plants = loop_setup.LoopPlants(model, s)
+    box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
+    begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     if plan is None:
-        command = step_command(model, s, start, goal) if has_integrals(controller.law) else None
+        command = plans.step_command(model, s, start, goal) if plans.has_integrals(controller.law) else None
         reference: Any = command
-        names = signal_names("link_position", model.joint_names)
+        names = signals.signal_names("link_position", model.joint_names)
         if command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
         elif command is None and not np.allclose(goal, aim, rtol=0.0, atol=1e-12):
@@ -118,26 +113,26 @@ def prepare_run(
                 f"expected the goal {aim.tolist()}, got {goal.tolist()}",
                 "the goal of the design; or a design whose penalty weighs link_position_integral",
             )
-        duration = STEP_TIME if command is None else STEP_TIME + command.duration
+        duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
         controller = Controller(  # in error coordinates, as a design runs its moves
             controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
             integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
         )  # fmt: skip
-        reference = move_reference(model, plan, plants.dry_friction)
+        reference = plans.move_reference(model, plan, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
-    load, at = conditions.load, LOAD_AT * duration if conditions.load_at is None else conditions.load_at
+    at = LOAD_AT * duration if load_at is None else load_at
     if load is not None and not 0.0 <= at < duration:
         raise InvalidInput(
             "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
             "--load-at 1s, or a longer --duration",
         )  # fmt: skip
-    torques = signal_names("link_torque", robot.joint_names)
+    torques = signals.signal_names("link_torque", robot.joint_names)
     arguments = {
         "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
-        "noise": plants.noise if conditions.noise else None, "seed": s.seed,
+        "noise": plants.noise if noise else None, "seed": s.seed,
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
     if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
@@ -145,7 +140,7 @@ def prepare_run(
         arguments |= {"initial_input": held} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
-    return DeployedRun(robot, s, plants, box, loop, start, goal, plan, arguments, conditions)
+    return DeployedRun(robot, s, plants, box, loop, start, goal, plan, arguments)
 
 
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
@@ -178,3 +173,179 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         for parameter in names:
             values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)
+
+
+# A campaign: the same run on sampled robots ----------------------------------------------------------------
+_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
+_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
+
+
+def robot_sample(
+    robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
+) -> Sample:
+    """True robot with the parameters of a sample and `extras`, in equilibrium at the sample's start.
+
+    The estimator starts at `start` (n,), rad or m. Raises an error for a robot that no input holds there: the sample
+    fails.
+    """
+    values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
+    errors = [numbers.get(name, 0.0) for name in signals.signal_names(ERROR, robot.joint_names)]
+    x, _ = robot.operating_point(start + errors, extras, values)
+    loads = {
+        name: numbers[name] for name in signals.signal_names(TORQUE, robot.joint_names) if name in numbers
+    }
+    parameters = robot.plant(extras=extras).parameters.known(values)
+    return Sample(parameters, {"initial_state": x}, numbers, loads=loads)
+
+
+ERROR, TORQUE = "initial_error", "link_torque"
+
+
+@dataclass(frozen=True, eq=False)
+class DesignCampaign:
+    """A design and the options of its campaign; the controller is that of the report `file` if that is unchanged."""
+
+    request: design_file.DesignRequest
+    options: CampaignOptions
+    file: Path | None = None
+
+    @property
+    def specification(self) -> Specification:
+        """The specification of the design."""
+        return self.request.specification
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
+        design, payload = self.request, self.options.payload
+        robot = (
+            design.robot if payload is None else load_robot(design.source, design.elastic, payload=payload)
+        )
+        off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
+        for name, spread in self.options.tolerances:
+            if name in off:
+                raise InvalidInput(
+                    f"The parameter {name!r} does not act in this design's true plant.",
+                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
+                    "the design with --extras for it",
+                )
+            robot = robot.with_parameters(_spread(robot[name], spread))
+        return robot
+
+    @cached_property
+    def plan(self) -> responses.Plan | None:
+        """The move that the design is judged along, as `stated_move`; None for a step."""
+        return plans.stated_move(self.request.robot, self.specification)
+
+    @cached_property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Link positions (n,) where a run begins, and where it should end, rad or m."""
+        robot, s = self.request.robot, self.specification
+        return (
+            responses.start_and_goal(robot, s, None) if self.plan is None else responses.plan_ends(self.plan)
+        )
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """Quantities that vary from sample to sample; InvalidInput if none does."""
+        o, robot = self.options, self.robot
+        off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
+        acting = [p for p in robot.uncertain if p.name not in off]
+        variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
+        for size, name, signal in (
+            (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
+        ):  # fmt: skip
+            names = signals.signal_names(name, robot.joint_names) if size else ()
+            variables += [
+                Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
+                for full_name, sliding in zip(names, robot.links.slides)
+            ]
+        if not variables:
+            raise InvalidInput(
+                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+                "expected a tolerance, a range of the payload, an initial error or a disturbance",
+                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+            )
+        return tuple(variables)
+
+    @property
+    def stated(self) -> dict[str, str]:
+        """Settings of design and campaign as text by name, before anything is designed; InvalidInput for a misfit."""
+        o, s, (start, goal), model = self.options, self.specification, self.ends, self.request.robot
+        if o.duration is not None:
+            sample_count(o.duration, s.period)
+        changed = [p for p in self.robot.parameters if p not in model.parameters]
+        parameters = [*(("robot", p) for p in model.parameters), *(("true robot", p) for p in changed)]
+        return {
+            "samples": str(o.samples), "seed": str(o.seed), "batch": str(o.batch), "method": o.method,
+            **{f"variable {v.name}": v.text() for v in self.variables},
+            "start": str(start.tolist()), "goal": str(goal.tolist()),
+            **{f"design {name}": text for name, text in fields_text(s).items()},
+            **{f"{which} {p.name}": f"{p.value!r} {p.unit} {p.spread}".strip() for which, p in parameters},
+            **({} if o.duration is None else {"duration": str(float(o.duration))}),
+        }  # fmt: skip
+
+    def campaign(self, controller: Controller, duration: float) -> Campaign:
+        """The campaign with a controller and runs of this length, s."""
+        s, robot, o = self.specification, self.robot, self.options
+        plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
+        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
+        options: dict[str, Any] = {"duration": duration, "reference": None, "noise": plants.noise}
+        if self.plan is not None:
+            options["reference"] = plans.move_reference(self.request.robot, self.plan, plants.dry_friction)
+        elif plans.has_integrals(controller.law):  # others hold their goal
+            options["reference"] = plans.step_command(self.request.robot, s, *self.ends)
+        if o.disturbance:  # of one N·m or N; what a sample draws is the factor
+            torque = Step(1.0, at=responses.LOAD_START * duration)
+            options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
+        options = {name: value for name, value in options.items() if value is not None}
+        draw = Tolerances(self.variables, o.method, partial(robot_sample, robot, self.ends[0], s.extras))
+        return Campaign(
+            loop, draw, o.samples, o.seed, options,
+            self.metrics.metrics(plant.states, controller.states, controller.commanded),
+            signals.signal_names("link_position", robot.joint_names), o.batch, self.stated,
+        )  # fmt: skip
+
+    @cached_property
+    def metrics(self) -> required.RunMetrics:
+        """Metrics of each run, with the limits of the design."""
+        s, limits = self.specification, responses.joint_limits(self.request.robot, self.specification)
+        if self.plan is None:
+            return required.RunMetrics(limits, self.ends)
+        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
+        travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+        return required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
+
+    @property
+    def requirements(self) -> tuple[str, ...]:
+        """Requirements on each run from the design's specification, besides reaching its end."""
+        limits, move = self.metrics.limits, ("tracking_error_use<=1", "final_error_use<=1")
+        step = ("settling_time_s<=1e9", f"overshoot_percent<={self.specification.overshoot:g}")
+        peak = ("input_limit_use<=1",) if limits.limits_peak else ()
+        speed = ("speed_limit_use<=1",) if limits.limits_speed else ()
+        return (*(step if self.plan is None else move), *peak, *speed)
+
+
+def fields_text(s: Specification) -> dict[str, str]:
+    """The fields of a specification that are not at their defaults, as text."""
+    values = {name: design_file.plain(name, getattr(s, name)) for name in FIELDS}
+    return {
+        name: str(value)
+        for name, value in values.items()
+        if value != design_file.plain(name, FIELDS[name].default)
+    }
+
+
+def _spread(parameter: Parameter, text: str) -> Parameter:
+    percent, ends = _PERCENT.match(text), _RANGE.match(text)
+    with suppress(ValueError):
+        if percent:
+            return replace(parameter, tolerance=float(percent[1]), range=None)
+        if ends:
+            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
+    raise InvalidInput(
+        f"The tolerance of {parameter.name!r} cannot be read.",
+        f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",
+        f"--tolerance {parameter.name}=10%, or --tolerance {parameter.name}={0.9 * parameter.value:g}.."
+        f"{1.1 * parameter.value:g}",
+    )

@@ -4,6 +4,11 @@ A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``
 robot's file, and fields of `Specification` by name. Paths are relative to the file's folder. The table [result] has
 the outcome and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
 (`flexhinf.design.options.Stated`) until it is known which joints slide.
+
+Goals and waypoints of a point of the robot, x, y, z in the world, as positions of the joints.
+
+`flexhinf.robot.kinematics` finds the joint positions first: everything after has joint positions only. Between two
+waypoints the joints move smoothly, and the point not in a straight line.
 """
 
 from __future__ import annotations
@@ -16,20 +21,26 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
 
 from flexhinf import __version__
-from flexhinf.design.options import Stated
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError, json_schema
-from flexhinf.design.waypoint_table import WaypointTable
+from flexhinf.design.options import SLIDING, Stated, lengths
+from flexhinf.design.specification import (
+    FIELDS,
+    Specification,
+    SpecificationError,
+    WaypointError,
+    WaypointTable,
+    json_schema,
+)
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot import Robot, catalogue, load_robot
+from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
-from flexhinf.validation import checked_path, nearest, read_toml, value_text
+from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
@@ -49,10 +60,12 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
 
     A number without a unit fits every joint. A wrong count of numbers is refused where they are used.
     """
-    known = units_of(robot.joint_names, robot.links.slides)
     joints = robot.joint_names
-    stated = [(field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()]
-    stated += [("via", pose, signal_names("link_position", joints)) for pose in s.via]
+    known = units_of(joints, robot.links.slides)
+    stated = [
+        *((field, getattr(s, field), signal_names(signal, joints)) for field, signal in SIGNALS.items()),
+        *(("via", pose, signal_names("link_position", joints)) for pose in s.via),
+    ]
     if any(isinstance(value, Stated) for value in _parts(s.quantisation)):
         stated.append(("quantisation", *per_signal(robot, s.measured, s.quantisation)))
     for field, values, signals in stated:
@@ -70,9 +83,9 @@ def check_stated_units(robot: Robot, s: Specification) -> None:
 
 
 def _fitted(value: float, unit: str) -> str:
-    """A value as it was written, its unit exchanged for one of the same size that fits."""
     if not isinstance(value, Stated):
         return f"{value:g}"
+    # as it was written, its unit exchanged for one of the same size that fits
     other = unit.replace("·", "") if value.unit.lower() == value.si.lower() else CUSTOMARY[unit]
     return value.number + (value.unit if value.si == unit else other)
 
@@ -144,14 +157,22 @@ def read_request(
     Raises InvalidInput: for a file or a value that cannot be used.
     """
     settings, places, fields = dict(settings or {}), {"robot": str(source)}, {}
-    rivals: dict[str, str] = {}
     if is_design_file(source) if is_file is None else is_file:
         places, fields = _read(checked_path("The design file", source))
         fields = {name: value for name, value in fields.items() if name not in settings}
-        paper = fields.get("preset") == "paper"
-        for name, value in settings.items():
-            if value is not None:
-                rivals |= {rival: name for rival in _rivals(name, value, paper) if rival in fields}
+    # fields that contradict one of the settings where the file states the preset paper or another; see `preset_of`
+    preset, other = (("preset",), ()) if fields.get("preset") == "paper" else ((), ("preset",))
+    contradicted: dict[str, tuple[str, ...]] = {
+        "penalty": ("bandwidth", "damping", "preset"), "effort": ("bandwidth", "damping", *other),
+        "bandwidth": ("penalty", "effort", *preset), "damping": ("penalty", "effort", *preset),
+        "preset": ("penalty", "bandwidth", "damping") if settings.get("preset") == "paper" else ("penalty", "effort"),
+    }  # fmt: skip
+    rivals = {
+        rival: name
+        for name, value in settings.items()
+        for rival in contradicted.get(name, ())
+        if value is not None and rival in fields
+    }
     notes = [f"{Path(source).name}: {rival} gives way to `{name}`" for rival, name in rivals.items()]
     stated = {name: value for name, value in fields.items() if name not in rivals} | settings
     s = Specification(**{name: value for name, value in stated.items() if value is not None})
@@ -166,18 +187,6 @@ def read_request(
         if np.isinf(np.array(limits, dtype=float)).all() and getattr(s, name) == np.inf:
             s = replace(s, **{name: None})
     return DesignRequest(robot, s, places["robot"], beside, tuple(notes), load)
-
-
-def _rivals(name: str, value: Any, paper: bool) -> tuple[str, ...]:
-    """Fields that contradict this one where the file states the preset paper or another; see `preset_of`."""
-    preset, other = (("preset",), ()) if paper else ((), ("preset",))
-    return {
-        "penalty": ("bandwidth", "damping", "preset"),
-        "effort": ("bandwidth", "damping", *other),
-        "bandwidth": ("penalty", "effort", *preset),
-        "damping": ("penalty", "effort", *preset),
-        "preset": ("penalty", "bandwidth", "damping") if value == "paper" else ("penalty", "effort"),
-    }.get(name, ())
 
 
 def is_design_file(source: str | Path) -> bool:
@@ -356,8 +365,8 @@ def _comment(name: str, value: Any, slides: Sequence[bool]) -> str:
     known, positions = name in ("pose", "start", "via", "tracking_error") and bool(slides), np.ravel(value)
     if not known or (len(positions) == 1 and len(set(slides)) > 1):  # one for joints of both kinds
         return FIELDS[name].about.unit
-    kinds = itertools.cycle(slides)
-    return ", ".join(f"{q:.6g} m" if s else f"{math.degrees(q):.6g}°" for q, s in zip(positions, kinds))
+    pairs = zip(positions, itertools.cycle(slides))
+    return ", ".join(f"{q:.6g} m" if slide else f"{math.degrees(q):.6g}°" for q, slide in pairs)
 
 
 def toml_table(values: Mapping[str, Any]) -> Any:
@@ -403,3 +412,109 @@ def design_schema() -> dict[str, Any]:
         "required": ["design"],
         "additionalProperties": False,
     }
+
+
+AXES = ("x", "y", "z")
+
+#: Most waypoints of a point: each is a search.
+MOST = 500
+
+
+class Tool(NamedTuple):
+    """The point that goals are for: of a link, by the name of its joint (None: the last), at an offset (3,), m."""
+
+    link: str | None = None
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+#: The origin of the last link.
+ORIGIN = Tool()
+
+
+def tool_of(text: str) -> Tool:
+    """``hand:0,0,0.1``, ``hand`` or ``:0,0,0.1``; the origin of the last link for an empty text."""
+    link, colon, offset = text.partition(":")
+    return Tool(link.strip() or None, _point("tool", offset) if colon else (0.0, 0.0, 0.0))
+
+
+def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> DesignRequest:
+    """The request with its goal ``x,y,z`` (m, or with a unit) and waypoints as positions of the joints, and notes."""
+    robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
+    table = s.move if isinstance(s.move, WaypointTable) else None
+    move = table if table and set(table.joints) == set(AXES) != set(robot.joint_names) else None
+    if tool and not goal and move is None:
+        raise InvalidInput(
+            "A tool is stated, and nothing that it is to reach.",
+            f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
+            "--pose-xyz 0.4,0,0.3, or leave out --tool",
+        )
+    if goal:
+        if s.pose is not None:
+            raise InvalidInput(
+                "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
+                "leave out one of them (--pose \"\" takes back that of a design file)",
+            )  # fmt: skip
+        reached = kinematics.pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
+        s = replace(s, pose=tuple(reached.pose.tolist()))
+        notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
+    if move is not None:
+        table, worst = _converted(robot, move, point)
+        s = replace(s, move=table)
+        notes += _singular("one of the waypoints", worst)
+    return replace(request, specification=s, notes=tuple(notes))
+
+
+def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> WaypointTable:
+    """Waypoints x, y, z of a point as waypoints of the joints, each pose by a search from the one before.
+
+    Raises InvalidInput: for a place out of reach, with its time; for more than 500 waypoints; for columns that are
+        not x, y, z.
+    """
+    return _converted(robot, table, tool)[0]
+
+
+def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, kinematics.Reached]:
+    wrong = [unit for unit in table.units if unit and unit not in SLIDING]
+    if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
+        raise WaypointError(
+            "The waypoints are not those of a point.",
+            f"expected columns x, y, z in m or mm, at most {MOST}, got {list(table.joints)} in {list(table.units)}, "
+            f"{len(table.rows)} rows",
+            "time,x [m],y [m],z [m]",
+        )
+    order, joints = [table.joints.index(axis) for axis in AXES], robot.joint_names
+    poses: list[kinematics.Reached] = []
+    for time, row in zip(table.times, table.rows):
+        near = poses[-1].pose if poses else None
+        try:
+            poses.append(kinematics.pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
+        except InvalidInput as error:
+            raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
+    rows = tuple(tuple(reached.pose.tolist()) for reached in poses)
+    worst = min(poses, key=lambda reached: reached.mobility)
+    return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
+
+
+def _singular(what: str, at: kinematics.Reached) -> list[str]:
+    text = (
+        f"At {what}, {_text(at.pose)}, the robot is near a singular pose: in one direction its point moves by only "
+        f"{at.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."
+    )
+    return [text] if at.near_singular else []
+
+
+def _text(pose: np.ndarray) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in pose)})"
+
+
+def _point(what: str, text: str) -> tuple[float, ...]:
+    point: tuple[float, ...] = ()
+    with contextlib.suppress(ValueError):
+        point = lengths(text)
+    if len(point) != 3 or not all(map(within_proportion, point)):
+        raise InvalidInput(
+            f"The point of --{what} cannot be read.",
+            f"expected x,y,z in m or mm, got {value_text(text, 80)}",
+            "0.4,0,300mm",
+        )
+    return point

@@ -22,6 +22,7 @@ from flexhinf.analysis import (
     frequency_response,
     growth_rates,
     margins,
+    sampled_controller,
     standard_noises,
     tolerance_corners,
 )
@@ -31,11 +32,8 @@ from flexhinf.analysis.modes import (
     sampled_modes,
     stiffness_and_inertia,
 )
-from flexhinf.analysis.sampled_controller import LawRows
-from flexhinf.design.checks import ImpulseRuns, impulse_runs, impulse_sizes
-from flexhinf.design.loop_setup import LoopSetup, share_derived
-from flexhinf.design.requirements import MonteCarlo, move_errors, sampled_runs
-from flexhinf.design.responses import LoadResponse, Move, Response, Scenario, Worst, worst_of
+from flexhinf.design import checks, requirements as required, responses
+from flexhinf.design.loop_setup import LoopSetup, with_derived
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
@@ -61,14 +59,16 @@ class LawEvaluation:
 
     name: str
     setup: LoopSetup  # law, estimator, controller and true plant
-    scenario: Scenario | None = None  # runs, the same for all laws; without one there are only linear metrics
+    # runs, the same for all laws; without one there are only linear metrics
+    scenario: responses.Scenario | None = None
     parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
     other_noise: bool = True  # corners with other R^v too, which takes most of an evaluation's time
 
-    def in_scenario(self, scenario: Scenario, step: Response | None = None) -> LawEvaluation:
+    def in_scenario(
+        self, scenario: responses.Scenario, step: responses.Response | None = None
+    ) -> LawEvaluation:
         """This evaluation in the runs of a scenario; linear metrics that were computed are kept, and a `step`."""
-        same = replace(self, scenario=scenario)
-        share_derived(self, same)
+        same = with_derived(self, scenario=scenario)
         if step is not None:
             vars(same)["step"] = step
         return same
@@ -79,7 +79,7 @@ class LawEvaluation:
             getattr(self, name)
 
     @property
-    def _runs(self) -> Scenario:
+    def _runs(self) -> responses.Scenario:
         assert self.scenario is not None, "an evaluation without a scenario has no runs"
         return self.scenario
 
@@ -90,12 +90,12 @@ class LawEvaluation:
 
     # Runs of the nominal robot ----------------------------------------------------------------------------
     @cached_property
-    def step(self) -> Response:
+    def step(self) -> responses.Response:
         """The step as the controller is deployed: without a jump of the input."""
         return self.setup.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
     @cached_property
-    def unlimited_step(self) -> Response:
+    def unlimited_step(self) -> responses.Response:
         """The step without limits of the inputs: what the law demands; `step` itself if it reaches no limit."""
         limits, step = self.setup.limits.saturated, self.step
         if limits is None or (step.diverged_at is None and np.all(np.abs(step.inputs).max(axis=0) < limits)):
@@ -104,40 +104,38 @@ class LawEvaluation:
         return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
 
     @cached_property
-    def move(self) -> Move:
+    def move(self) -> responses.Move:
         """The planned move with feedforward: the same reference for every law."""
-        runs = self._runs
-        return self.setup.move(runs.plan, sub_steps=runs.sub_steps, rest=runs.rest)
+        return self.setup.move(self._runs.plan, sub_steps=self._runs.sub_steps, rest=self._runs.rest)
 
     @cached_property
-    def load_response(self) -> LoadResponse:
+    def load_response(self) -> responses.LoadResponse:
         """Response at the goal to constant torques on all links."""
         return self.setup.load_response(self._runs.load, self._runs.load_duration, self._runs.sub_steps)
 
     @cached_property
-    def ring_down(self) -> ImpulseRuns:
+    def ring_down(self) -> checks.ImpulseRuns:
         """Impulse responses at the goal, one for each joint."""
         runs = self._runs
-        sizes = impulse_sizes(self.setup, np.abs(self.step.inputs).max(axis=0))
-        return impulse_runs(self.setup, sizes, runs.step_duration, runs.sub_steps)
+        sizes = checks.impulse_sizes(self.setup, np.abs(self.step.inputs).max(axis=0))
+        return checks.impulse_runs(self.setup, sizes, runs.step_duration, runs.sub_steps)
 
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property
-    def step_samples(self) -> MonteCarlo | None:
+    def step_samples(self) -> required.MonteCarlo | None:
         """The steps of the sampled robots with the deployed controller; None without sampled robots."""
         runs, setup = self._runs, self.setup
-        return sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps) if runs.robots else None
+        return (
+            required.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
+            if runs.robots
+            else None
+        )
 
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
     def loop(self) -> EquilibriumLoop:
         """The running loop about the goal: sampled, with estimator and delay."""
         return self.setup.equilibrium_loop()
-
-    @cached_property
-    def state_loop(self) -> EquilibriumLoop:
-        """The loop about the goal with the true state fed back."""
-        return self.setup.equilibrium_loop(estimated=False)
 
     @cached_property
     def margins(self) -> Margins:
@@ -156,7 +154,11 @@ class LawEvaluation:
     @cached_property
     def state_margins(self) -> Margins:
         """Margins with the true state fed back: those of the law without its estimator."""
-        return self.margins if self.loop.filter is None else margins(self.state_loop)
+        return (
+            self.margins
+            if self.loop.filter is None
+            else margins(self.setup.equilibrium_loop(estimated=False))
+        )
 
     @cached_property
     def frequency_response(self) -> FrequencyResponse:
@@ -182,7 +184,7 @@ class LawEvaluation:
         """Stability of the same corners under state feedback."""
         if self.corners is None or self.loop.filter is None:
             return None
-        return growth_rates(self.state_loop, self.corners.population)[0]
+        return growth_rates(self.setup.equilibrium_loop(estimated=False), self.corners.population)[0]
 
     # Modes --------------------------------------------------------------------------------------------------
     @cached_property
@@ -232,13 +234,15 @@ class LawEvaluation:
     def needed_states(self) -> tuple[str, ...]:
         """States, and integrals, that the law depends on, at random deviations."""
         law = self.setup.linear_law
-        _, slopes = LawRows(law)(np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names))))
+        _, slopes = sampled_controller.LawRows(law)(
+            np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names)))
+        )
         size = np.abs(slopes).max(axis=(0, 1))
         return tuple(name for name, value in zip(law.state_names, size) if value > NEGLIGIBLE * size.max())
 
     # All metrics ----------------------------------------------------------------------------------------------
     @cached_property
-    def worst(self) -> Mapping[str, Worst]:
+    def worst(self) -> Mapping[str, responses.Worst]:
         """Worst value of all joints and its joint, for metrics that joints have, by the keys of `metrics`."""
         step, load, move = self.step, self.load_response.metrics, self.move.metrics
         return {
@@ -246,12 +250,12 @@ class LawEvaluation:
             "step_settling_s": step.settling,
             "step_peak_input": step.peak,
             "step_remaining": step.remaining,
-            "load_deviation": worst_of(load, "peak_deviation"),
-            "load_recovery_s": worst_of(load, "recovery_time_s"),
-            "load_remaining": worst_of(load, "remaining_error"),
-            "move_error": worst_of(move, "largest_error"),
-            "move_remaining": worst_of(move, "final_error"),
-            "move_peak_input": worst_of(move, "peak_input"),
+            "load_deviation": responses.worst_of(load, "peak_deviation"),
+            "load_recovery_s": responses.worst_of(load, "recovery_time_s"),
+            "load_remaining": responses.worst_of(load, "remaining_error"),
+            "move_error": responses.worst_of(move, "largest_error"),
+            "move_remaining": responses.worst_of(move, "final_error"),
+            "move_peak_input": responses.worst_of(move, "peak_input"),
         }
 
     @cached_property
@@ -265,7 +269,7 @@ class LawEvaluation:
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
         runs, step = self._runs, self.step_samples
         if step is not None:
-            errors = move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
+            errors = required.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
             metrics |= {
                 "drawn_unsettled": float(step.unsettled),
                 "drawn_overshoot_percent": _median(step.overshoot),
@@ -308,7 +312,7 @@ class LawEvaluation:
 
 
 def _median(values: np.ndarray) -> float:
-    """The upper median: a run of the list, also where some are infinite."""
+    # the upper one: a run of the list, also where some are infinite
     return float(np.sort(values)[len(values) // 2])
 
 

@@ -32,13 +32,12 @@ from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,
     UnscentedKalmanFilter,
+    kalman,
     stationary_covariance,
 )
-from flexhinf.estimation.kalman import check_detectable
 from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
-from flexhinf.robot import MuJoCoPlant, Robot
-from flexhinf.robot.elastic import DRY, Layout
+from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
 
 #: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
@@ -75,15 +74,14 @@ class EstimatorNoise:
     source: str = "ours"  # an option, a search, or a default of ours
 
     @staticmethod
-    def stated(everywhere: float | None, torques: float | None) -> EstimatorNoise:
-        """The levels that a specification states as its `process_noise` and `torque_noise`; `TORQUE_NOISE` on all
-        velocities where it states none."""
-        if everywhere is None and torques is None:
-            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
-        options = {"--process-noise": everywhere, "--torque-noise": torques}
+    def stated(s: Specification) -> EstimatorNoise:
+        """The levels that a specification states; `TORQUE_NOISE` on all velocities where it states none."""
+        options = {"--process-noise": s.process_noise, "--torque-noise": s.torque_noise}
         named = " and ".join(option for option, value in options.items() if value is not None)
-        torques = torques or 0.0
-        return EstimatorNoise(everywhere or 0.0, torques, torques, f"option {named}")
+        if not named:
+            return EstimatorNoise(0.0, TORQUE_NOISE, TORQUE_NOISE, "ours")
+        torques = s.torque_noise or 0.0
+        return EstimatorNoise(s.process_noise or 0.0, torques, torques, f"option {named}")
 
     @property
     def largest(self) -> float:
@@ -97,7 +95,7 @@ class EstimatorNoise:
 
     def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) for a plant with these states."""
-        values, layout = np.full(len(states), self.all_states), Layout.of(states)
+        values, layout = np.full(len(states), self.all_states), elastic.Layout.of(states)
         links, motors = self.link_velocities, self.motor_velocities
         if layout.rigid and layout.elastic:  # an unknown torque of a rigid joint's motor is one on its link
             every = np.broadcast_to(motors, layout.n)
@@ -118,15 +116,13 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     `position` (rad² or m²) is the variance of a position; a velocity's is that at `VELOCITY_RATE`, a joint torque's
     that of the spring's deflection times its stiffness squared.
     """
-    p, motor, variances = plant.parameters.named(plant.parameters.vector()), "motor_position", []
-    stiffness = np.atleast_1d(p.stiffness).astype(float)
+    p, motor = plant.parameters.named(plant.parameters.vector()), "motor_position"
     joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
-    for name in plant.outputs:
-        factor = VELOCITY_RATE**2 if "velocity" in name else 1.0
-        if name.startswith("joint_torque"):
-            factor = float(stiffness[joints.index(name.removeprefix("joint_torque"))]) ** 2
-        variances.append(factor * position)
-    return np.array(variances)
+    stiffness = np.atleast_1d(p.stiffness).astype(float).tolist()
+    springs = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
+    others = {name: VELOCITY_RATE**2 if "velocity" in name else 1.0 for name in plant.outputs}
+    factors = [(springs if name.startswith("joint_torque") else others)[name] for name in plant.outputs]
+    return np.array([factor * position for factor in factors])
 
 
 def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
@@ -195,9 +191,11 @@ SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 FRICTIONAL = ("ukf", "ekf")
 
 
-def share_derived(known: Any, same: Any) -> None:
-    """Copy the computed properties of one object to another one for which they are valid too."""
+def with_derived(known: Any, **changes: Any) -> Any:
+    """The object with other fields that keeps its computed properties, which are valid for it too."""
+    same = replace(known, **changes)
     vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
+    return same
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +218,7 @@ class LoopPlants:
     @property
     def dry_friction(self) -> tuple[str, ...]:
         """Extras of the true plant that are dry friction: the feedforward has them, the estimator on request."""
-        return tuple(name for name in self.specification.extras if name in DRY)
+        return tuple(name for name in self.specification.extras if name in elastic.DRY)
 
     @cached_property
     def estimator_model(self) -> Plant:
@@ -303,7 +301,7 @@ class LoopPlants:
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
-            check_detectable(a, c, model.states)
+            kalman.check_detectable(a, c, model.states)
             model = self.estimator_model if running else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
         # Of a filter that has run at the goal for long, so that its gain is constant from the start; without process
@@ -337,22 +335,18 @@ class LoopSetup(LoopPlants):
         return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
-    def stated_noise(self) -> EstimatorNoise:
-        """Levels of R^v that the specification states, or the default ones."""
-        s = self.specification
-        return EstimatorNoise.stated(s.process_noise, s.torque_noise)
-
-    @property
     def process_noise(self) -> EstimatorNoise:
         """Levels of R^v of the estimator."""
-        return self.stated_noise if self.estimator_noise is None else self.estimator_noise
+        return (
+            EstimatorNoise.stated(self.specification)
+            if self.estimator_noise is None
+            else self.estimator_noise
+        )
 
     @cached_property
     def without_noise(self) -> LoopSetup:
         """The loop without measurement noise, `quiet`; it shares the derived properties, which depend on no noise."""
-        same = replace(self, quiet=True)
-        share_derived(self, same)
-        return same
+        return with_derived(self, quiet=True)
 
     @cached_property
     def goal_equilibrium(self) -> tuple[np.ndarray, np.ndarray]:
@@ -428,12 +422,10 @@ class LoopSetup(LoopPlants):
         estimator, period = self.estimator(self.start), self.specification.period
         controller = Controller(law, estimator, period, self.limits.saturated, start="bumpless")
         x, u = self.equilibrium(self.start)
-        x = measured = x[: len(controller.states)]
+        x, known = x[: len(controller.states)], self.model.parameters.vector()
         controller.reset(None if estimator is None else x, input=u)
-        if estimator is not None:
-            output = self.model.traced_output(x, u, self.model.parameters.vector())
-            measured = np.asarray(output, dtype=float).ravel()
-        controller.step(measured)
+        measured = x if estimator is None else self.model.traced_output(x, u, known)
+        controller.step(np.asarray(measured, dtype=float).ravel())
         return np.concatenate([x, controller.integrals]) - law.operating_point
 
     # Controllers of the runs, made once so that their kernels are shared --------------------------------
@@ -479,9 +471,8 @@ class LoopSetup(LoopPlants):
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
-        period = self.specification.period
+        period, names = self.specification.period, signal_names("link_torque", self.joints)
         at = round(LOAD_START * duration / period) * period
-        names = signal_names("link_torque", self.joints)
         torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
         loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
         response = self._run(loop, self.goal, duration, disturbance=torques)
@@ -567,7 +558,6 @@ class LoopSetup(LoopPlants):
         sub_steps: int,
         **options: Any,
     ) -> EnsembleResult:
-        """Runs of many robots from equilibrium at a pose (n,), each with a seed of its own."""
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
             [self.true_plant.parameters.known(values) for values in robots],

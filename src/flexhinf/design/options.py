@@ -34,14 +34,13 @@ from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettere
 from flexhinf.validation import checked_path, one_of, real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
-_TURN_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0}
-_SLIDE_RATES = {"m/s": 1.0, "mm/s": 1e-3}
 _FREQUENCIES = {"rad/s": 1.0, "Hz": 2.0 * math.pi}
-_TORQUES = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}
-_FORCES = {"N": 1.0}
 _POSITIONS = (TURNING, SLIDING)
-_SPEEDS = (_TURN_RATES, _SLIDE_RATES)
-_READINGS = (*_POSITIONS, *_SPEEDS, _TORQUES, _FORCES)
+_SPEEDS = (
+    {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+    {"m/s": 1.0, "mm/s": 1e-3},
+)
+_READINGS = (*_POSITIONS, *_SPEEDS, {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}, {"N": 1.0})
 
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
@@ -71,14 +70,11 @@ def quantity(value: Any, units: Units = ()) -> float:
         parsed = float(parts[0])
         if math.isinf(parsed) and "inf" not in parts[0]:
             raise ValueError(value_text(value))  # beyond all floats, which is not what "none" means
-        if known is None:
-            return parsed
-        return Stated(parsed * known[unit], *parts, next(iter(known)))
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.number)):
+        return parsed if known is None else Stated(parsed * known[unit], *parts, next(iter(known)))
+    is_number = isinstance(value, (int, float, np.number)) and not isinstance(value, (bool, np.bool_))
+    parsed = real_number(value) if is_number else math.nan
+    if np.isnan(parsed) and not isinstance(value, (float, np.floating)):  # also an integer beyond all floats
         raise ValueError(value_text(value))
-    parsed = real_number(value)
-    if np.isnan(parsed) and not isinstance(value, (float, np.floating)):
-        raise ValueError(value_text(value))  # an integer beyond all floats
     return parsed
 
 
@@ -122,22 +118,18 @@ distances = functools.partial(one_or_several, units=_POSITIONS)
 quanta = functools.partial(one_or_several, units=_READINGS)
 
 
-def poses(value: Any) -> tuple[tuple[float, ...], ...]:
-    """A list of poses, or one pose as text."""
+def _poses(value: Any) -> tuple[tuple[float, ...], ...]:
     each = [value] if isinstance(value, str) else _sequence(value)
     return tuple(angles(pose if isinstance(pose, str) else _sequence(pose)) for pose in each)
 
 
 def angle_unit_of(*values: Any) -> str | None:
     """The unit of angles that texts among the values state, "deg" or "rad"; None for numbers alone."""
-    texts = [part for value in values for part in _texts(value)]
-    if any("deg" in text or "°" in text for text in texts):
-        return "deg"
-    return "rad" if any("rad" in text for text in texts) else None
+    texts = " ".join(part for value in values for part in _texts(value))
+    return "deg" if "deg" in texts or "°" in texts else "rad" if "rad" in texts else None
 
 
-def integer(value: Any) -> int:
-    """A whole number."""
+def _integer(value: Any) -> int:
     if isinstance(value, str):
         return int(value)
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)):
@@ -145,14 +137,12 @@ def integer(value: Any) -> int:
     return int(value)
 
 
-def integers(value: Any) -> tuple[int, ...]:
-    """Whole numbers, sorted, each once."""
+def _integers(value: Any) -> tuple[int, ...]:
     several = value.split(",") if isinstance(value, str) else _sequence(value)
-    return tuple(sorted({integer(part) for part in several}))
+    return tuple(sorted({_integer(part) for part in several}))
 
 
-def flag(value: Any) -> bool:
-    """True or false."""
+def _flag(value: Any) -> bool:
     if isinstance(value, (bool, np.bool_)):
         return bool(value)
     raise ValueError(value_text(value))
@@ -171,7 +161,7 @@ def choice(value: Any) -> Any:
     return value.strip().lower() if isinstance(value, str) else value
 
 
-def weights(value: Any) -> Any:
+def _weights(value: Any) -> Any:
     """Weights by name or one per state or in rows; text is read, and what is code or a `Penalty` stays as it is."""
     if isinstance(value, Penalty) or callable(value):
         return value
@@ -223,7 +213,6 @@ def _sequence(value: Any) -> list[Any]:
 
 
 def _texts(value: Any, depth: int = 2) -> list[str]:
-    """Texts in a value, in a list or in lists of a list; deeper there are none."""
     if isinstance(value, str):
         return [value]
     if depth and _is_sequence(value) and len(value) <= _LONGEST:
@@ -263,9 +252,11 @@ Duration = Annotated[float, _POSITIVE, BeforeValidator(seconds), Allowed("a time
 Period = Annotated[
     float, _finite(ge=1e-5, le=0.1), BeforeValidator(seconds), Allowed("a time from 1e-5 to 0.1 s")
 ]
-Count = Annotated[int, Field(ge=0), BeforeValidator(integer), Allowed("an integer >= 0")]
-Seed = Annotated[int, Field(ge=0, lt=2**63), BeforeValidator(integer), Allowed("an integer >= 0, below 2^63")]
-Flag = Annotated[bool, BeforeValidator(flag), Allowed("true or false")]
+Count = Annotated[int, Field(ge=0), BeforeValidator(_integer), Allowed("an integer >= 0")]
+Seed = Annotated[
+    int, Field(ge=0, lt=2**63), BeforeValidator(_integer), Allowed("an integer >= 0, below 2^63")
+]
+Flag = Annotated[bool, BeforeValidator(_flag), Allowed("true or false")]
 Pose = Annotated[
     tuple[_Finite, ...], BeforeValidator(angles),
     Allowed("one link position per joint (rad, m; or text with deg, °)"),
@@ -274,7 +265,7 @@ Tolerances = Annotated[
     Annotated[tuple[_Above, ...], Field(min_length=1)], BeforeValidator(angles),
     Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
-Poses = Annotated[tuple[tuple[_Finite, ...], ...], BeforeValidator(poses), Allowed("a list of poses")]
+Poses = Annotated[tuple[tuple[_Finite, ...], ...], BeforeValidator(_poses), Allowed("a list of poses")]
 Frequencies = Annotated[
     _Above | tuple[_Above, ...], BeforeValidator(frequencies),
     Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
@@ -296,16 +287,16 @@ Distances = Annotated[
     Allowed("a number >= 0, or one per joint (or text with deg, mm)"),
 ]  # fmt: skip
 Degrees = Annotated[
-    tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(integers),
+    tuple[Annotated[int, Field(ge=2, le=12)], ...], Field(min_length=1), BeforeValidator(_integers),
     Allowed("a list of integers from 2 to 12, degrees of V"),
 ]  # fmt: skip
 Text = Annotated[str, Allowed("text")]
 Real = Annotated[float, BeforeValidator(number), Allowed("a number")]  # what is used checks its range
-Whole = Annotated[int, BeforeValidator(integer), Allowed("an integer")]
-Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(integer), Allowed("an integer from 1 to 64")]
+Whole = Annotated[int, BeforeValidator(_integer), Allowed("an integer")]
+Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(_integer), Allowed("an integer from 1 to 64")]
 Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
 Weights = Annotated[
-    Any, BeforeValidator(weights), Allowed("weights by name, one per state, or rows of a matrix"),
+    Any, BeforeValidator(_weights), Allowed("weights by name, one per state, or rows of a matrix"),
     WithJsonSchema({"anyOf": [{"type": "object"}, {"type": "array"}]}),
 ]  # fmt: skip
 
@@ -373,8 +364,8 @@ class FieldInfo:
         try:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
-            what, found = f"The {spaced(self.name)} is no text in UTF-8.", f"got {value_text(error.object)}"
-            raise InvalidInput(what, found, "text that can be printed") from None
+            what = f"The {spaced(self.name)} is no text in UTF-8."
+            raise InvalidInput(what, f"got {value_text(error.object)}", "text that can be printed") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
@@ -427,11 +418,8 @@ def declared(cls: Any) -> dict[str, FieldInfo]:
 
 
 def _allowed(annotation: Any) -> str:
-    """Text of the first `Allowed` in a type."""
-    for part in getattr(annotation, "__metadata__", ()):
-        if isinstance(part, Allowed):
-            return part.text
-    return next((text for part in get_args(annotation) if (text := _allowed(part))), "")
+    own = [part.text for part in getattr(annotation, "__metadata__", ()) if isinstance(part, Allowed)]
+    return next((text for text in (*own, *map(_allowed, get_args(annotation))) if text), "")
 
 
 def with_parameters(cls: Any) -> str:

@@ -7,37 +7,23 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from flexhinf.analysis.modes import JointScales, closed_loop, modes_of
-from flexhinf.design import requirements as required, responses
-from flexhinf.design.certification import attenuation, prove_design, searches_disturbance, with_tolerances
-from flexhinf.design.checks import (
-    LimitCycleCheck,
-    PayloadEvaluation,
-    along_requirements,
-    end_limit_cycle,
-    evaluate_payloads,
-    payload_requirements,
+from flexhinf.analysis import modes
+from flexhinf.design import (
+    certification,
+    checks,
+    plans,
+    requirements as required,
+    responses,
+    result,
+    rigid,
+    tuning,
 )
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
-from flexhinf.design.plans import plan_move, stated_move
-from flexhinf.design.problem.presets import preset_of, required_damping
-from flexhinf.design.responses import joint_limits
-from flexhinf.design.result import ComparedLaw, Comparison, Design, status_of
-from flexhinf.design.rigid import RigidComparison, compare_rigid
+from flexhinf.design.problem import presets
 from flexhinf.design.specification import Specification
-from flexhinf.design.synthesis.by_step import rays_of, synthesis_stages
-from flexhinf.design.synthesis.steps import Synthesis, synthesise
-from flexhinf.design.tuning import (
-    TunedLaw,
-    Tuner,
-    check_mode,
-    criterion_for,
-    reference_metrics,
-    stated_limits,
-)
-from flexhinf.robot import Robot
-from flexhinf.robot.mujoco import check_expressed
+from flexhinf.design.synthesis import by_step, steps
+from flexhinf.robot import Robot, mujoco
 
 Progress = Callable[[str], None]
 
@@ -45,7 +31,7 @@ Progress = Callable[[str], None]
 RIGID_STATES = 15
 
 
-def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
+def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> result.Design:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
     Parameters
@@ -79,89 +65,93 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     """
     s, progress = specification, progress or (lambda text: None)
     if s.mujoco:
-        check_expressed(s.extras)
+        mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")
-    synthesis = synthesise(robot, s, progress)
-    setup, rest = end_limit_cycle(synthesis.setup(robot, s))
+    synthesis = steps.synthesise(robot, s, progress)
+    setup, rest = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("margins of the running loop")
     linear = LawEvaluation(DESIGN, setup)
-    modes = _law_modes(linear, synthesis)
+    law_modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, step_duration(linear, synthesis, modes), responses.SAMPLES)
+    scenario, step = _scenario(
+        linear, synthesis, step_duration(linear, synthesis, law_modes), responses.SAMPLES
+    )
     evaluation = linear.in_scenario(scenario, step)
     evaluation.compute("margins")  # before a second thread: filters of warnings are the whole process's
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
-        rigid = beside.submit(_runs, evaluation, synthesis)
+        runs = beside.submit(_runs, evaluation, synthesis)
         progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
-        worth = attenuation(setup, synthesis, scenario.step_duration)
-        mujoco = None
+        worth = certification.attenuation(setup, synthesis, scenario.step_duration)
+        on_mujoco = None
         if s.mujoco:
             progress("the step on MuJoCo's plant")
-            mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
+            on_mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
         progress("load, move and sampled robots")
-        rigid = rigid.result()
+        same_on_rigid = runs.result()
     progress("payloads at the ends of their ranges")
-    payloads = evaluate_payloads(setup, scenario)
-    lines = tuple(_requirements(evaluation, synthesis, mujoco, rest, payloads))
+    payloads = checks.evaluate_payloads(setup, scenario)
+    lines = tuple(_requirements(evaluation, synthesis, on_mujoco, rest, payloads))
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
     inside = start <= synthesis.chosen.level if synthesis.sampled else None
     progress("proof of the region")
-    proof = with_tolerances(robot, s, synthesis, prove_design(robot, s, synthesis, start, worth))
-    return Design(
+    proof = certification.with_tolerances(
+        robot, s, synthesis, certification.prove_design(robot, s, synthesis, start, worth)
+    )
+    return result.Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        proof=proof, mujoco=mujoco, rigid=rigid, rest=rest, payloads=payloads, law_modes=modes, requirements=lines,
-        status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
+        proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, rest=rest, payloads=payloads, law_modes=law_modes,
+        requirements=lines, status=result.status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
 
-def _runs(evaluation: LawEvaluation, synthesis: Synthesis) -> RigidComparison | None:
+def _runs(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> rigid.RigidComparison | None:
     evaluation.compute("load_response", "ring_down", "move", "step_samples")
     setup, few = evaluation.setup, len(synthesis.problem.state_names) <= RIGID_STATES
     if not setup.specification.compare_rigid:
         return None
     assert evaluation.scenario is not None
-    return compare_rigid(
+    return rigid.compare_rigid(
         synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
         evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
         setup.limits.saturated,
     )  # fmt: skip
 
 
-def _law_modes(evaluation: LawEvaluation, synthesis: Synthesis) -> tuple:
-    loop = closed_loop(synthesis.problem, synthesis.solution.gain)
-    return modes_of(loop, evaluation.setup.joints, *evaluation.energy)
+def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple:
+    loop = modes.closed_loop(synthesis.problem, synthesis.solution.gain)
+    return modes.modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
-def step_duration(linear: LawEvaluation, synthesis: Synthesis, modes: tuple = ()) -> float:
+def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis, law_modes: tuple = ()) -> float:
     """Duration of the step, s: as stated, or by the slowest mode of the law, after the command."""
     stated = linear.setup.specification.duration
     if stated is not None:
         return stated
-    slowest = min(-mode.eigenvalue.real for mode in modes or _law_modes(linear, synthesis))
+    slowest = min(-mode.eigenvalue.real for mode in law_modes or _law_modes(linear, synthesis))
     return responses.run_length(slowest) + linear.setup.command_time
 
 
 def _scenario(
     linear: LawEvaluation,
-    synthesis: Synthesis,
+    synthesis: steps.Synthesis,
     duration: float,
     samples: Sequence[tuple[int, int]],
 ) -> tuple[responses.Scenario, responses.Response]:
     """The runs that all laws are compared in, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
-    step, scales = setup.step(duration), JointScales.of(setup.model, setup.goal_equilibrium)
-    sub_steps, load, stated = step.run.settings["sub_steps"], s.load, stated_move(robot, s)
+    step, scales = setup.step(duration), modes.JointScales.of(setup.model, setup.goal_equilibrium)
+    sub_steps, load, stated = step.run.settings["sub_steps"], s.load, plans.stated_move(robot, s)
     if load is None:
         quiet = setup.without_noise.step(duration, sub_steps=sub_steps)
         loads = responses.default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
     else:
         loads = np.full(len(setup.goal), load)
     held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
-    plan = stated or plan_move(
+    plan = stated or plans.plan_move(
         robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
     )
     count = responses.sample_count(robot, len(synthesis.problem.state_names), s, samples)
@@ -169,7 +159,7 @@ def _scenario(
     return responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, rest), step
 
 
-def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
+def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
     """Finite bandwidth (n,), rad/s, by which the move is planned: that of the law fed the true state."""
     own, target = np.asarray(linear.state_margins.bandwidth, dtype=float), synthesis.design_problem.target
     fallback = np.full(len(own), 1.0) if target is None else target.bandwidth
@@ -178,47 +168,57 @@ def _followed(linear: LawEvaluation, synthesis: Synthesis) -> np.ndarray:
 
 def _requirements(
     evaluation: LawEvaluation,
-    synthesis: Synthesis,
-    mujoco: responses.Response | None,
-    rest: LimitCycleCheck | None,
-    payloads: tuple[PayloadEvaluation, ...],
+    synthesis: steps.Synthesis,
+    on_mujoco: responses.Response | None,
+    rest: checks.LimitCycleCheck | None,
+    payloads: tuple[checks.PayloadEvaluation, ...],
 ) -> list[required.Requirement]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
-    setup, target = evaluation.setup, synthesis.design_problem.target
-    s, limits, damping = setup.specification, setup.limits, None
-    lines, step, robots = _law_requirements(evaluation)
-    if target is not None and (damping := required_damping(s, target)) is not None:
-        worst, margins = evaluation.least_damped_joint, evaluation.margins
-        lines += required.behaviour_requirements(s, target.bandwidth, damping, margins, setup.joints, worst)
-        lines.append(evaluation.ring_down.requirement(s, damping))
-    lines += step
-    if mujoco is not None:
-        lines += required.step_requirements(s, limits, mujoco, "the step on MuJoCo's plant")
-    lines += required.move_requirements(s, limits, evaluation.move)
-    if s.move is not None and synthesis.along is not None:
-        lines += along_requirements(s, synthesis.along)
-    if rest is not None:
-        lines.append(rest.requirement(limits.position_units))
-    for payload in payloads:
-        lines += payload_requirements(s, limits, payload, damping)
-    return lines + robots
+    s, limits, target = (
+        evaluation.setup.specification,
+        evaluation.setup.limits,
+        synthesis.design_problem.target,
+    )
+    damping = None if target is None else presets.required_damping(s, target)
+    linear, step, robots = _law_requirements(evaluation)
+    if target is not None and damping is not None:
+        joints, worst = evaluation.setup.joints, evaluation.least_damped_joint
+        linear += required.behaviour_requirements(
+            s, target.bandwidth, damping, evaluation.margins, joints, worst
+        )
+        linear.append(evaluation.ring_down.requirement(s, damping))
+    along = None if s.move is None else synthesis.along
+    return [
+        *linear,
+        *step,
+        *([] if on_mujoco is None else required.step_requirements(s, limits, on_mujoco, ON_MUJOCO)),
+        *required.move_requirements(s, limits, evaluation.move),
+        *(() if along is None else checks.along_requirements(s, along)),
+        *(() if rest is None else [rest.requirement(limits.position_units)]),
+        *(line for payload in payloads for line in checks.payload_requirements(s, limits, payload, damping)),
+        *robots,
+    ]
 
 
 def _law_requirements(
     evaluation: LawEvaluation,
 ) -> tuple[list[required.Requirement], list[required.Requirement], list[required.Requirement]]:
     """Requirements on a law by `design` and `compare`: margins, the nominal step, corners and sampled robots."""
-    setup, margins, robots = evaluation.setup, [], []
-    s, limits = setup.specification, setup.limits
+    setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
+    s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
-    if not evaluation.linear_failure:
-        margins = required.margin_requirements(s, evaluation.margins, setup.joints)
-        robots += [] if evaluation.corners is None else [required.corner_requirement(evaluation.corners)]
-    if evaluation.step_samples is not None:
-        robots += required.sample_requirements(s, limits, evaluation.step_samples)
-    return margins, step, robots
+    return (
+        required.margin_requirements(s, evaluation.margins, setup.joints) if linear else [],
+        required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited),
+        [
+            *([] if corners is None else [required.corner_requirement(corners)]),
+            *([] if samples is None else required.sample_requirements(s, limits, samples)),
+        ],
+    )
 
+
+#: Where requirements are judged with MuJoCo.
+ON_MUJOCO = "the step on MuJoCo's plant"
 
 #: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
 ROBUST_STAGES = 3
@@ -227,19 +227,17 @@ ROBUST_STAGES = 3
 PROVED_STAGES = 6 + 1
 
 
-def stages(robot: Robot, specification: Specification) -> int:
-    """About how many steps of work a design has, for a progress bar."""
+def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
+    """About how many steps of work a design has, or a comparison of so many laws, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    robust = ROBUST_STAGES * (preset_of(robot, s) == "robust")
-    disturbance = searches_disturbance(states, rays_of(states, s.rays))
-    return 8 + _synthesis_stages(robot, s) + s.mujoco + robust + disturbance
-
-
-def _synthesis_stages(robot: Robot, s: Specification) -> int:
-    preset, limits = preset_of(robot, s), joint_limits(robot, s)
+    preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    degrees = synthesis_stages(5 * len(robot.joint_names), s.degrees, s.rays)
-    return (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
+    degrees = by_step.synthesis_stages(states, s.degrees, s.rays)
+    synthesis = (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
+    if laws is not None:
+        return 3 + synthesis + (5 if responses.sample_count(robot, states, s) else 4) * len(laws)
+    disturbance = certification.searches_disturbance(states, by_step.rays_of(states, s.rays))
+    return 8 + synthesis + s.mujoco + ROBUST_STAGES * (preset == "robust") + disturbance
 
 
 def compare(
@@ -249,7 +247,7 @@ def compare(
     tune: str = "peak",
     progress: Progress | None = None,
     same_sensors: bool = False,
-) -> Comparison:
+) -> result.Comparison:
     """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
 
     Parameters
@@ -264,7 +262,7 @@ def compare(
     tune : {"peak", "bandwidth", "none"}
         What the laws share with the design: a limit beside those of the specification.
     progress : callable, optional
-        Called with what comes next, `comparison_stages` times in all.
+        Called with what comes next, about `stages` times in all.
     same_sensors : bool
         Every law measures what the design measures, instead of what its proponents would choose.
 
@@ -291,10 +289,10 @@ def compare(
     """
     s, kinds = specification, [law_kind(name) for name in law_names(laws)]
     progress = progress or (lambda text: None)
-    check_mode(tune, "tune='peak'")
+    tuning.check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
-    synthesis = synthesise(robot, s, progress)
-    setup, _ = end_limit_cycle(synthesis.setup(robot, s))
+    synthesis = steps.synthesise(robot, s, progress)
+    setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
     scenario, step = _scenario(
@@ -302,21 +300,23 @@ def compare(
     )
     own = linear.in_scenario(scenario, step)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
-    limits, resolution = stated_limits(setup, unit), setup.position_resolution()
-    criterion = criterion_for(tune, reference_metrics(own), scenario.step_duration, limits, unit, resolution)
+    limits, resolution = tuning.stated_limits(setup, unit), setup.position_resolution()
+    criterion = tuning.criterion_for(
+        tune, tuning.reference_metrics(own), scenario.step_duration, limits, unit, resolution
+    )
     # where searches over bandwidths begin
     bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
-    tuner = Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
+    tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
-    return Comparison(robot, s, synthesis, criterion, rows, scenario)
+    return result.Comparison(robot, s, synthesis, criterion, rows, scenario)
 
 
-def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLaw:
+def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> result.ComparedLaw:
     failure = tuned if isinstance(tuned, str) else tuned.failure
     if isinstance(tuned, str) or failure:
         progress(f"{kind.name}: not compared")
-        return ComparedLaw(kind, failure=failure)
+        return result.ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
     evaluation, runs = tuned.evaluation, tuned.evaluation.scenario
     evaluation.compute("worst")
@@ -324,10 +324,4 @@ def _row(kind: LawKind, tuned: TunedLaw | str, progress: Progress) -> ComparedLa
         progress(f"{kind.name}: {len(runs.robots)} robots within their tolerances")
     evaluation.compute("metrics")
     margins, step, robots = _law_requirements(evaluation)
-    return ComparedLaw(kind, tuned, (*margins, *step, *robots))
-
-
-def comparison_stages(robot: Robot, s: Specification, laws: Sequence[str] | None = None) -> int:
-    """About how many steps of work a comparison has, for a progress bar."""
-    each = 5 if responses.sample_count(robot, 5 * len(robot.joint_names), s) else 4
-    return 3 + _synthesis_stages(robot, s) + each * len(law_names(laws))
+    return result.ComparedLaw(kind, tuned, (*margins, *step, *robots))

@@ -10,16 +10,14 @@ from typing import cast
 
 import numpy as np
 
-from flexhinf.analysis.modes import JointScales
-from flexhinf.design.problem.presets import BANDWIDTH_FRACTION
+from flexhinf.analysis import modes
+from flexhinf.design.problem import presets
 from flexhinf.design.responses import JointLimits, Plan, joint_limits
-from flexhinf.design.specification import RUN_SAMPLES, Specification
-from flexhinf.design.waypoint_table import WaypointError, WaypointTable
+from flexhinf.design.specification import RUN_SAMPLES, Specification, WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
-from flexhinf.robot import Robot, check_reference
-from flexhinf.robot.kinematics import position_ranges
+from flexhinf.robot import Robot, check_reference, kinematics
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
@@ -57,14 +55,10 @@ def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.nda
     """
     if s.shaping == "jump" or not np.any(goal != start):
         return None
-    scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = np.asarray(
-        BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float
-    )
-    held, each = (
-        [robot.operating_point(at)[1] for at in (start, goal)],
-        np.broadcast_to(bandwidth, np.shape(goal)),
-    )
+    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
+    bandwidth = presets.BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    held = [robot.operating_point(at)[1] for at in (start, goal)]
     return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
 
 
@@ -104,8 +98,8 @@ def plan_move(
         except InvalidInput:
             if (limit is None and not limits.limits_speed) or k == STRETCHES - 1:
                 raise
-            continue
-        return plan
+        else:
+            return plan
     raise AssertionError("unreachable")
 
 
@@ -153,8 +147,8 @@ def _through(robot: Robot, s: Specification, factor: float) -> Plan:
         spline = Waypoints(times, positions, "spline")
         return Waypoints(times, positions, "through") if _wanders(spline) else spline
     if s.shaping == "jerk-limited":
-        pose = np.clip(positions[-1], *position_ranges(robot))
-        scales = JointScales.of(robot.plant(), robot.operating_point(pose))
+        pose = np.clip(positions[-1], *kinematics.position_ranges(robot))
+        scales = modes.JointScales.of(robot.plant(), robot.operating_point(pose))
         smoothing = 2.0 * math.pi / float(scales.vibration.min())
     return Waypoints(times, positions, s.shaping, smoothing)
 
@@ -169,8 +163,7 @@ def _wanders(spline: Waypoints) -> bool:
 
 def _check(robot: Robot, s: Specification, plan: Plan, limits: JointLimits, instants: int) -> None:
     effort = limits.effort if limits.limits_effort else None
-    period = max(s.period, plan.duration / instants)
-    check_reference(robot, plan, plan.duration, effort, period, limits.speed)
+    check_reference(robot, plan, plan.duration, effort, max(s.period, plan.duration / instants), limits.speed)
 
 
 def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:

@@ -43,11 +43,9 @@ class MonteCarlo:
     overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
     settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
     peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
-    # overshoot_joints, settling_joints, peak_joints: The joints of these worst values; "" where the run diverged, or
-    # no joint moves
-    overshoot_joints: tuple[str, ...]
-    settling_joints: tuple[str, ...]
-    peak_joints: tuple[str, ...]
+    joints: Mapping[
+        str, tuple[str, ...]
+    ]  # Of these worst values; "" where the run diverged, or no joint moves
     # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
     speeds: np.ndarray
@@ -104,12 +102,15 @@ def sampled_runs(
         names = [setup.joints[joints[k]] for k in np.argmax(rows, axis=0)]
         return np.max(rows, axis=0), tuple(np.where(runs.completed, names, "").tolist())
 
-    overshoot = worst([numbers[f"{k} overshoot_percent"] for k in moving], moving)
-    settling = worst([numbers[f"{k} settling_time_s"] for k in moving], moving)
-    peak = worst(numbers["effort"].T, range(n))
+    found = {
+        "overshoot": worst([numbers[f"{k} overshoot_percent"] for k in moving], moving),
+        "settling": worst([numbers[f"{k} settling_time_s"] for k in moving], moving),
+        "peak": worst(numbers["effort"].T, range(n)),
+    }
     return MonteCarlo(
-        tuple(robots), overshoot[0], settling[0], peak[0], overshoot[1], settling[1], peak[1], numbers["effort"],
-        numbers["speed"], setup.specification.period * instants, runs.kept,
+        tuple(robots), found["overshoot"][0], found["settling"][0], found["peak"][0],
+        {name: joints for name, (_, joints) in found.items()}, numbers["effort"], numbers["speed"],
+        setup.specification.period * instants, runs.kept,
     )  # fmt: skip
 
 
@@ -121,8 +122,8 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    reductions = move_reductions(position_columns(setup.tracking_controller.commanded, setup.joints))
-    runs = setup.moves(robots, plan, sub_steps, rest, reductions=reductions)
+    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
+    runs = setup.moves(robots, plan, sub_steps, rest, reductions=[move_reduction(columns)])
     errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
@@ -144,32 +145,32 @@ def step_reductions(
     `start`, `goal`: (n,), Link positions, rad or m.
     `pairs`: columns of an estimated position, and of the true one.
     """
-    moving = np.flatnonzero(start != goal).tolist()
-    steps = (step_reduction(k, float(start[k]), float(goal[k])) for k in moving)
-    return [*steps, _sizes_of(goal.tolist(), None, pairs)]
+    n, moving = len(goal), np.flatnonzero(start != goal).tolist()
+    return [
+        *(step_reduction(k, float(start[k]), float(goal[k])) for k in moving),
+        Reduction(
+            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_sizes, n, None, pairs), partial(_named_sizes, n, None),
+            ("sizes of a step", n, pairs),
+        ),
+    ]  # fmt: skip
 
 
-def move_reductions(columns: Sequence[int], pairs: Sequence[tuple[int, int]] = ()) -> list[Reduction]:
+def move_reduction(columns: tuple[int, ...], pairs: Sequence[tuple[int, int]] = ()) -> Reduction:
     """``tracking_error``, the largest distances from a move (n,), and of `step_reductions` those of all joints.
 
     ``late_error`` is the distance from where the move then is. `columns`: link positions in the command (n,).
     """
-    return [_sizes_of([0.0] * len(columns), tuple(columns), pairs)]
-
-
-def _sizes_of(
-    first: Sequence[float], columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]]
-) -> Reduction:
-    n = len(first)
-    key = ("sizes of a step", n, pairs) if columns is None else ("sizes of a move", columns, pairs)
-    start = (*first, *[0.0] * (3 * n + 1))
-    return Reduction(start, partial(_sizes, n, columns, pairs), partial(_named_sizes, n, columns), key)
+    n = len(columns)
+    return Reduction(
+        (0.0,) * (4 * n + 1), partial(_sizes, n, columns, pairs), partial(_named_sizes, n, columns),
+        ("sizes of a move", columns, pairs),
+    )  # fmt: skip
 
 
 def _sizes(
     n: int, columns: Sequence[int] | None, pairs: Sequence[tuple[int, int]], kept: Any, now: Instant
 ) -> Any:
-    """Update the goal, or largest errors of a move; largest late errors, inputs, speeds (n each), estimation error."""
+    # the goal, or largest errors of a move; largest late errors, inputs and speeds (n each); estimation error
     first, late, effort, speed = (kept[k * n : (k + 1) * n] for k in range(4))
     estimate = kept[-1]
     if columns is None:
@@ -188,9 +189,9 @@ def _sizes(
 def _named_sizes(
     n: int, columns: Sequence[int] | None, kept: np.ndarray, command: Command
 ) -> dict[str, np.ndarray]:
-    first, late, effort, speed = (kept[k * n : (k + 1) * n].T for k in range(4))
-    named = {} if columns is None else {"tracking_error": first}
-    return {**named, "late_error": late, "effort": effort, "speed": speed, "estimate": kept[-1]}
+    parts = ("goal" if columns is None else "tracking_error", "late_error", "effort", "speed")
+    named = {name: kept[k * n : (k + 1) * n].T for k, name in enumerate(parts) if name != "goal"}
+    return {**named, "estimate": kept[-1]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,9 +199,8 @@ class RunMetrics:
     """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""
 
     limits: JointLimits
-    ends: tuple[np.ndarray, np.ndarray] | None = (
-        None  # Start and goal (n,) of a step, rad or m; None for a move
-    )
+    # Start and goal (n,) of a step, rad or m; None for a move
+    ends: tuple[np.ndarray, np.ndarray] | None = None
     required: tuple[np.ndarray, np.ndarray] | None = None  # Of a move: tracking error, distance after it (n,)
 
     @cached_property
@@ -210,16 +210,20 @@ class RunMetrics:
         Of a step of the joints that move, and where every joint ends; of a move largest distances from it and from its
         end, also as fractions of those required; then peaks.
         """
-        limits, every, n = self.limits, range(len(self.limits.joints)), len(self.limits.joints)
-        table: dict[str, tuple[Sequence[str], Sequence[int]]] = {}
+        limits, n = self.limits, len(self.limits.joints)
+        positions, fractions = (limits.position_units, range(n)), ([""] * n, range(n))
+        table: dict[str, tuple[Sequence[str], Sequence[int]]] = {
+            "tracking_error": positions, "tracking_error_use": fractions,
+            "final_error": positions, "final_error_use": fractions,
+        }  # fmt: skip
         if self.ends is not None:
             moving = np.flatnonzero(self.ends[0] != self.ends[1]).tolist()
             table = {name: ([unit] * n, moving) for name, unit in STEP_UNITS.items()}
-            table["steady_state_error"] = limits.position_units, every
-        else:
-            for name in ("tracking_error", "final_error"):
-                table |= {name: (limits.position_units, every), f"{name}_use": ([""] * n, every)}
-        return table | {"peak_input": (limits.effort_units, every), "peak_speed": (limits.speed_units, every)}
+            table["steady_state_error"] = positions
+        return table | {
+            "peak_input": (limits.effort_units, range(n)),
+            "peak_speed": (limits.speed_units, range(n)),
+        }
 
     @property
     def units(self) -> dict[str, str]:
@@ -229,11 +233,10 @@ class RunMetrics:
         common = {name: units[0] if len(set(units)) == 1 else "" for name, units in each.items()}
         uses = {"input_limit_use": self.limits.limits_peak, "speed_limit_use": self.limits.limits_speed}
         common |= {name: "" for name, limited in uses.items() if limited}
-        return common | {name: each[kind][k] for name, (kind, k) in self._parts.items()}
+        return common | {name: each[kind][k] for name, (kind, k) in self._of_joints.items()}
 
     @cached_property
-    def _parts(self) -> dict[str, tuple[str, int]]:
-        """Metrics of single joints, where there are several: which metric, and of which joint."""
+    def _of_joints(self) -> dict[str, tuple[str, int]]:
         names = self.limits.joints
         several = self.joint_metrics.items() if len(names) > 1 else ()
         return {f"{kind}_{names[k]}": (kind, k) for kind, (_, joints) in several for k in joints}
@@ -243,8 +246,10 @@ class RunMetrics:
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
-        reductions = step_reductions(*self.ends, pairs) if self.ends else move_reductions(columns, pairs)
-        return Metrics(self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._parts))
+        reductions = step_reductions(*self.ends, pairs) if self.ends else [move_reduction(columns, pairs)]
+        return Metrics(
+            self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._of_joints)
+        )
 
     def _reduced(self, estimated: bool, runs: EnsembleResult) -> dict[str, np.ndarray]:
         common, nothing = runs.common, np.full(len(runs.codes), np.nan)
@@ -256,18 +261,19 @@ class RunMetrics:
                 each = [common.get(f"{k} {kind}", late[:, k]) for k in range(late.shape[1])]
                 every[kind] = np.stack(each, axis=1)
         else:
-            errors = {"tracking_error": common["tracking_error"], "final_error": late}
-            every |= errors
-            for (kind, error), most in zip(errors.items(), self.required):
-                every[f"{kind}_use"] = error / most
-        worst = {
-            kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
-            for kind, (_, joints) in self.joint_metrics.items()
+            tracking, (most, most_late) = common["tracking_error"], self.required
+            every |= {"tracking_error": tracking, "tracking_error_use": tracking / most}
+            every |= {"final_error": late, "final_error_use": late / most_late}
+        return {
+            **{
+                kind: every[kind][:, list(joints)].max(axis=1) if len(joints) else nothing
+                for kind, (_, joints) in self.joint_metrics.items()
+            },
+            "estimation_error": common["estimate"] if estimated else nothing,
+            "input_limit_use": (effort / self.limits.peak).max(axis=1),
+            "speed_limit_use": (speed / self.limits.speed).max(axis=1),
+            **{name: every[kind][:, k] for name, (kind, k) in self._of_joints.items()},
         }
-        worst["estimation_error"] = common["estimate"] if estimated else nothing
-        worst["input_limit_use"] = (effort / self.limits.peak).max(axis=1)
-        worst["speed_limit_use"] = (speed / self.limits.speed).max(axis=1)
-        return worst | {name: every[kind][:, k] for name, (kind, k) in self._parts.items()}
 
 
 #: The requirement of the links' speeds.
@@ -282,16 +288,17 @@ class Requirement:
     """One line of a specification."""
 
     what: str
-    # limit, found: In `unit`
-    limit: float
-    found: float
-    unit: str
-    at_most: bool  # Whether `limit` is an upper limit; otherwise a lower one
-    where: str  # The run or loop that was judged
-    criterion: str  # How `found` is defined
+    # limit, found: In `unit`; NaN in a row of `REQUIREMENTS`
+    limit: float = math.nan
+    found: float = math.nan
+    unit: str = ""
+    at_most: bool = True  # Whether `limit` is an upper limit; otherwise a lower one
+    where: str = ""  # The run or loop that was judged
+    criterion: str = ""  # How `found` is defined
     stated_by: str = "default"  # The option that states the limit, or "default"
     joint: str = ""  # Of the worst value; empty where there is one joint, or where it has none
     at: float | None = None  # When it occurs, s; None where it has no time
+    field: str = ""  # Of the specification, which states the limit; "" where none does
 
     @property
     def met(self) -> bool:
@@ -322,85 +329,69 @@ class Requirement:
         limit, found = math.degrees(self.limit), math.degrees(self.found)
         return replace(self, limit=limit, found=found, unit=f"°{self.unit[3:]}")
 
-
-@dataclass(frozen=True)
-class Definition:
-    """A row of the table of requirements; `field` of the specification states its limit, "" where none does."""
-
-    what: str
-    criterion: str
-    unit: str = ""
-    at_most: bool = True
-    field: str = ""
-
     def judge(
         self, s: Specification | None, limit: float, value: float, where: str, **more: Any
     ) -> Requirement:
-        """The requirement with its numbers; `more` are other fields of it, instead of those of the row."""
-        row: dict[str, Any] = {"unit": self.unit, "criterion": self.criterion}
+        """A row of `REQUIREMENTS` with its numbers; `more` are other fields, instead of those of the row."""
         if s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default:
-            row["stated_by"] = FIELDS[self.field].option
-        row |= more
-        return Requirement(self.what, float(limit), float(value), at_most=self.at_most, where=where, **row)
+            more = {"stated_by": FIELDS[self.field].option} | more
+        return replace(self, limit=float(limit), found=float(value), where=where, **more)
 
 
 REQUIREMENTS = {
-    "bandwidth": Definition(
-        "bandwidth", "where |command → link position| is 3 dB below its value at rest", "rad/s", False, "bandwidth"
+    "bandwidth": Requirement(
+        "bandwidth", unit="rad/s", at_most=False, field="bandwidth",
+        criterion="where |command → link position| is 3 dB below its value at rest",
     ),
-    "damping": Definition(
-        "damping of oscillations", "smallest damping ratio of every oscillation, the estimator's included",
-        at_most=False, field="damping",
+    "damping": Requirement(
+        "damping of oscillations", at_most=False, field="damping",
+        criterion="smallest damping ratio of every oscillation, the estimator's included",
     ),
-    "ring_down": Definition(
-        "damping in the ring-down",
-        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input",
-        at_most=False, field="damping",
+    "ring_down": Requirement(
+        "damping in the ring-down", at_most=False, field="damping",
+        criterion="smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or "
+        "input",
     ),
-    "peak_sensitivity": Definition(
-        "peak sensitivity", "largest singular value of S at the plant's inputs, over all frequencies",
-        field="peak_sensitivity",
+    "peak_sensitivity": Requirement(
+        "peak sensitivity", field="peak_sensitivity",
+        criterion="largest singular value of S at the plant's inputs, over all frequencies",
     ),
-    "gain_margin": Definition(
-        "gain margin", "smallest factor, up or down, of one input's gain that makes the loop unstable", at_most=False,
-        field="gain_margin",
+    "gain_margin": Requirement(
+        "gain margin", at_most=False, field="gain_margin",
+        criterion="smallest factor, up or down, of one input's gain that makes the loop unstable",
     ),
-    "corners": Definition("unstable corners", "corners with a pole outside the unit circle"),
-    "overshoot": Definition(
-        "overshoot", "largest of all joints, per cent of the joint's own step", "%", field="overshoot"
+    "corners": Requirement("unstable corners", criterion="corners with a pole outside the unit circle"),
+    "overshoot": Requirement(
+        "overshoot", unit="%", field="overshoot",
+        criterion="largest of all joints, per cent of the joint's own step",
     ),
-    "unsettled": Definition(
-        "runs that do not settle", "runs that diverge, or are outside ±2 % of the step at their end"
+    "unsettled": Requirement(
+        "runs that do not settle", criterion="runs that diverge, or are outside ±2 % of the step at their end"
     ),
-    "peak": Definition("peak input", "largest |input| of all motors"),
-    "speed": Definition(SPEED, "|velocity| of the link nearest to its limit"),
-    "range": Definition("distance beyond a joint's range", "largest of all true link positions"),
-    "tracking": Definition(
-        "tracking error",
-        "largest distance of a true link position from the move, of the joint nearest to its limit",
-        field="tracking_error",
+    "peak": Requirement("peak input", criterion="largest |input| of all motors"),
+    "speed": Requirement(SPEED, criterion="|velocity| of the link nearest to its limit"),
+    "range": Requirement("distance beyond a joint's range", criterion="largest of all true link positions"),
+    "tracking": Requirement(
+        "tracking error", field="tracking_error",
+        criterion="largest distance of a true link position from the move, of the joint nearest to its limit",
     ),
-    "final": Definition(
+    "final": Requirement(
         "distance after the move",
-        "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way",
+        criterion="largest distance from the end of the move in the last tenth of the run; required: 2 % of the "
+        "joint's way",
     ),
-    "limit_cycle": Definition(
+    "limit_cycle": Requirement(
         "hunting at rest",
-        "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
-        "position, or one step of its sensor",
+        criterion="largest amplitude of a link position in the last half; the limit is three standard deviations of a "
+        "measured position, or one step of its sensor",
     ),
-    "load_step": Definition(
-        "remaining sag", "largest deviation of a link in the last tenth; the limit is 2 % of its step"
+    "load_step": Requirement(
+        "remaining sag", criterion="largest deviation of a link in the last tenth; the limit is 2 % of its step"
     ),
-    "deadlines": Definition(
-        "missed deadlines", "samples whose input was not there before the next sample was due", "%"
+    "deadlines": Requirement(
+        "missed deadlines", unit="%", criterion="samples whose input was not there before the next sample was due"
     ),
 }  # fmt: skip
-
-
-def all_met(lines: Sequence[Requirement]) -> bool:
-    """Whether every requirement is met."""
-    return all(line.met for line in lines)
 
 
 def peak_option(unit: str, source: str = "") -> str:
@@ -451,8 +442,8 @@ def behaviour_requirements(
 
 def corner_requirement(corners: ToleranceCorners) -> Requirement:
     """The requirement that no corner of the tolerances is unstable with the design's own estimator."""
-    which = f"all {corners.count} corners" if corners.complete else f"{corners.count} sampled corners"
-    where = f"{which} of the tolerances, running loop with this design's R^v"
+    which = f"all {corners.count}" if corners.complete else f"{corners.count} sampled"
+    where = f"{which} corners of the tolerances, running loop with this design's R^v"
     return REQUIREMENTS["corners"].judge(None, 0.0, corners.unstable, where)
 
 
@@ -492,11 +483,11 @@ def limit_requirements(
     """
     how = ", without limits of the inputs" if unlimited else ""
     inputs, speeds = limits.input_use(demanded or response), limits.speed_use(response)
-    lines = [line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met]
     beyond = limits.beyond_range(response)
-    if 0.0 < beyond.value < np.inf:
-        lines.append(_limit_line("range", limits, beyond, where, ROBOT))
-    return lines
+    return [
+        *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],
+        *([_limit_line("range", limits, beyond, where, ROBOT)] if 0.0 < beyond.value < np.inf else []),
+    ]
 
 
 def _limit_lines(
@@ -525,12 +516,10 @@ def _limit_line(
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
     """The worst of the robots sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
-    joint = of_several(limits.joints, samples.overshoot_joints[int(np.argmax(samples.overshoot))])
-
+    joint = of_several(limits.joints, samples.joints["overshoot"][int(np.argmax(samples.overshoot))])
     finite = bool(np.isfinite(samples.inputs).all() and np.isfinite(samples.speeds).all())  # no run diverged
-    inputs, speeds = (samples.inputs, samples.speeds) if finite else (None, None)
-    peak = limit_use(inputs, limits.peak, limits.joints, limits.effort_units)
-    speed = limit_use(speeds, limits.speed, limits.joints, limits.speed_units)
+    peak = limit_use(samples.inputs if finite else None, limits.peak, limits.joints, limits.effort_units)
+    speed = limit_use(samples.speeds if finite else None, limits.speed, limits.joints, limits.speed_units)
     return [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
@@ -555,10 +544,8 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
     rows, lines = move.metrics, []
-    for name, key, most in (
-        ("tracking", "largest_error", tracking_limits(s, limits, move.travel)),
-        ("final", "final_error", final_limits(limits, move.travel)),
-    ):
+    keys = {"tracking": "largest_error", "final": "final_error"}
+    for (name, key), most in zip(keys.items(), move_limits(s, limits, move.travel)):
         values = np.array([row[key] for row in rows])
         joint = int(np.argmax(values / most)) if rows else int(np.argmin(most))
         unit, value = limits.position_units[joint], values[joint] if rows else np.inf
@@ -567,20 +554,16 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
     return [*lines, *limit_requirements(limits, move.response, STATED)]
 
 
-def tracking_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Largest tracking error (n,), rad or m: as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,)."""
-    if s.tracking_error is not None:
-        return per_joint(limits.joints, "tracking_error", s.tracking_error)
-    return TRACKING_FRACTION * _counted(limits, travel)
+def move_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Largest tracking error (n,), and largest distance (n,) from the end of a move after it, rad or m.
 
-
-def final_limits(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Largest distance (n,) of each joint from the end of a move after it, rad or m."""
-    return SETTLING_BAND * _counted(limits, travel)
-
-
-def _counted(limits: JointLimits, travel: np.ndarray) -> np.ndarray:
-    """Travel (n,) of each joint along the move; at least `LEAST_WAY` of the largest of its kind."""
-    units = np.array(limits.position_units)
+    The first as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,), which counts with at least `LEAST_WAY` of
+    the largest of its kind.
+    """
+    units, stated = np.array(limits.position_units), s.tracking_error
     largest = np.array([travel[units == unit].max() for unit in units])
-    return np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
+    counted = np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
+    tracking = (
+        TRACKING_FRACTION * counted if stated is None else per_joint(limits.joints, "tracking_error", stated)
+    )
+    return tracking, SETTLING_BAND * counted

@@ -14,22 +14,14 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import tomlkit
 
-from flexhinf.analysis.modes import Mode
-from flexhinf.design.certification import Attenuation, DesignProof, StepProof, step_proof
-from flexhinf.design.checks import LimitCycleCheck, PayloadEvaluation
-from flexhinf.design.design_file import DesignRequest, plain, request_document, toml_table
+from flexhinf.analysis import modes
+from flexhinf.design import certification, checks, design_file, laws, loop_setup, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.laws import LawKind
-from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.presets import DesignProblem
+from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Response, Scenario
 from flexhinf.design.rigid import RigidComparison
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
-from flexhinf.design.synthesis.by_step import DegreeChoice
-from flexhinf.design.synthesis.noise import NoiseSearch
-from flexhinf.design.synthesis.steps import Synthesis
-from flexhinf.design.tuning import Criterion, TunedLaw
+from flexhinf.design.synthesis import by_step, steps
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
@@ -86,10 +78,10 @@ class Status:
 def status_of(
     lines: Sequence[Requirement],
     evaluation: LawEvaluation,
-    chosen: DegreeChoice,
-    worth: Attenuation,
+    chosen: by_step.DegreeChoice,
+    worth: certification.Attenuation,
     inside: bool | None,
-    proof: DesignProof,
+    proof: certification.DesignProof,
 ) -> Status:
     """The status of a design."""
     setup, names = evaluation.setup, [line.what for line in lines]
@@ -98,22 +90,21 @@ def status_of(
         _missed(line.converted(degrees), names.count(line.what) > 1) for line in lines if not line.met
     )
     past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
-    scope = list(dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance))
-    if evaluation.corners is None:
-        scope.append("no tolerance stated: only the nominal robot was judged")
-    unproved = step_proof(proof, chosen, inside).missing
+    scope = [
+        *dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance),
+        *(["no tolerance stated: only the nominal robot was judged"] if evaluation.corners is None else []),
+    ]
+    unproved = certification.step_proof(proof, chosen, inside).missing
     if proof.certificate is None and proof.box is None and not worth.lasts:
         unproved = (*unproved, "the dissipation budget of the step does not last")
     return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
 
 
 def _missed(line: Requirement, places: bool) -> str:
-    """Text of the value and the limit; also where, if it is judged in several places."""
     sign, unit = "≤" if line.at_most else "≥", line.unit_text
-    joint = f" in {line.joint}" if line.joint else ""
-    joint += "" if line.at is None else f" at {line.at:.3g} s"
+    joint, at = f" in {line.joint}" if line.joint else "", "" if line.at is None else f" at {line.at:.3g} s"
     place = f"; {line.where}" if places else ""
-    return f"{line.what} {line.found:.3g}{unit}{joint} (required {sign} {line.limit:.3g}{unit}{place})"
+    return f"{line.what} {line.found:.3g}{unit}{joint}{at} (required {sign} {line.limit:.3g}{unit}{place})"
 
 
 def _in_brackets(joints: Sequence[str], joint: str) -> str:
@@ -187,23 +178,23 @@ class Design(Summarised):
 
     robot: Robot
     specification: Specification
-    synthesis: Synthesis
+    synthesis: steps.Synthesis
     evaluation: LawEvaluation
-    attenuation: Attenuation
+    attenuation: certification.Attenuation
     inside: bool | None
-    proof: DesignProof
-    mujoco: Response | None
+    proof: certification.DesignProof
+    mujoco: responses.Response | None
     rigid: RigidComparison | None
-    rest: LimitCycleCheck | None
-    payloads: tuple[PayloadEvaluation, ...] = ()
-    law_modes: tuple[Mode, ...]
+    rest: checks.LimitCycleCheck | None
+    payloads: tuple[checks.PayloadEvaluation, ...] = ()
+    law_modes: tuple[modes.Mode, ...]
     requirements: tuple[Requirement, ...]
     status: Status
 
     @property
-    def step_proof(self) -> StepProof:
+    def step_proof(self) -> certification.StepProof:
         """Whether the requested step is proved."""
-        return step_proof(self.proof, self.chosen, self.inside)
+        return certification.step_proof(self.proof, self.chosen, self.inside)
 
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
@@ -225,21 +216,20 @@ class Design(Summarised):
         """Whether every requirement is met."""
         return all(line.met for line in self.requirements)
 
-    @property
-    def noise_search(self) -> NoiseSearch | None:
-        """How the estimator's noise levels were found; None where they are stated, or without an estimator."""
-        return self.synthesis.noise_search
-
-    setup = forwarded("evaluation.setup", LoopSetup, "The loop of all runs.")
-    scenario = forwarded("evaluation.scenario", Scenario, "The runs.")
+    setup = forwarded("evaluation.setup", loop_setup.LoopSetup, "The loop of all runs.")
+    scenario = forwarded("evaluation.scenario", responses.Scenario, "The runs.")
     goal = forwarded("synthesis.goal", np.ndarray, "Link positions (n,), rad or m.")
     start = forwarded("synthesis.start", np.ndarray, "Link positions (n,), rad or m.")
     design_problem = forwarded(
-        "synthesis.design_problem", DesignProblem, "Weights, disturbances and level, with their sources."
+        "synthesis.design_problem",
+        presets.DesignProblem,
+        "Weights, disturbances and level, with their sources.",
     )
     problem = forwarded("synthesis.problem", GeneralisedPlant, "The nominal problem about the goal.")
-    choices = forwarded("synthesis.choices", tuple[DegreeChoice, ...], "Every degree that was solved.")
-    chosen = forwarded("synthesis.chosen", DegreeChoice, "The degree that is used.")
+    choices = forwarded(
+        "synthesis.choices", tuple[by_step.DegreeChoice, ...], "Every degree that was solved."
+    )
+    chosen = forwarded("synthesis.chosen", by_step.DegreeChoice, "The degree that is used.")
     solution = forwarded("synthesis.chosen.solution", HJISolution, "The solution that is used, at the goal.")
     gamma_star = forwarded(
         "synthesis.design_problem.gamma_star", float,
@@ -263,9 +253,9 @@ class Design(Summarised):
 class ComparedLaw:
     """One row of a comparison."""
 
-    kind: LawKind
+    kind: laws.LawKind
     # The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits
-    tuned: TunedLaw | None = None
+    tuned: tuning.TunedLaw | None = None
     # What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it
     requirements: tuple[Requirement, ...] = ()
     failure: str = ""  # Why there is no evaluation
@@ -299,10 +289,10 @@ class Comparison(Summarised):
 
     robot: Robot
     specification: Specification
-    synthesis: Synthesis
-    criterion: Criterion
+    synthesis: steps.Synthesis
+    criterion: tuning.Criterion
     rows: tuple[ComparedLaw, ...]
-    scenario: Scenario
+    scenario: responses.Scenario
 
     def summary(self) -> dict[str, str]:
         """Robot, and the laws by the criterion (less is better)."""
@@ -347,11 +337,7 @@ class Comparison(Summarised):
         }
 
 
-#: Comment above the table [result].
-RESULT = "What came of it. This part is not read: changing it changes nothing."
-
-
-def design_text(design: Design, request: DesignRequest, folder: str | Path = ".") -> str:
+def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:
     """Text of the design file of a design: the request, and the result.
 
     `request`: where the robot came from, and its payload.
@@ -360,20 +346,14 @@ def design_text(design: Design, request: DesignRequest, folder: str | Path = "."
     InvalidInput if the penalty is code.
     """
     slides = design.robot.links.slides
-    document = request_document(
+    document = design_file.request_document(
         design.specification, request.source, request.elastic, folder, request.payload, slides
     )
     document.add(tomlkit.nl())
-    document.add(tomlkit.comment(RESULT))
-    document.add("result", toml_table(result_table(design)))
-    return tomlkit.dumps(document)
-
-
-def result_table(design: Design) -> dict[str, Any]:
-    """Result of a design, for the table [result]; nothing in it is None."""
+    document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
     problem, samples, loop = design.design_problem, design.evaluation.step_samples, design.evaluation.margins
     levels, states = design.setup.process_noise, problem.penalty.states
-    weights = None if callable(states) else plain("penalty", states)
+    weights = None if callable(states) else design_file.plain("penalty", states)
     if isinstance(weights, list):  # by name
         rows = bool(weights) and isinstance(weights[0], list)
         weights = {"rows": weights} if rows else dict(zip(design.problem.state_names, weights))
@@ -403,4 +383,7 @@ def result_table(design: Design) -> dict[str, Any]:
             for line in design.requirements
         ],
     }  # fmt: skip
-    return {name: value for name, value in table.items() if value is not None}
+    document.add(
+        "result", design_file.toml_table({name: value for name, value in table.items() if value is not None})
+    )
+    return tomlkit.dumps(document)

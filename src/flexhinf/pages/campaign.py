@@ -19,7 +19,7 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
-from flexhinf.design.campaign_gain import GainResults, stored_gains
+from flexhinf.design.campaign_folder import GainResults, stored_gains
 from flexhinf.loop import Trajectory
 from flexhinf.pages.campaign_parts import (
     METRIC_LABELS,

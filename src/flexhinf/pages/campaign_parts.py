@@ -21,8 +21,7 @@ from flexhinf.campaign import (
     WorstCase,
 )
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
-from flexhinf.design.campaign_folder import FOLDERS, PairResult
-from flexhinf.design.campaign_gain import GainRow
+from flexhinf.design.campaign_folder import FOLDERS, GainRow, PairResult
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, framed, panels

@@ -256,7 +256,7 @@ def _weights(design: Design) -> dict[str, Any]:
 
 
 def _estimator_noise(design: Design) -> dict[str, Any]:
-    search, tried = design.noise_search, []
+    search, tried = design.synthesis.noise_search, []
     if search is not None:
         tried = sorted(
             [*(candidate for candidate in search.trade_off if not is_used(search, candidate)), search.chosen],

@@ -203,9 +203,9 @@ def _headline(design: Design) -> str:
 
 
 def _worst(design: Design, metric: str, unit: str, digits: int = 3) -> str:
-    samples = design.evaluation.step_samples
+    samples: Any = design.evaluation.step_samples
     values = getattr(samples, metric)
-    joint = getattr(samples, f"{metric}_joints")[int(np.argmax(values))]
+    joint = samples.joints[metric][int(np.argmax(values))]
     return f"{number(float(np.max(values)), digits)} {unit}{in_joint(joint, design.robot.joint_names)}"
 
 

@@ -20,7 +20,6 @@ from typing import IO, TYPE_CHECKING, Any, cast
 import numpy as np
 
 from flexhinf.design.deployed_run import DeployedRun
-from flexhinf.design.requirements import all_met
 from flexhinf.design.responses import Move, worst_of
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
@@ -67,7 +66,7 @@ ROWS = {
 
 def run_met(prepared: DeployedRun, run: RealTimeRun) -> bool:
     """Whether a run met every requirement and came to its end."""
-    return not run.trajectory.message and all_met(prepared.requirements(run))
+    return not run.trajectory.message and all(line.met for line in prepared.requirements(run))
 
 
 def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:

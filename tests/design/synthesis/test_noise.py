@@ -97,10 +97,7 @@ def test_the_default_levels_stay_where_they_keep_what_can_be_kept(
     setup = synthesis.setup(only_uncertain(robot_of("paper"), "stiffness"), loose)
     found = search_noise(setup, damping=0.9)
     assert found is not None
-    assert (
-        found.chosen.levels.motor_velocities
-        == EstimatorNoise.stated(s.process_noise, s.torque_noise).motor_velocities
-    )
+    assert found.chosen.levels.motor_velocities == EstimatorNoise.stated(s).motor_velocities
 
 
 @pytest.mark.slow

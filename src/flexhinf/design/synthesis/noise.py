@@ -205,7 +205,8 @@ class _Search:
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
-        default = self.candidate(self.setup.stated_noise)
+        """Search: the default levels, the families, then single levels; with the trade-off of all candidates."""
+        default = self.candidate(EstimatorNoise.stated(self.setup.specification))
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
             return None

@@ -521,7 +521,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
             "another `start` or `pose`",
         )
     robot.plant(s.measured, extras=s.extras)
-    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s.process_noise, s.torque_noise))
+    LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     zone, step = responses.integral_dead_zone(robot, s, None), np.abs(goal - start)
     if zone is not None and (covered := (step > 0.0) & (zone >= step)).any():

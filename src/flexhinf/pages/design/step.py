@@ -379,11 +379,11 @@ def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
 
 
 def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.ndarray, float, str]]:
-    own, m, peak = e.step, samples, samples.peak_joints[int(np.argmax(samples.peak))]
+    own, m, joints = e.step, samples, samples.joints
     return [
-        ("overshoot", "%", m.overshoot, own.overshoot.value, m.overshoot_joints[m.worst]),
-        ("settling time", "s", m.settling, own.settling.value, m.settling_joints[m.slowest]),
-        ("peak input", units_of(e).effort, m.peak, own.peak_input, peak),
+        ("overshoot", "%", m.overshoot, own.overshoot.value, joints["overshoot"][m.worst]),
+        ("settling time", "s", m.settling, own.settling.value, joints["settling"][m.slowest]),
+        ("peak input", units_of(e).effort, m.peak, own.peak_input, joints["peak"][int(np.argmax(m.peak))]),
     ]
 
 

@@ -288,7 +288,11 @@ def noise_levels(design: Design) -> Blocks:
     """Noise levels of the estimator, and their trade-off as figure and table; nothing without an estimator."""
     if design.specification.estimator == "none":
         return
-    noise, search, joints = design.setup.process_noise, design.noise_search, design.robot.joint_names
+    noise, search, joints = (
+        design.setup.process_noise,
+        design.synthesis.noise_search,
+        design.robot.joint_names,
+    )
     levels = {
         "every state": noise.all_states,
         "link velocities": noise.link_velocities,
