@@ -56,8 +56,8 @@ def commands(group: Any = None, path: str = "flexhinf") -> dict[str, dict[str, A
 
 def options() -> str:
     """Every option: those of a specification with the commands that take them, then the others by command."""
-    from flexhinf.design.options import GROUPS
     from flexhinf.design.specification import FIELDS
+    from flexhinf.options import GROUPS
 
     every, lines = commands(), []
     for group in GROUPS:

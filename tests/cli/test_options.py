@@ -15,9 +15,8 @@ import flexhinf as fh
 from flexhinf.cli.arguments import with_options
 from flexhinf.cli.commands import app
 from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS
-from flexhinf.design import CampaignOptions
-from flexhinf.design.options import declared, option_name
 from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.options import CampaignOptions, declared, option_name
 from flexhinf.paper import PaperSettings
 
 #: Files that read every field to write it, to copy it or to check it, and compute nothing.

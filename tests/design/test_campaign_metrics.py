@@ -12,9 +12,10 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.campaign import Campaign, run_batch
-from flexhinf.design import CampaignOptions, DesignCampaign, DesignRequest, Specification
+from flexhinf.design import DesignCampaign, DesignRequest, Specification
 from flexhinf.design.responses import Response
 from flexhinf.loop.simulation.metrics import steady_state_error
+from flexhinf.options import CampaignOptions
 
 ROBOT = "planar-two-link"
 

@@ -353,8 +353,8 @@ def test_design_and_compare_are_functions_however_the_room_was_imported() -> Non
         "import flexhinf as fh; {} from flexhinf.design import Specification, design; assert design is fh.design",
         "from flexhinf.design import Specification, design; import flexhinf as fh; {} assert design is fh.design",
         "import flexhinf.design.pipeline; import flexhinf as fh; {}",
-        "import flexhinf.design; import flexhinf as fh; {} import flexhinf.design.options; {}",
-        "from flexhinf import design; import flexhinf.design.options; import flexhinf as fh; {}",
+        "import flexhinf.design; import flexhinf as fh; {} import flexhinf.options; {}",
+        "from flexhinf import design; import flexhinf.options; import flexhinf as fh; {}",
     ):
         subprocess.run(
             [sys.executable, "-W", "error", "-c", f"import inspect; {text.replace('{}', check)}"], check=True

@@ -16,8 +16,8 @@ from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification, compare, design
 from flexhinf.design.design_file import check_stated_units, read_request
 from flexhinf.design.loop_setup import other_quantisation
-from flexhinf.design.options import Stated
 from flexhinf.design.specification import SpecificationError
+from flexhinf.options import Stated
 
 Named = Callable[[str], Any]
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flexhinf.design import options as units
+from flexhinf import options as units
 from flexhinf.design.specification import Specification, SpecificationError
 
 

@@ -20,9 +20,9 @@ import typer
 from typer.exceptions import TyperException
 
 from flexhinf.cli.options import PEAKS, PointOptions
-from flexhinf.design.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest

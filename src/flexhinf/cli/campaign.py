@@ -116,7 +116,8 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
 
 
 def _request(o: BatchOptions, source: str) -> DesignCampaign:
-    from flexhinf.design import CampaignOptions, DesignCampaign
+    from flexhinf.design import DesignCampaign
+    from flexhinf.options import CampaignOptions
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]

@@ -33,8 +33,8 @@ from flexhinf.cli.options import (
     DesignOptions,
     PaperOptions,
 )
-from flexhinf.design.options import option_name
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.options import option_name
 
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}

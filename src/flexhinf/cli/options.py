@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from flexhinf.design.options import (
+from flexhinf.design.specification import FIELDS
+from flexhinf.options import (
     ADVANCED,
     COMPARED,
     HARDWARE,
@@ -29,7 +30,6 @@ from flexhinf.design.options import (
     argument,
     option,
 )
-from flexhinf.design.specification import FIELDS
 from flexhinf.paper.settings import PaperSettings
 
 ALL = tuple(FIELDS)

@@ -17,7 +17,6 @@ from .design_file import (
 from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
 from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
-from .options import CampaignOptions as CampaignOptions
 from .pipeline import (
     compare as compare,
     design as design,

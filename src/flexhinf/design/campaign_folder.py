@@ -32,11 +32,11 @@ from flexhinf.campaign.journal import UNREADABLE, check_own_folder, differing, l
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
-from flexhinf.design.options import CampaignOptions
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
+from flexhinf.options import CampaignOptions
 from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.report import unchanged
 from flexhinf.validation import checked_path, read_toml

@@ -18,12 +18,12 @@ import numpy as np
 
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
 from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
-from flexhinf.design.options import CampaignOptions
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.inputs import sample_count
+from flexhinf.options import CampaignOptions
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text

@@ -3,7 +3,7 @@
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
 robot's file, and fields of `Specification` by name. Paths are relative to the file's folder. The table [result] has
 the outcome and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
-(`flexhinf.design.options.Stated`) until it is known which joints slide.
+(`flexhinf.options.Stated`) until it is known which joints slide.
 
 Goals and waypoints of a point of the robot, x, y, z in the world, as positions of the joints.
 
@@ -27,7 +27,6 @@ import numpy as np
 import tomlkit
 
 from flexhinf import __version__
-from flexhinf.design.options import SLIDING, Stated, lengths
 from flexhinf.design.specification import (
     FIELDS,
     Specification,
@@ -37,6 +36,7 @@ from flexhinf.design.specification import (
     json_schema,
 )
 from flexhinf.errors import InvalidInput
+from flexhinf.options import SLIDING, Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of

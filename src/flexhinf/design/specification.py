@@ -1,7 +1,7 @@
 """The specification of a design: every field with its unit, range, default, help and example, declared once.
 
 The options of the command line (`flexhinf.cli.arguments`), the design file (`flexhinf.design.design_file`), its JSON
-schema and the table of options in docs/design.md derive from this class, see `flexhinf.design.options`.
+schema and the table of options in docs/design.md derive from this class, see `flexhinf.options`.
 
 Its move is waypoints of the joints as people write them: a CSV file, columns by name, or a signal. A file has a header
 with ``time`` and the joints' names, each with its unit behind it where that is not the SI unit, and one row per
@@ -27,8 +27,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, TypeAdapter, ValidationError, WithJsonSchema
 
-from flexhinf.design import options
-from flexhinf.design.options import (
+from flexhinf import options
+from flexhinf.errors import InvalidInput
+from flexhinf.options import (
     ADVANCED,
     HARDWARE,
     LIMITS,
@@ -46,7 +47,6 @@ from flexhinf.design.options import (
     refused,
     with_parameters,
 )
-from flexhinf.errors import InvalidInput
 from flexhinf.validation import HUGE, nearest, read_text, real_array, value_text
 
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.

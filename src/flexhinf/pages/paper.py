@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import FORMS
-from flexhinf.design.options import option_name
 from flexhinf.loop import Trajectory
+from flexhinf.options import option_name
 from flexhinf.pages.drawing import panels
 from flexhinf.paper.loop_setup import (
     FREQUENCY,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flexhinf.design.options import (
+from flexhinf.errors import InvalidInput
+from flexhinf.options import (
     ADVANCED,
     HARDWARE,
     Real,
@@ -15,7 +16,6 @@ from flexhinf.design.options import (
     option_name,
     with_parameters,
 )
-from flexhinf.errors import InvalidInput
 
 ESTIMATORS = ("ukf", "ekf", "none")
 PERIODS = "1e-4 to 0.05 s (the joint vibrates at 14 rad/s)"
