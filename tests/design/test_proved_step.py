@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.certify import box, evaluation
+from flexhinf.certify import box
 from flexhinf.certify.box import tolerance_statement
 from flexhinf.certify.certificate import path_start
 from flexhinf.certify.starts import robot_start
@@ -135,7 +135,7 @@ def test_steps_from_above_start_on_the_other_side() -> None:
 def test_a_run_whose_input_is_no_number_keeps_no_limit(
     step: float | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    of = {"tolerance_statement": box, "step_start": proved_step, "path_start": evaluation}
+    of = {"tolerance_statement": box, "step_start": proved_step, "path_start": proved_step}
     for name, module in of.items():
         monkeypatch.setattr(module, name, lambda *_: None)
     monkeypatch.setattr(proved_step, "_peak_effort", lambda *_: np.nan)

@@ -107,9 +107,8 @@ def test_negative_weights_are_refused(states):
 
 
 def test_a_misspelt_name_is_answered_with_the_nearest():
-    with pytest.raises(InvalidInput, match="'bb'") as caught:
+    with pytest.raises(InvalidInput, match=r"'bb'[\s\S]*'b';"):
         Penalty({"bb": 1.0}).weights(NAMES)
-    assert caught.value.advice == "'b'"
 
 
 def test_a_penalty_of_nameless_code_is_copied_but_not_pickled():

@@ -83,7 +83,6 @@ def test_what_is_no_signal_is_refused_by_name(name: str) -> None:
 )
 def test_a_misspelt_weight_of_a_robot_is_answered_with_the_nearest_name(name: str, meant: str) -> None:
     for robot in ("paper", "planar-two-link"):
-        with pytest.raises(InvalidInput, match=f"{name!r}") as caught:
+        with pytest.raises(InvalidInput, match=f"{name!r}[\\s\\S]*{meant!r};") as caught:
             fh.load_robot(robot).problem({name: 3.0})
-        assert caught.value.advice == repr(meant)
         assert "motor_voltage" not in str(caught.value)  # an input has no weight in h(x)

@@ -168,7 +168,10 @@ class Margins:
         peaks = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
         return f"Margins(stable={self.stable}, {peaks}, damping={self.damping:.3g})"
 
-    stable = property(attrgetter("linear.running.stable"), doc="Whether the closed loop is stable.")
+    @cached_property
+    def stable(self) -> bool:
+        """Whether the closed loop is stable."""
+        return self.linear.running.stable
 
     @property
     def _accuracy(self) -> float:

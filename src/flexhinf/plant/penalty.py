@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.model import has_a_name
 from flexhinf.plant.polynomial_plant import checked_r2
-from flexhinf.validation import checked_array, checked_names, one_of, real_array, value_text
+from flexhinf.validation import checked_array, checked_names, real_array, value_text
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,11 @@ class Penalty:
 
 
 def check_weighted(weighted: Iterable[str], known: Sequence[str]) -> None:
-    """Refuse a weight of something that is not known."""
-    what = "The penalty names a state that the problem does not have (integrals of errors are called NAME_integral): "
-    for name in weighted:
-        one_of(f"{what}{name!r}.", name, known)
+    """Refuse a weight of something that is not known, with the known name that is most like it."""
+    for name in (name for name in weighted if name not in known):
+        close = max(known, key=lambda other: difflib.SequenceMatcher(None, name, other).ratio())
+        raise InvalidInput(
+            f"The penalty names a state that the problem does not have: {name!r}.",
+            f"expected names out of {list(known)}",
+            f"{close!r}; integrals of a tracking error are called NAME_integral",
+        )

@@ -420,24 +420,15 @@ ROUNDS, MOST_LOWERED, WORTH, POWERS = 2, 2.0, 0.9, (0.95, 0.5)
 #: Factors on the ζ of another behaviour that are tried one after the other.
 PROPORTIONS = (1.0, 1.1, 1.25, 1.5, 2.0)
 
-#: A target frequency is multiplied by this power of the ratio: with 1, coupled joints would swing about the fit.
-CAUTION = 0.6
-
-#: Largest target frequency that is tried, over the lowest vibration with held motors.
-FASTEST = 30.0
+#: A target frequency is multiplied by this power of the ratio (with 1, coupled joints would swing); and the
+#: largest target frequency that is tried, over the lowest vibration with held motors.
+CAUTION, FASTEST = 0.6, 30.0
 
 
 class DampingOutOfReach(InvalidInput):
     """No weights damp every oscillation as required; `reached` is a damping ratio a little below the best."""
 
-    def __init__(self, expected: str, best: Behaviour) -> None:
-        self.reached = max(0.0, 0.95 * best.damping)
-        super().__init__(
-            "The specification cannot be met: the damping of the oscillations binds.",
-            f"{expected} for the robot and its tolerances; the best found at this bandwidth is {best.damping:.3g} "
-            f"({best.nominal_damping:.3g} for the nominal robot)",
-            f"damping={self.reached:.2g}, or another `bandwidth`",
-        )
+    reached = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -567,7 +558,15 @@ class _Search:
                     f"{_text(self.reached * self.target.bandwidth)} rad/s",
                     "a smaller `bandwidth`; the springs' own frequency is about the most that a joint follows",
                 )
-            raise DampingOutOfReach(expected, best.behaviour)
+            best_damping = best.behaviour.damping
+            refused = DampingOutOfReach(
+                "The specification cannot be met: the damping of the oscillations binds.",
+                f"{expected} for the robot and its tolerances; the best found at this bandwidth is {best_damping:.3g} "
+                f"({best.behaviour.nominal_damping:.3g} for the nominal robot)",
+                f"damping={max(0.0, 0.95 * best_damping):.2g}, or another `bandwidth`",
+            )
+            refused.reached = max(0.0, 0.95 * best_damping)
+            raise refused
         for _ in range(HALVINGS if damping_weight else 0):
             middle = 0.5 * (below + tried.damping_weight)
             candidate = self.fit_damped(middle)
