@@ -321,6 +321,7 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     kind, joint = divmod(int(np.argmax(shares)), len(bandwidth))
     peak, unit = peaks[kind, joint], (limits.effort_units, limits.speed_units)[kind][joint]
     what, name = (("peak of the input", "peak_effort"), ("speed of a link", "peak_speed"))[kind]
+    where = f" in {limits.joints[joint]}" if len(limits.joints) > 1 else ""
     outcome = f"no loop down to {LEAST:g} of it keeps the limit either"
     advice = f"a larger `{name}`, or a shorter step (`start`)"
     if best is not None:
@@ -330,7 +331,7 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
         advice = f"bandwidth={text}, or {advice}"
     raise InvalidInput(
         f"The specification cannot be met: the {what} binds.",
-        f"expected at most {search.limits[kind, joint]:g} {unit} in {limits.joints[joint]}; with a bandwidth of "
+        f"expected at most {search.limits[kind, joint]:g} {unit}{where}; with a bandwidth of "
         f"{float(np.max(bandwidth)):.3g} rad/s the step of the nonlinear loop "
         f"{'diverges' if np.isinf(peak) else f'takes {peak:.4g} {unit}'}, within the tolerances; {outcome}",
         advice,
