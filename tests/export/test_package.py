@@ -130,8 +130,7 @@ def test_hostile_signals_stay_in_comments(tmp_path: Path) -> None:
         robot = fh.load_robot("paper")
         law = fh.linear_law(robot.problem(), gamma=math.inf)
         controller = fh.Controller(law, None, 1e-3, 48.0)
-        for names in ("states", "tracked"):
-            setattr(controller, names, tuple(f"{name}{joint}" for name in getattr(controller, names)))
+        controller.states = tuple(f"{name}{joint}" for name in controller.states)
         folder = export_c(controller, tmp_path / str(len(joint)), "arm")
         text = (folder / "arm.h").read_text()
         return re.sub(r"/\*.*?\*/", "", re.sub(r"ARM_[A-Z]_\w+", "NAME", text), flags=re.DOTALL)

@@ -106,19 +106,19 @@ class Campaign:
 
     def __post_init__(self) -> None:
         loop = self.loop
-        refuse_if(
-            not isinstance(loop, Loop),
-            "A campaign needs a loop.",
-            f"expected a Loop, got {value_text(loop)}",
-            "fh.Loop(plant, controller)",
-        )
-        if not isinstance(self.draw, Draw):
-            refuse_if(
-                not callable(self.draw),
-                "The draw is no function.",
-                f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
-                "robot.draw, or flexhinf.campaign.Tolerances([...])",
+        if not isinstance(loop, Loop):
+            raise InvalidInput(
+                "A campaign needs a loop.",
+                f"expected a Loop, got {value_text(loop)}",
+                "fh.Loop(plant, controller)",
             )
+        if not isinstance(self.draw, Draw):
+            if not callable(self.draw):
+                raise InvalidInput(
+                    "The draw is no function.",
+                    f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
+                    "robot.draw, or flexhinf.campaign.Tolerances([...])",
+                )
             self.draw = FunctionDraw(self.draw)
         check_counts(self.samples, self.seed, self.batch)
         self.batches = -(-self.samples // self.batch)
@@ -310,12 +310,14 @@ def check_counts(samples: Any, seed: Any, batch: Any) -> None:
 
 def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> int:
     """Return an integer between `least` and `most`; anything else is refused with InvalidInput."""
-    refuse_if(
-        not is_integer(value) or not least <= int(value) <= most,
-        f"No such {name}." if name != "samples" else "The number of the campaign's samples is not usable.",
-        f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
-        f"{name}={example}",
-    )
+    if not is_integer(value) or not least <= int(value) <= most:
+        raise InvalidInput(
+            f"No such {name}."
+            if name != "samples"
+            else "The number of the campaign's samples is not usable.",
+            f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
+            f"{name}={example}",
+        )
     return int(value)
 
 

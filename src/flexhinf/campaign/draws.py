@@ -225,12 +225,12 @@ class Variable:
         checked_text("the name of a variable", self.name)
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         ends = (self.low, self.high)
-        refuse_if(
-            not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high,
-            f"The interval of {self.name!r} is not usable.",
-            f"expected finite low <= high, got {value_text(ends)}",
-            "its smallest and its largest value",
-        )
+        if not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high:
+            raise InvalidInput(
+                f"The interval of {self.name!r} is not usable.",
+                f"expected finite low <= high, got {value_text(ends)}",
+                "its smallest and its largest value",
+            )
         lowest, highest = self.middle - FARTHEST * self.deviation, self.middle + FARTHEST * self.deviation
         if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
             raise InvalidInput(

@@ -147,12 +147,12 @@ def _searched(
     o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
-    refuse_if(
-        o.metric and not o.worst_case,
-        "A metric is searched only where the worst case is searched.",
-        f"got --metric {' '.join(o.metric)} without --worst-case",
-        "--worst-case beside it",
-    )
+    if o.metric and not o.worst_case:
+        raise InvalidInput(
+            "A metric is searched only where the worst case is searched.",
+            f"got --metric {' '.join(o.metric)} without --worst-case",
+            "--worst-case beside it",
+        )
     if not o.worst_case:
         return {}
     campaigns.check_starts(o.starts)

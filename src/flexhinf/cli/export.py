@@ -13,7 +13,7 @@ import typer
 from flexhinf import export, pages
 from flexhinf.cli.arguments import NOT_MET, note, request_of, show, step_progress, with_options
 from flexhinf.cli.options import RUN_FIELDS, CompileOptions, ExportCOptions, ExportFmuOptions, RunOptions
-from flexhinf.errors import refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import checked_path, value_text
 
 if TYPE_CHECKING:
@@ -122,12 +122,12 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
     what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
-    refuse_if(
-        not os.path.exists(file) and source not in catalogue(),
-        f"There is no file or design {value_text(source, 120)}.",
-        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-        "flexhinf design ROBOT --out DIR, then DIR in its place",
-    )
+    if not os.path.exists(file) and source not in catalogue():
+        raise InvalidInput(
+            f"There is no file or design {value_text(source, 120)}.",
+            f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+            "flexhinf design ROBOT --out DIR, then DIR in its place",
+        )
     refuse_if(
         only_design and not is_design_file(file),
         only_design,

@@ -128,11 +128,12 @@ def estimate_memory(size: tuple[int, int, int, int], degree: int, expanded: bool
     lower = sum(8 * (n + md + m) * count(n, k - 1) for k in range(2, degree))
     halves = [count(n, degree - s) * count(n, s) for s in range(degree + 1)]
     transform = 8 * max(a + b for a, b in pairwise(halves)) if degree > 2 else 0
+    values = 8 * 10 * highest
     products = 24 * min(4_000_000, highest * degree) + 4 * sum(
         min(4_000_000, count(n, a) * count(n, k - a)) for k in range(3, degree + 1) for a in range(1, k)
     )
     plant = 2 * 8 * n * sum(count(n, k) for k in range(1, degree))  # f, and f scaled, full to degree − 1
-    solve = plant + tables + pairs + lower + transform + 80 * highest + products
+    solve = plant + tables + pairs + lower + transform + values + products
     if not expanded:
         return solve
     monomials = [count(n + md + m, k) for k in range(degree)]

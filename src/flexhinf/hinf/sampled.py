@@ -361,10 +361,8 @@ _FINE = 1.02  # the same for the single rays that are followed again
 _STARTS, _PER_STATE = 64, 8  # starts of an ascent: so many, or so many per state
 _ASCENT = 150  # evaluations of one ascent
 _ROUNDS, _QUIET = 20, 2  # rounds of the search at most, and rounds without a violation after which it ends
-_TOUCHES, _APART = (
-    4,
-    0.98,
-)  # violations followed per round, and the cosine of the angle they keep from each other
+# violations followed per round, and the cosine of the angle they keep from each other
+_TOUCHES, _APART = 4, 0.98
 MOST_RAYS = 100_000  # far beyond what changes a level, which ascent finds; their points take 100 MB
 _LOWER = 1e-9  # relative lowering of the level that counts
 

@@ -330,9 +330,8 @@ def pose_text(values: Sequence[float] | np.ndarray, slides: Sequence[bool], degr
     texts = []
     for value, sliding in zip(values, slides, strict=True):
         text, turned = number(float(value) + 0.0), f"{number(math.degrees(value) + 0.0, 3)}°"
-        angle = (
-            turned if degrees else (f"{text} rad = {turned}" if value else "0") if len(slides) <= 3 else text
-        )  # with few joints both units
+        both = f"{text} rad = {turned}" if value else "0"
+        angle = turned if degrees else both if len(slides) <= 3 else text
         texts.append(f"{text} m" if sliding else angle)
     return ", ".join(texts) if len(texts) == 1 else f"({', '.join(texts)})"
 

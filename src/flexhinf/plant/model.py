@@ -137,12 +137,12 @@ class ParameterTable:
         """A copy with some values changed: known names, the same shapes, finite numbers."""
         for name, value in changes.items():
             one_of(f"There is no parameter {name!r}.", name, self.values, AS_STATED)
-            refuse_if(
-                np.shape(value) != self.values[name].shape,
-                f"The parameter {name!r} has the wrong shape.",
-                f"expected {self.values[name].shape}, got {np.shape(value)}",
-                "one number for each nominal number",
-            )
+            if np.shape(value) != self.values[name].shape:
+                raise InvalidInput(
+                    f"The parameter {name!r} has the wrong shape.",
+                    f"expected {self.values[name].shape}, got {np.shape(value)}",
+                    "one number for each nominal number",
+                )
         return ParameterTable({**self.values, **changes})
 
     def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
@@ -555,12 +555,12 @@ class Model(Summarised):
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
         points = self._points(x, u, d)
         count = max(map(len, points)) if all(map(len, points)) else 0
-        refuse_if(
-            any(len(rows) not in (1, count) for rows in points),
-            "The numbers of points differ.",
-            f"got {[len(rows) for rows in points]} rows of x, u and d",
-            "a row for each point, or one for all",
-        )
+        if any(len(rows) not in (1, count) for rows in points):
+            raise InvalidInput(
+                "The numbers of points differ.",
+                f"got {[len(rows) for rows in points]} rows of x, u and d",
+                "a row for each point, or one for all",
+            )
         if not count:  # to CasADi, a matrix without columns is a zero
             return np.zeros((0, self.n))
         columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]

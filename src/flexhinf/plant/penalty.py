@@ -44,30 +44,30 @@ class Penalty:
             checked_names("The weighted states", named)
         elif not callable(self.states):
             rows = real_array(self.states)
-            refuse_if(
-                rows.ndim not in (1, 2),
-                "The penalty is not made of weights.",
-                f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
-                "{'link_position': 60.0}",
-            )
+            if rows.ndim not in (1, 2):
+                raise InvalidInput(
+                    "The penalty is not made of weights.",
+                    f"expected weights by name, one per state, a matrix or a function, got {value_text(self.states)}",
+                    "{'link_position': 60.0}",
+                )
             named = {k + 1: weight for k, weight in enumerate(self.states)} if rows.ndim == 1 else {}
             if not isinstance(self.states, (list, tuple, np.ndarray)):
                 object.__setattr__(self, "states", rows)
         for name, weight in named.items():
             values = np.atleast_1d(real_array(weight))
-            refuse_if(
-                np.any(values < 0.0),  # what is no number is refused where the names are known
-                f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
-                f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
-                f"{np.abs(values).max(initial=0.0):g}, or leave the weight out",
-            )
+            if np.any(values < 0.0):  # what is no number is refused where the names are known
+                raise InvalidInput(
+                    f"The weight {f'number {name}' if isinstance(name, int) else f'of {name!r}'} is negative.",
+                    f"expected weights >= 0 (the sign would not act: h(x) is squared), got {value_text(weight)}",
+                    f"{np.abs(values).max(initial=0.0):g}, or leave the weight out",
+                )
         effort = real_array(self.effort)
-        refuse_if(
-            not np.all(np.isfinite(effort)) or effort.ndim > 2,
-            "The effort penalty R2 is not made of finite numbers.",
-            f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
-            "a positive number, for example effort=10",
-        )
+        if not np.all(np.isfinite(effort)) or effort.ndim > 2:
+            raise InvalidInput(
+                "The effort penalty R2 is not made of finite numbers.",
+                f"expected a number, one number per input, or a matrix, got {value_text(self.effort)}",
+                "a positive number, for example effort=10",
+            )
 
     def __copy__(self) -> Penalty:
         return Penalty(self.states, self.effort)
@@ -76,12 +76,12 @@ class Penalty:
         return Penalty(copy.deepcopy(self.states, memo), copy.deepcopy(self.effort, memo))
 
     def __getstate__(self) -> dict[str, Any]:
-        refuse_if(
-            callable(self.states) and not has_a_name(self.states),
-            "A penalty of code without a name cannot be pickled.",
-            f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
-            "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
-        )
+        if callable(self.states) and not has_a_name(self.states):
+            raise InvalidInput(
+                "A penalty of code without a name cannot be pickled.",
+                f"expected weights, a matrix, or a function of a module, got {value_text(self.states, 80)}",
+                "def h(x, p): … at the top of a module; or make the problem anew where it is needed",
+            )
         return {"states": self.states, "effort": self.effort}
 
     @staticmethod
@@ -102,12 +102,12 @@ class Penalty:
         for name, weight in self.states.items():
             stem = name.removesuffix("_integral")
             members = groups.get(name) or [f"{m}_integral" for m in groups.get(stem, ())]
-            refuse_if(
-                members and np.ndim(weight) and np.shape(weight) != (len(members),),
-                f"The weights of {name!r} do not fit its signals.",
-                f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
-                "a number for all of them",
-            )
+            if members and np.ndim(weight) and np.shape(weight) != (len(members),):
+                raise InvalidInput(
+                    f"The weights of {name!r} do not fit its signals.",
+                    f"expected one number, or one for each of {list(members)}, got {value_text(weight)}",
+                    "a number for all of them",
+                )
             weights.update(zip(members, weight if np.ndim(weight) else [weight] * len(members)))
             if not members and stem not in groups:
                 singles[name] = weight
@@ -116,9 +116,8 @@ class Penalty:
     def r2(self, inputs: int) -> np.ndarray:
         """R2 as a symmetric positive definite matrix (m, m)."""
         effort = np.asarray(self.effort, dtype=float)
-        matrix = (
-            np.diag(np.full(inputs, effort) if effort.ndim == 0 else effort) if effort.ndim < 2 else effort
-        )
+        rows = np.full(inputs, effort) if effort.ndim == 0 else effort
+        matrix = np.diag(rows) if rows.ndim == 1 else rows
         refuse_if(
             matrix.shape != (inputs, inputs),
             "The effort penalty R2 has the wrong shape.",

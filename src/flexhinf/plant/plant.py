@@ -118,12 +118,12 @@ class GeneralisedPlant(Summarised):
         offset = np.asarray(
             self.penalty_output(np.zeros(len(self.state_names)), table.named(table.vector())), dtype=float
         )
-        refuse_if(
-            offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE),
-            "The penalty h(x) is not zero at the operating point.",
-            f"expected a vector with h(0) = 0, got {offset.tolist()}",
-            "a penalty on deviations from the operating point",
-        )
+        if offset.ndim != 1 or not np.all(np.abs(offset) <= EQUILIBRIUM_TOLERANCE):
+            raise InvalidInput(
+                "The penalty h(x) is not zero at the operating point.",
+                f"expected a vector with h(0) = 0, got {offset.tolist()}",
+                "a penalty on deviations from the operating point",
+            )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
@@ -308,12 +308,12 @@ class GeneralisedPlant(Summarised):
     def fields(self, x: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Exact f (N, n), g1 (N, n, md), g2 (N, n, m) and h (N, s) at deviations x (N, n)."""
         points = np.atleast_2d(np.asarray(x, dtype=float))
-        refuse_if(
-            points.ndim != 2 or points.shape[1] != len(self.state_names),
-            "The points do not fit the problem.",
-            f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
-            "deviations from the operating point, integrals of the error included",
-        )
+        if points.ndim != 2 or points.shape[1] != len(self.state_names):
+            raise InvalidInput(
+                "The points do not fit the problem.",
+                f"expected one column for each of {list(self.state_names)}, got shape {np.shape(x)}",
+                "deviations from the operating point, integrals of the error included",
+            )
         count, n = points.shape
         if not count:  # to CasADi, a matrix without columns is a zero
             f, g1, g2, h = self.fields(np.zeros((1, n)))

@@ -46,12 +46,12 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
         )
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
-    refuse_if(
-        not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0,
-        "R2, the effort penalty, is not symmetric positive definite.",
-        f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
-        "every input needs a positive price, for example effort=10",
-    )
+    if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
+        raise InvalidInput(
+            "R2, the effort penalty, is not symmetric positive definite.",
+            f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
+            "every input needs a positive price, for example effort=10",
+        )
     return half
 
 
@@ -60,12 +60,12 @@ def parts_from_input(name: str, coefficients: Any, n: int) -> dict[int, np.ndarr
     if isinstance(coefficients, Mapping):
         return parts_from_mapping(name, coefficients, n, 2)
     matrix = real_array(coefficients)
-    refuse_if(
-        matrix.ndim != 2,
-        f"{name} is not a matrix.",
-        f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
-        f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
-    )
+    if matrix.ndim != 2:
+        raise InvalidInput(
+            f"{name} is not a matrix.",
+            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
+            f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
+        )
     return {0: matrix[:, :, None]}
 
 
@@ -82,12 +82,12 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
     parts: dict[int, np.ndarray] = {}
     for key, value in zip(coefficients, values, strict=True):
         whole = isinstance(key, tuple) and not any(isinstance(entry, bool) for entry in key)
-        refuse_if(
-            not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key),
-            f"A key of {name} is not an exponent vector.",
-            f"expected {n} integers ≥ 0, got {value_text(key)}",
-            "(2, 0, 1) stands for x1² x3",
-        )
+        if not whole or len(key) != n or not all(isinstance(e, (int, np.integer)) and e >= 0 for e in key):
+            raise InvalidInput(
+                f"A key of {name} is not an exponent vector.",
+                f"expected {n} integers ≥ 0, got {value_text(key)}",
+                "(2, 0, 1) stands for x1² x3",
+            )
         if value.shape != shape or value.ndim != axes:
             raise InvalidInput(
                 f"The coefficients of {name} have different or wrong shapes.",
@@ -96,13 +96,13 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
                 f"one array per monomial, as many rows as {name} has",
             )
         degree = int(sum(key))
-        refuse_if(
-            degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST,
-            f"A monomial of {name} has too high a degree.",
-            f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
-            f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
-            "a lower degree: V of degree d takes f through degree d − 1",
-        )
+        if degree > _HIGHEST or basis.count(n, degree) * int(np.prod(shape)) > _MOST:
+            raise InvalidInput(
+                f"A monomial of {name} has too high a degree.",
+                f"expected at most degree {_HIGHEST} and {_MOST:.0e} coefficients of one degree, got degree "
+                f"{value_text(degree, 40)} in {n} {'state' if n == 1 else 'states'}",
+                "a lower degree: V of degree d takes f through degree d − 1",
+            )
         part = parts.setdefault(degree, np.zeros((*shape, basis.count(n, degree))))
         variables = np.repeat(np.arange(n), [int(exponent) for exponent in key])
         part[..., basis.rank(n, variables[None])[0]] = value
@@ -287,12 +287,12 @@ class PolynomialPlant(Summarised):
         ):
             own = [f"{letter}{i + 1}" for i in range(count)]
             names.append(checked_names(f"The {kind}s", own if stated is None else stated))
-            refuse_if(
-                len(names[-1]) != count,
-                f"The number of {kind} names is not the number of {kind}s.",
-                f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
-                f"one name per {kind}, in the order of {letter}",
-            )
+            if len(names[-1]) != count:
+                raise InvalidInput(
+                    f"The number of {kind} names is not the number of {kind}s.",
+                    f"expected {count} names, got {len(names[-1])}: {', '.join(names[-1])}",
+                    f"one name per {kind}, in the order of {letter}",
+                )
             distinct(f"The {kind}", names[-1])
             what, advice = (
                 f"The operating point does not fit the plant's {kind}s.",
@@ -338,9 +338,10 @@ class PolynomialPlant(Summarised):
             "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
         )
         n = np.shape(f[0])[0] if np.ndim(f[0]) == 2 or hasattr(f[0], "tocoo") else 0
-        refuse_if(
-            n == 0, "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
-        )
+        if n == 0:
+            raise InvalidInput(
+                "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
+            )
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
             columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1
@@ -495,13 +496,13 @@ def _check_everywhere(plant: Any) -> None:
     terms_of = ca.vertcat(ca.vec(sizes_of_rows(slope)), ca.SX.ones(decides.numel(), 1))
     bent = ca.vertcat(ca.vec(ca.densify(slope)), decides)
     bad = [name for j, name in enumerate(names) if nonzero(ca.jacobian(bent, inputs[j]), z, terms_of).any()]
-    refuse_if(
-        bad,
-        "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
-        f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
-        "away from the point",
-        "the nonlinear actuator as states of its own, with the new command as input",
-    )
+    if bad:
+        raise InvalidInput(
+            "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
+            f"expected slopes that no input changes anywhere, got a function of {', '.join(bad)} that bends or jumps "
+            "away from the point",
+            "the nonlinear actuator as states of its own, with the new command as input",
+        )
 
 
 def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any, degree: int) -> np.ndarray:
@@ -539,12 +540,12 @@ def expand_control_affine(
     """
     point = [np.atleast_1d(np.asarray(a, dtype=float)) for a in (x0, u0, d0)]
     n, m, md = map(len, point)
-    refuse_if(
-        degree < 1,
-        "The degree of the expansion cannot be used.",
-        f"expected >= 1, got {value_text(degree)}",
-        "for example 3",
-    )
+    if degree < 1:
+        raise InvalidInput(
+            "The degree of the expansion cannot be used.",
+            f"expected >= 1, got {value_text(degree)}",
+            "for example 3",
+        )
     inner = max(degree, 2)
     x, u, d = np.split(jets(np.concatenate(point), inner), [n, n + m])
     with np.errstate(all="ignore"):

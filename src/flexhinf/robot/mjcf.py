@@ -168,22 +168,22 @@ def _check(spec: Any) -> None:
         for part in named:
             checked_name(f"a {kind}", part.name, spaces=True)
     for body in spec.bodies[1:]:
-        refuse_if(
-            len(body.joints) > 1,
-            f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
-            "expected at most one joint for each body: a link between two joints has a mass",
-            "a body for each joint, with what moves there",
-        )
+        if len(body.joints) > 1:
+            raise InvalidInput(
+                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
+                "expected at most one joint for each body: a link between two joints has a mass",
+                "a body for each joint, with what moves there",
+            )
     parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
             value = np.asarray(getattr(part, key, 0.0))
-            refuse_if(
-                np.any(value != 0.0),
-                f"{where} has {key}.",
-                f"expected none, got {key} = {value.tolist()}: {what}",
-                f"leave out {key}",
-            )
+            if np.any(value != 0.0):
+                raise InvalidInput(
+                    f"{where} has {key}.",
+                    f"expected none, got {key} = {value.tolist()}: {what}",
+                    f"leave out {key}",
+                )
     for where, part in [*parts, *((f"the actuator of {one.target!r}", one) for one in spec.actuators)]:
         for key in ("", "actfrc", "force", "ctrl"):
             low, high = getattr(part, f"{key}range", (0.0, 0.0))
@@ -207,12 +207,12 @@ def _check(spec: Any) -> None:
 def _check_couplings(root: Element, moving: set[str]) -> None:
     for element in (element for group in root.findall("equality") for element in group):
         locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
-        refuse_if(
-            not locked and element.get("active", "true") != "false",
-            f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
-            "expected a tree of independent joints",
-            "lock the joints that it couples: locked={'finger': 0.0}",
-        )
+        if not locked and element.get("active", "true") != "false":
+            raise InvalidInput(
+                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
+                "expected a tree of independent joints",
+                "lock the joints that it couples: locked={'finger': 0.0}",
+            )
     tendons = [element for group in root.findall("tendon") for element in group]
     for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
         on_moving = element.tag != "fixed" or {part.get("joint") for part in element} & moving
@@ -310,12 +310,12 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 
 
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
-    refuse_if(
-        not np.all(np.abs(position) <= HUGE),
-        "a body is out of all proportion.",
-        f"expected at most {HUGE:g} m, got {position.tolist()}",
-        "metres",
-    )
+    if not np.all(np.abs(position) <= HUGE):
+        raise InvalidInput(
+            "a body is out of all proportion.",
+            f"expected at most {HUGE:g} m, got {position.tolist()}",
+            "metres",
+        )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))

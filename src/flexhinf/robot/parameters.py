@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import InvalidInput
 from flexhinf.validation import (
     HUGE,
     checked_text,
@@ -165,12 +165,12 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     if limits.size == 1 and signals:
         limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
-    refuse_if(
-        limits.shape != (len(joints),) or not usable.all(),
-        f"{what} do not fit the joints.",
-        f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
-        f"[{', '.join(['10.0'] * len(joints))}]",
-    )
+    if limits.shape != (len(joints),) or not usable.all():
+        raise InvalidInput(
+            f"{what} do not fit the joints.",
+            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+            f"[{', '.join(['10.0'] * len(joints))}]",
+        )
     return limits
 
 
@@ -230,18 +230,18 @@ class Parameter:
         if self.range is None:
             return
         ends = real_array(self.range)
-        refuse_if(
-            ends.shape != (2,) or not -HUGE <= ends[0] <= self.value <= ends[1] <= HUGE,
-            f"The range of {self.name!r} does not hold its value.",
-            f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(self.range)}",
-            f"a range about the nominal value, in {self.unit or 'SI units'}",
-        )
-        refuse_if(
-            self.tolerance,
-            f"The parameter {self.name!r} has a tolerance and a range.",
-            f"got {self.tolerance:g} per cent and {value_text(self.range)}",
-            "one of the two",
-        )
+        if ends.shape != (2,) or not -HUGE <= ends[0] <= self.value <= ends[1] <= HUGE:
+            raise InvalidInput(
+                f"The range of {self.name!r} does not hold its value.",
+                f"expected [lower, upper] with lower <= {self.value:g} <= upper, got {value_text(self.range)}",
+                f"a range about the nominal value, in {self.unit or 'SI units'}",
+            )
+        if self.tolerance:
+            raise InvalidInput(
+                f"The parameter {self.name!r} has a tolerance and a range.",
+                f"got {self.tolerance:g} per cent and {value_text(self.range)}",
+                "one of the two",
+            )
         object.__setattr__(self, "range", tuple(ends.tolist()))
 
     def at(self, sign: float) -> float:

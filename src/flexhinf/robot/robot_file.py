@@ -107,12 +107,12 @@ def load_robot(
 def format_reader(suffix: str) -> Callable[..., Robot] | None:
     """The reader that an installed package states for files of an ending, called as `load_robot`; None without one."""
     points = entry_points(group=FORMATS, name=suffix.lower().removeprefix("."))
-    refuse_if(
-        len(points) > 1,
-        f"Several packages read {suffix!r} files.",
-        f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
-        "one of these packages uninstalled",
-    )
+    if len(points) > 1:
+        raise InvalidInput(
+            f"Several packages read {suffix!r} files.",
+            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
+            "one of these packages uninstalled",
+        )
     for point in points:
         try:
             return point.load()
@@ -186,12 +186,12 @@ class PartsReader(RobotFile):
         joints = []
         for row in table["joint"]:
             angles = row.get("rpy", [0.0, 0.0, 0.0])
-            refuse_if(
-                max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6),
-                f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
-                f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
-                f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
-            )
+            if max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6):
+                raise InvalidInput(
+                    f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
+                    f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
+                    f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
+                )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
                 joints.append(
@@ -302,12 +302,12 @@ class PartsReader(RobotFile):
         """
         names, count = robot.joint_names, len(robot.joint_names)
         rows = loads if isinstance(loads, (list, tuple)) else [loads]
-        refuse_if(
-            loads is not None and not all(isinstance(row, (str, Payload)) for row in rows),
-            "The payload is none.",
-            f"expected text, a Payload or several, got {value_text(loads)}",
-            "payload='0..3kg@hand'",
-        )
+        if loads is not None and not all(isinstance(row, (str, Payload)) for row in rows):
+            raise InvalidInput(
+                "The payload is none.",
+                f"expected text, a Payload or several, got {value_text(loads)}",
+                "payload='0..3kg@hand'",
+            )
         payloads = (
             [self._payload(row) for row in self.root["payload"]]
             if loads is None
@@ -316,14 +316,14 @@ class PartsReader(RobotFile):
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
-            refuse_if(
-                at not in frames,
-                f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
-                if at
-                else f"{self.file}: the payload does not say what carries it, of several ends.",
-                f"expected one of {list(frames)}",
-                "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
-            )
+            if at not in frames:
+                raise InvalidInput(
+                    f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
+                    if at
+                    else f"{self.file}: the payload does not say what carries it, of several ends.",
+                    f"expected one of {list(frames)}",
+                    "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
+                )
             places.append(frames[at])
         distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in places])
         for payload in payloads if isinstance(robot.links, Pendulum) else ():

@@ -178,12 +178,12 @@ def read_urdf(
         name, carrier, above = ahead.pop()
         element, link = elements[name], _link_at(elements[name], "child")
         kind, place = element.get("type", ""), above.then(_origin(name, element))
-        refuse_if(
-            kind not in (*KINDS, "fixed"),
-            f"The joint {name!r} is of kind {value_text(kind, 60)}.",
-            f"expected fixed or one of {list(KINDS)}",
-            "a robot on a fixed base with joints of one degree of freedom",
-        )
+        if kind not in (*KINDS, "fixed"):
+            raise InvalidInput(
+                f"The joint {name!r} is of kind {value_text(kind, 60)}.",
+                f"expected fixed or one of {list(KINDS)}",
+                "a robot on a fixed base with joints of one degree of freedom",
+            )
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
             refuse_if(
@@ -253,13 +253,13 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
         if link not in reached:
             reached.add(link)
             ahead += [_link_at(joints[name], "child") for name in behind.get(link, [])]
-    refuse_if(
-        len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(links),
-        "The links are no tree.",
-        "expected one link without a parent and one parent for every other, got the links without a parent "
-        f"{free}, and in loops {[link for link in links if link not in reached]}",
-        "a closed loop is cut, a second robot goes into a file of its own",
-    )
+    if len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(links):
+        raise InvalidInput(
+            "The links are no tree.",
+            "expected one link without a parent and one parent for every other, got the links without a parent "
+            f"{free}, and in loops {[link for link in links if link not in reached]}",
+            "a closed loop is cut, a second robot goes into a file of its own",
+        )
     return behind, free[0]
 
 
@@ -373,27 +373,28 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
 def check_selection(joints: Any, locked: Any) -> None:
     """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
-    refuse_if(
-        joints is not None and not (listed and all(isinstance(name, str) for name in joints)),
-        "The joints that move are not named.",
-        f"expected a list of names, got joints={value_text(joints, 60)}",
-        "joints=['shoulder', 'elbow']",
-    )
-    distinct("joints: the joint", list(joints or ()))
-    refuse_if(
-        locked is not None
-        and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)),
-        "The joints that are locked are not named.",
-        f"expected names and positions, got locked={value_text(locked, 60)}",
-        "locked={'elbow': 0.0}",
-    )
-    for name, value in (locked or {}).items():
-        refuse_if(
-            not abs(real_number(value)) <= HUGE,
-            f"The joint {value_text(name, 60)} is locked at no position.",
-            f"expected a finite number in rad or m, got {value_text(value, 60)}",
-            "0.0",
+    if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
+        raise InvalidInput(
+            "The joints that move are not named.",
+            f"expected a list of names, got joints={value_text(joints, 60)}",
+            "joints=['shoulder', 'elbow']",
         )
+    distinct("joints: the joint", list(joints or ()))
+    if locked is not None and not (
+        isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
+    ):
+        raise InvalidInput(
+            "The joints that are locked are not named.",
+            f"expected names and positions, got locked={value_text(locked, 60)}",
+            "locked={'elbow': 0.0}",
+        )
+    for name, value in (locked or {}).items():
+        if not abs(real_number(value)) <= HUGE:
+            raise InvalidInput(
+                f"The joint {value_text(name, 60)} is locked at no position.",
+                f"expected a finite number in rad or m, got {value_text(value, 60)}",
+                "0.0",
+            )
 
 
 def locked_joints(

@@ -153,6 +153,7 @@ class Controller(Summarised):
         self.judged = self.tracked
         if moving and not self.tracked:
             self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
+        self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
         self._sources = [
             Source(name in self.measured, read[name].index(name), self.states.index(name))
@@ -267,40 +268,42 @@ class Controller(Summarised):
         gains = [code.slope[:, len(self.states) :] for code in codes]
         n, m, p = len(self.states), len(self.law.input_names), len(self.measured)
         whole = n + len(self.tracked)
-        values = {
+        values: dict[str, Any] = {
             "period": [self.period], "law": np.concatenate([code.data for code in codes]),
             "operating_point": rows([shaped("operating_point", law.operating_point, (whole,)) for law in laws]),
             "operating_input": rows([shaped("operating_input", law.operating_input, (m,)) for law in laws]),
             "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
-            **({} if self.estimator is None else {
+        }  # fmt: skip
+        if self.estimator is not None:
+            values |= {
                 "parameters": self.estimator.plant.parameters.vector(),
                 "process_noise": shaped("process_noise", self.estimator.process_noise, (n, n)),
                 "measurement_noise": shaped("measurement_noise", self.estimator.measurement_noise, (p, p)),
-            }),
-            **({
-                "inverse_slope": rows([inverse_slope(gain) for gain in gains]),
-                "decay": [np.exp(-self.period / self.fade)],
-            } if mode.takes_over else {}),
-            **({"closer": [1.0 - self.law.hysteresis]}
-               if isinstance(self.law, Schedule) and mode.laws > 1 else {}),
-            **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
-            **({
-                "command_lower": command.lower, "command_upper": command.upper, "command_rate": command.rate,
-            } if mode.limits_command else {}),
-            **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
-            **({
-                "windup_line": self.windup.line, "windup_spread": self.windup.spread,
-                "windup_limit": self.windup.limit,
-            } if mode.bounds_windup else {}),
-        }  # fmt: skip
+            }
+        if mode.takes_over:
+            inverse = rows([inverse_slope(gain) for gain in gains])
+            values |= {"inverse_slope": inverse, "decay": [np.exp(-self.period / self.fade)]}
+        if isinstance(self.law, Schedule) and mode.laws > 1:
+            values["closer"] = [1.0 - self.law.hysteresis]
+        if mode.limits_input_rate:
+            values["input_rate"] = limits.rate
+        if mode.limits_command:
+            lower, upper = command.lower, command.upper
+            values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
+        if mode.has_dead_zone:
+            values["integral_dead_zone"] = self.integral_dead_zone
+        if mode.bounds_windup:
+            bound = self.windup
+            values |= {"windup_line": bound.line, "windup_spread": bound.spread, "windup_limit": bound.limit}
         return {name: np.asarray(value) for name, value in values.items()}
 
     @property
     def operating_reference(self) -> np.ndarray:
         """The command that holds the operating point, (k,); (x*, u*), (n + m,), of a moving reference."""
         point = np.asarray(self.law.operating_point, dtype=float)
-        moving = np.concatenate([point[: len(self.states)], self.law.operating_input])
-        return moving if self.mode.moving else point[[self.states.index(name) for name in self.tracked]]
+        if self.mode.moving:
+            return np.concatenate([point[: len(self.states)], self.law.operating_input])
+        return point[self._places]
 
     @cached_property
     def windup(self) -> Windup:
