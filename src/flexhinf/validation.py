@@ -73,10 +73,8 @@ def real_array(value: Any, strict: bool = False) -> np.ndarray:
         array = np.asarray(value)
         if array.dtype.kind in "fiub" or all(entry is None or is_real(entry) for entry in array.flat):
             return np.array(array, dtype=float)
-    except (
-        Exception
-    ):  # whatever a foreign object does when it is asked for numbers; lists that hold themselves
-        pass
+    except Exception:
+        pass  # whatever a foreign object does when it is asked for numbers; lists that hold themselves
     if strict:
         raise ValueError("no real numbers")
     return np.array(np.nan)
@@ -107,6 +105,11 @@ def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
             f"{what} is not positive.", f"expected {unit} > 0, got {value_text(value)}", advice
         )
     return number
+
+
+def checked_kind(what: str, value: Any, kind: Any, expected: str, advice: str) -> None:
+    """Refuse a value of another class; `what` is the message's first sentence."""
+    refuse_if(not isinstance(value, kind), what, f"expected {expected}, got {value_text(value)}", advice)
 
 
 def read_only(value: Any) -> Any:

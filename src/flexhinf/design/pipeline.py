@@ -24,11 +24,23 @@ from flexhinf.design.problem import presets
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.robot import Robot, mujoco
+from flexhinf.validation import checked_kind
 
 Progress = Callable[[str], None]
 
 #: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
 RIGID_STATES = 15
+
+
+def checked_specification(robot: Robot, specification: Specification) -> Specification:
+    """The specification; refuses what is no robot, such as its file, or no specification."""
+    load = "flexhinf.load_robot('arm.toml')"
+    checked_kind("This is no robot.", robot, Robot, "a flexhinf.Robot", load)
+    advice = "flexhinf.Specification(pose='90deg')"
+    checked_kind(
+        "This is no specification.", specification, Specification, "a flexhinf.Specification", advice
+    )
+    return specification
 
 
 def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> result.Design:
@@ -63,7 +75,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     >>> arm.controller().period
     0.001
     """
-    s, progress = specification, progress or (lambda text: None)
+    s, progress = checked_specification(robot, specification), progress or (lambda text: None)
     if s.mujoco:
         mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")
@@ -287,7 +299,7 @@ def compare(
     >>> [row.name for row in comparison.rows]
     ['design', 'nl-hinf', 'pd']
     """
-    s, kinds = specification, [law_kind(name) for name in law_names(laws)]
+    s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
     progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")

@@ -28,7 +28,7 @@ from flexhinf.estimation.filter import RecursiveFilter, correction, gained, root
 from flexhinf.plant import Estimator, Gaussian, Plant
 from flexhinf.scalars import apply, cholesky, clip, jacobian, trace
 from flexhinf.scalars.trace import linear
-from flexhinf.validation import checked_array, read_only, real_array, real_number, value_text
+from flexhinf.validation import checked_array, checked_kind, read_only, real_array, real_number, value_text
 
 
 class SigmaPoints:
@@ -122,6 +122,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         super().__init__(plant, period, process_noise, measurement_noise, mean, covariance)
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
+        what, advice = "The bounds of the estimates are no mapping.", "bounds={'stiffness': (0.5, 2.0)}"
+        checked_kind(what, {} if bounds is None else bounds, Mapping, "(low, high) by name", advice)
         self.bounds = self._checked_bounds(bounds or {})
         self.initial = self._belief = self.initial_at(self.initial.mean)
 

@@ -18,7 +18,16 @@ from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, Trace
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant, expand_problem
 from flexhinf.scalars import apply, digest, pack, symbols, trace
-from flexhinf.validation import checked_array, distinct, read_only, real_array, unknown_name, value_text
+from flexhinf.validation import (
+    checked_array,
+    checked_kind,
+    checked_names,
+    distinct,
+    read_only,
+    real_array,
+    unknown_name,
+    value_text,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,6 +89,16 @@ class GeneralisedPlant(Summarised):
     equilibrium: tuple[Any, Any] | None = None
 
     def __post_init__(self) -> None:
+        checked_kind("A problem needs a plant.", self.plant, Plant, "a flexhinf.Plant", "robot.plant()")
+        checked_kind(
+            "A problem needs a penalty.",
+            self.penalty,
+            Penalty,
+            "a flexhinf.Penalty",
+            "Penalty({'name': 1.0})",
+        )
+        checked_names("The integrated states", self.integrate)
+        checked_names("The disturbances", () if self.disturbances is None else self.disturbances)
         refuse_if(
             self.command not in ("disturbance", None),
             "The command can enter the synthesis in one way only.",

@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import GeneralisedPlant, Parameters, ParameterTable, Penalty, Plant
-from flexhinf.robot.arm import Links, Pendulum
+from flexhinf.robot.arm import Arm, Links, Pendulum
 from flexhinf.robot.elastic import (
     DRIVES,
     DRY,
@@ -45,7 +45,15 @@ from flexhinf.robot.signals import (
     units_of,
 )
 from flexhinf.scalars import derivative, series
-from flexhinf.validation import checked_name, checked_text, real_array, real_number, unknown_name
+from flexhinf.validation import (
+    checked_kind,
+    checked_name,
+    checked_names,
+    checked_text,
+    real_array,
+    real_number,
+    unknown_name,
+)
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
 ROUNDING = 1e-12
@@ -93,7 +101,22 @@ class Robot(Summarised):
     def __post_init__(self) -> None:
         checked_name("a robot", self.name, spaces=True)
         checked_text(f"the description of the robot {self.name!r}", self.description)
-        object.__setattr__(self, "parameters", tuple(self.parameters))
+        what, some = f"The parameters of the robot {self.name!r} are not usable.", self.parameters
+        checked_kind(what, some, (list, tuple), "Parameters in a tuple", "robot.parameters of another robot")
+        for one in some:
+            checked_kind(what, one, Parameter, "a flexhinf.Parameter each", "flexhinf.Parameter('mass', 0.2)")
+        checked_kind(
+            f"The links of the robot {self.name!r} are none.",
+            self.links,
+            (Pendulum, Arm),
+            "a Pendulum or an Arm",
+            "links of another robot",
+        )
+        checked_kind(
+            f"The drive of the robot {self.name!r} is no name.", self.drive, str, "text", "'voltage'"
+        )
+        checked_names("The rigid joints", self.rigid)
+        object.__setattr__(self, "parameters", tuple(some))
         refuse_if(
             not set(self.rigid) < set(self.joint_names),
             f"No joint of the robot {self.name!r} is elastic, or a rigid one is not among them.",

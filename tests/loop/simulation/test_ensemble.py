@@ -84,7 +84,7 @@ def test_runs_are_those_of_a_loop(made, options):
         for name, expected in run.metrics().items():
             if name in ("settling_time_s", "rise_time_s"):
                 expected = np.inf if expected is None else expected
-            exact = 1e-13 if name.endswith("rmse") or name == "rise_time_s" else 0.0
+            exact = 1e-13 if name.endswith("rmse") else 0.0
             np.testing.assert_allclose(metrics[name], expected, rtol=exact, atol=0.0, err_msg=name)
 
 

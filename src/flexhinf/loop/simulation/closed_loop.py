@@ -32,7 +32,7 @@ from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Chann
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
-from flexhinf.validation import value_text
+from flexhinf.validation import real_array, value_text
 
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
@@ -415,8 +415,9 @@ class Loop(Summarised):
         pairs = [
             (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
         ]
-        samples = np.asarray(instants, dtype=int).reshape(-1)
-        if np.any((samples < 0) | (samples >= command.samples)):
+        numbers = real_array(instants).reshape(-1)
+        samples = np.where(np.isfinite(numbers), numbers, -1.0).clip(-1.0, command.samples).astype(int)
+        if np.any((samples < 0) | (samples >= command.samples) | (samples != numbers)):
             raise InvalidInput(
                 "An instant is outside of the run.",
                 f"expected samples 0 to {command.samples - 1}, got {value_text(instants)}",

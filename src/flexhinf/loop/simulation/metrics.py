@@ -93,22 +93,18 @@ def step_metrics(time: np.ndarray, position: np.ndarray, shape: StepShape | None
     """
     if shape is None or shape.height == 0.0:
         return {"overshoot_percent": None, "settling_time_s": None, "rise_time_s": None}
-    after = time >= shape.at
-    time, position = time[after], position[after]
-    beyond = (position - shape.final) / shape.height
-    way, crossings = 1.0 + beyond, []
+    start, last = int(np.argmax(time >= shape.at)), len(time) - 1
+    beyond = position - shape.final
+    way, crossings = 1.0 + beyond / shape.height, []
     for level in RISE:
-        reached = np.flatnonzero(way >= level)
-        if not len(reached):
-            break
-        k = int(reached[0])
-        back = (way[k] - level) / (way[k] - way[k - 1]) * (time[k] - time[k - 1]) if k else 0.0
-        crossings.append(float(time[k] - back))
-    return {
-        "overshoot_percent": 100.0 * max(0.0, float(beyond.max())),
-        "settling_time_s": _last_outside(time, position - shape.final, shape.height, shape.at),
-        "rise_time_s": crossings[1] - crossings[0] if len(crossings) == len(RISE) else None,
-    }
+        k = next(iter(start + np.flatnonzero(way[start:] >= level)), -1)
+        crossings += [k, way[k], way[max(k - 1, 0)]]
+    outside = start + _last_outside(beyond[start:], shape.height)
+    kept = np.array([[0.0, beyond[start:].max(), beyond[start:].min(), outside, 0.0, *crossings]]).T
+    rows = _stepped_metrics(
+        kept, shape.height, start, shape.at, last, lambda k: time[np.maximum(k, 0).astype(int)]
+    )
+    return {name: float(row[0]) if np.isfinite(row[0]) else None for name, row in rows.items()}
 
 
 def load_metrics(
@@ -138,9 +134,14 @@ def load_metrics(
             "step=0.1 as a reference, stated beside the result",
         )
     deviation = position[after] - command
+    k = _last_outside(deviation, step)
     return {
         "peak_deviation": float(np.abs(deviation).max()),
-        "recovery_time_s": _last_outside(time[after], deviation, step, start),
+        "recovery_time_s": None
+        if k == len(deviation) - 1
+        else float(time[after][k] - start)
+        if k >= 0
+        else 0.0,
         "remaining_error": steady_state_error(position, np.full(len(position), command)),
     }
 
@@ -177,11 +178,13 @@ def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
     return signal[len(signal) - max(1, math.ceil(part * len(signal))) :]
 
 
-def _last_outside(time: np.ndarray, deviation: np.ndarray, height: float, start: float) -> float | None:
-    outside = np.flatnonzero(np.abs(deviation) > SETTLING_BAND * abs(height) * (1.0 + ROUNDING))
-    if len(outside) == 0:
-        return 0.0
-    return None if outside[-1] == len(deviation) - 1 else float(time[outside[-1]] - start)
+def _band(height: Any) -> Any:
+    return SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
+
+
+def _last_outside(deviation: np.ndarray, height: float) -> int:
+    """Last sample outside of the settling band; −1 for none."""
+    return int(max(np.flatnonzero(np.abs(deviation) > _band(height)), default=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,8 +317,7 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
     (_, high, low, outside, before, *crossings), (initial, final, change) = kept, shape
     height, beyond, after = final - initial, position - final, step >= change
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
-    band = SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
-    outside = where(after, where(abs(beyond) > band, step, outside), outside)
+    outside = where(after, where(abs(beyond) > _band(height), step, outside), outside)
     way, rises = 1.0 + beyond / height, []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
@@ -325,17 +327,20 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
 
 
 def _stepped_metrics(
-    kept: np.ndarray, height: np.ndarray, start: Any, command: Command
+    kept: np.ndarray, height: Any, start: Any, at: Any, last: int, time: Callable[[np.ndarray], np.ndarray]
 ) -> dict[str, np.ndarray]:
-    (_, high, low, outside, _, *crossings), period, times = kept, command.period, []
+    """Metrics of steps from their memories (k, N): heights; first sample and time, s; last sample; times of samples."""
+    (_, high, low, outside, _, *crossings), times = kept, []
     with np.errstate(divide="ignore", invalid="ignore"):
         overshoot = 100.0 * np.maximum(0.0, np.where(height > 0.0, high, low) / height)
-        settling = np.where(outside < start, 0.0, outside * period - start * period)
-        settling[outside == command.samples - 1] = np.inf
-        for k, level in enumerate(RISE):
-            sample, at, last = crossings[3 * k : 3 * k + 3]
-            back = np.where(sample > start, (at - level) / (at - last), 0.0)
-            times.append(np.where(sample < 0, np.inf, sample * period - back * period))
+        settling = np.where(outside < start, 0.0, time(outside) - at)
+        settling[outside == last] = np.inf
+        for k in range(len(RISE)):
+            sample, way, before = crossings[3 * k : 3 * k + 3]
+            back = np.where(sample > start, (way - RISE[k]) / (way - before), 0.0) * (
+                time(sample) - time(sample - 1)
+            )
+            times.append(np.where(sample < 0, np.inf, time(sample) - back))
         rise = np.where(np.isinf(times[1]), np.inf, times[1] - times[0])
     return {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
 
@@ -374,7 +379,8 @@ def _step(place: Place, kept: Any, now: Instant) -> Any:
 
 def _step_metrics(place: Place, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
     height = command.last[place.command] - kept[0]
-    metrics = _stepped_metrics(kept, height, command.change[place.command], command)
+    start, last, period = command.change[place.command], command.samples - 1, command.period
+    metrics = _stepped_metrics(kept, height, start, start * period, last, lambda sample: sample * period)
     step = (height != 0.0) & command.steps[place.command]  # NaN where the command has none
     return {name: np.where(step, values, np.nan) for name, values in metrics.items()}
 
@@ -385,7 +391,8 @@ def _fixed_step(state: int, kept: Any, now: Instant) -> Any:
 
 
 def _fixed_step_metrics(state: int, kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    metrics = _stepped_metrics(kept[:-1], kept[-1] - kept[0], 0.0, command)
+    height, last = kept[-1] - kept[0], command.samples - 1
+    metrics = _stepped_metrics(kept[:-1], height, 0.0, 0.0, last, lambda sample: sample * command.period)
     return {f"{state} {name}": values for name, values in metrics.items()}
 
 
