@@ -15,7 +15,7 @@ from flexhinf.design import Specification, compare, pipeline, stages, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, NL_HINF, law_names
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.result import Comparison
+from flexhinf.design.pipeline import Comparison
 from flexhinf.errors import InvalidInput, NumericalFailure
 
 #: Whole comparisons; quick ones are made by the tests of the page and of the command.

@@ -52,7 +52,7 @@ def design(context: typer.Context, o: DesignOptions) -> int:
     (the report is written, and says so); 2 for a mistake, or for what cannot
     be met (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import design as make_design, design_text, stages
+    from flexhinf.design import design as make_design, stages
 
     request = request_of(context, o, o.robot, o.elastic)
     folder = report.check(o.out)
@@ -60,7 +60,7 @@ def design(context: typer.Context, o: DesignOptions) -> int:
         result = make_design(request.robot, request.specification, progress)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
-        files["design.toml"] = design_text(result, request, folder)
+        files["design.toml"] = pages.design_text(result, request, folder)
     report.write(folder, files)
     show(pages.design_tables(result), pages.notes(result))
     typer.echo(f"{pages.verdict(result)}\nreport: {folder / 'index.html'}")

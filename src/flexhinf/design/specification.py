@@ -108,7 +108,7 @@ def waypoints(value: Any) -> Any:
     if isinstance(value, (str, os.PathLike)) and str(value).strip():
         return _read(Path(value))
     if isinstance(value, Mapping):
-        return _table(dict(value), "The waypoints", lambda row: f"row {row + 1}")
+        return _table(list(value), list(value.values()), "The waypoints", lambda row: f"row {row + 1}")
     if isinstance(value, WaypointTable) or (hasattr(value, "derivatives") and hasattr(value, "duration")):
         return value
     raise ValueError(value)
@@ -121,57 +121,44 @@ def _read(path: Path) -> WaypointTable:
         raise WaypointError(error.what, error.found, error.advice) from None
     numbered = enumerate(text.removeprefix("\ufeff").splitlines(), 1)
     kept = [(k, line) for k, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-    delimiter = ";" if kept and ";" in kept[0][1] else ","
-    try:
+    delimiter, cells = ";" if kept and ";" in kept[0][1] else ",", []
+    with contextlib.suppress(csv.Error):
         cells = list(csv.reader((line for _, line in kept), delimiter=delimiter))
-    except csv.Error as error:
-        raise WaypointError(
-            f"{path.name}: this is no CSV file.", f"expected rows of numbers, got: {error}", "time,shoulder"
-        ) from None
     if len(cells) != len(kept) or len(kept) > MOST_ROWS + 1:
         raise WaypointError(
             f"{path.name}: its rows cannot be read.",
             f"expected one waypoint a line, at most {MOST_ROWS}, without line breaks in quotes; got {len(kept)} lines",
             "fewer rows: the motion between them is smooth",
         )
-    lines = [k for k, _ in kept[1:]]
-    heading = [name.strip() for name in (cells[0] if cells else [])]
-    if len(set(heading)) < len(heading) or not all(heading):
-        raise WaypointError(
-            f"{path.name}: the header does not name each column once.",
-            f"expected time and the names of the joints, got {value_text(heading)}",
-            "time,shoulder,elbow",
-        )
-    columns: dict[str, list[float]] = {name: [] for name in heading}
-    for line, row in zip(lines, cells[1:]):
+    heading, *rows = cells or [[]]
+    for (line, _), row in zip(kept[1:], rows):
         if len(row) != len(heading):
             raise WaypointError(
                 f"{path.name}, line {line}: the number of values is not that of the columns.",
                 f"expected {len(heading)}, got {len(row)}", "one value for each column of the header",
             )  # fmt: skip
-        for name, cell in zip(heading, row):
-            try:
-                columns[name].append(float(cell.replace("_", "x")))
-            except ValueError:
-                raise WaypointError(
-                    f"{path.name}, line {line}: {value_text(name, 60)} is no number.",
-                    f"expected a number, its unit in the header ('elbow [deg]'), got {value_text(cell, 60)}",
-                    "0.5",
-                ) from None
-    return _table(columns, f"{path.name}: the waypoints", lambda row: f"line {lines[row]}")
+    columns = [[_number(row[k]) for row in rows] for k in range(len(heading))]
+    return _table(heading, columns, f"{path.name}: the waypoints", lambda row: f"line {kept[row + 1][0]}")
 
 
-def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
-    named = [_heading(name) if isinstance(name, str) else ("", "") for name in columns]
+def _number(cell: str) -> float | str:
+    try:
+        return float(cell.replace("_", "x"))
+    except ValueError:
+        return cell
+
+
+def _table(heading: Sequence[Any], columns: Sequence[Any], what: str, place: Any) -> WaypointTable:
+    named = [_heading(name) if isinstance(name, str) else ("", "") for name in heading]
     names = [name for name, _ in named]
     if "time" not in names or len(names) < 2 or not all(names) or len(set(names)) < len(names):
         raise WaypointError(
             f"{what} need one column 'time' and one for each joint.",
-            f"expected time,shoulder,elbow, got {value_text(list(columns))}",
+            f"expected time,shoulder,elbow, each once, got {value_text(list(heading))}",
             "a header 'time [s],shoulder [deg],elbow [deg]'",
         )
     values = {}
-    for (name, unit), column in zip(named, columns.values()):
+    for (name, unit), column in zip(named, columns):
         units = SECONDS if name == "time" else {**TURNING, **SLIDING}
         if unit and unit not in units:
             raise WaypointError(
@@ -180,25 +167,24 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
                 f"'{name} [{next(iter(units))}]'",
             )
         values[name] = units.get(unit, 1.0) * _numbers(column)
-    times = values.pop("time")
-    positions = list(values.values())
-    if times.ndim != 1 or any(column.shape != times.shape for column in positions) or len(times) < 2:
+    times = values["time"]
+    if times.ndim != 1 or any(column.shape != times.shape for column in values.values()) or len(times) < 2:
         raise WaypointError(
             f"{what} do not make a motion.",
             "expected at least two, one position of each joint per time, got "
-            + ", ".join(f"{array.size} of {name!r}" for name, array in {"time": times, **values}.items()),
+            + ", ".join(f"{array.size} of {name!r}" for name, array in values.items()),
             "a first row where the motion begins, and one where it ends",
         )
-    both = np.column_stack([times, *positions])
-    usable = np.abs(both) <= HUGE
+    usable = np.abs(np.column_stack([values[name] for name in names])) <= HUGE
     if not usable.all():
         row, column = np.argwhere(~usable)[0].tolist()
         raise WaypointError(
             f"{what} hold what is no usable number.",
-            f"expected finite ones of at most {HUGE:g}, got {both[row, column]} of "
-            f"{value_text(['time', *values][column], 60)} in {place(row)}",
-            "leave the row out",
+            f"expected finite ones of at most {HUGE:g}, units in the header ('elbow [deg]'), got "
+            f"{value_text(columns[column][row], 60)} of {value_text(names[column], 60)} in {place(row)}",
+            "0.5, or leave the row out",
         )
+    del values["time"]
     if not (np.diff(times) > 0.0).all():
         row = int(np.argmax(np.diff(times) <= 0.0)) + 1
         raise WaypointError(
@@ -206,16 +192,16 @@ def _table(columns: dict[Any, Any], what: str, place: Any) -> WaypointTable:
             f"expected increasing times, got {times[row]:g} s after {times[row - 1]:g} s in {place(row)}",
             "sort the rows, and drop repeated times",
         )
-    rows = tuple(map(tuple, np.column_stack(positions).tolist()))
+    rows = tuple(map(tuple, np.column_stack(list(values.values())).tolist()))
     units = tuple(unit for name, unit in named if name != "time")
     return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
 
 
 def _numbers(column: Any) -> np.ndarray:
-    """Numbers of a column; NaN where something else stands, true and false included."""
+    """Numbers of a column; NaN where something else stands, true, false and text included."""
     entries = column.tolist() if isinstance(column, np.ndarray) and column.ndim == 1 else column
     if isinstance(entries, (list, tuple)):
-        entries = [np.nan if isinstance(entry, (bool, np.bool_)) else entry for entry in entries]
+        entries = [np.nan if isinstance(entry, (bool, np.bool_, str)) else entry for entry in entries]
     return real_array(entries)
 
 
