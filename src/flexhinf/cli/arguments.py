@@ -136,14 +136,6 @@ def read_source(
     return replace(request, warnings=tuple(texts))
 
 
-def design_file_of(source: str) -> Path | None:
-    """The design file that a source names, beside which a controller may be; None where it names no such file."""
-    from flexhinf.design.design_file import meant_file
-
-    path = meant_file(source)
-    return Path(path) if path.endswith(".toml") else None
-
-
 def _text(field: FieldInfo, value: Any) -> Any:
     """The text of an option; None for an empty one and for a zero that stands for the default, infinity for one that
     stands for no limit."""

@@ -19,7 +19,6 @@ from typer.core import TyperGroup
 from flexhinf import campaign as campaigns, pages
 from flexhinf.cli.arguments import (
     NOT_MET,
-    design_file_of,
     note,
     progress_bar,
     read_source,
@@ -126,9 +125,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
     values["tolerances"] = tuple(
         (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
     )
-    return DesignCampaign(
-        read_source(source, o.elastic, {}), CampaignOptions(**values), design_file_of(source)
-    )
+    return DesignCampaign(read_source(source, o.elastic, {}), CampaignOptions(**values))
 
 
 def _executor(o: BatchOptions) -> Executor | None:
@@ -286,15 +283,15 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.
     """
-    from flexhinf.design import DesignPair, PairResult, open_pair, stored_campaign
+    from flexhinf.design import DesignPair, open_pair, stored_campaign
 
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
-    pair = DesignPair(_request(o, o.first), _request(o, o.second))
+    names, command = (o.first, o.second), reproduce_command(context)
+    pair = DesignPair(_request(o, o.first), _request(o, o.second), o.out, names, tuple(command))
     known = list(pair.a.metrics.units)
     checked = [campaigns.Requirement.of(text, known) for text in o.require or pair.a.requirements]
-    command = reproduce_command(context)
     with step_progress() as stage:
-        opened = open_pair(pair, o.out, (command, command), stage)
+        opened = open_pair(pair, stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
@@ -310,22 +307,15 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         folder = table.journal.folder
         return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 
-    names = o.first, o.second
-    result = PairResult(
-        pair,
-        o.out.expanduser().absolute(),
-        names,
-        (judged(tables[0]), judged(tables[1])),
-        campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked]),
-        tuple(command),
-    )
-    path = pages.write_pair(result)
-    show([pages.pair_table(result)])
+    pair.judged = judged(tables[0]), judged(tables[1])
+    pair.paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
+    path = pages.write_pair(pair)
+    show([pages.pair_table(pair)])
     for name, source in zip("AB", names):
         typer.echo(f"{name}: {source}")
     if not pair.differences:
         note("the specifications do not differ")
-    typer.echo(pages.pair_verdict(result))
+    typer.echo(pages.pair_verdict(pair))
     typer.echo(f"report: {path}")
 
 

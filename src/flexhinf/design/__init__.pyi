@@ -2,7 +2,6 @@
 
 from .campaign_folder import (
     DesignPair as DesignPair,
-    PairResult as PairResult,
     open_campaign as open_campaign,
     open_pair as open_pair,
     stored_campaign as stored_campaign,

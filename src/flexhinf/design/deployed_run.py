@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -94,10 +93,7 @@ def prepare_run(
     `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
     """
     (model, original), s = designed, specification
-    plan = plans.stated_move(model, s)
-    start, goal = responses.start_and_goal(model, s, plan)
-    if plan is not None:
-        start, goal = responses.plan_ends(plan)
+    plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
     box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
@@ -203,11 +199,10 @@ ERROR, TORQUE = "initial_error", "link_torque"
 
 @dataclass(frozen=True, eq=False)
 class DesignCampaign:
-    """A design and the options of its campaign; the controller is that of the report `file` if that is unchanged."""
+    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged."""
 
     request: design_file.DesignRequest
     options: CampaignOptions
-    file: Path | None = None
 
     @property
     def specification(self) -> Specification:
@@ -233,17 +228,18 @@ class DesignCampaign:
         return robot
 
     @cached_property
+    def _run(self) -> tuple[responses.Plan | None, np.ndarray, np.ndarray]:
+        return plans.run_ends(self.request.robot, self.specification)
+
+    @property
     def plan(self) -> responses.Plan | None:
         """The move that the design is judged along, as `stated_move`; None for a step."""
-        return plans.stated_move(self.request.robot, self.specification)
+        return self._run[0]
 
-    @cached_property
+    @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Link positions (n,) where a run begins, and where it should end, rad or m."""
-        robot, s = self.request.robot, self.specification
-        return (
-            responses.start_and_goal(robot, s, None) if self.plan is None else responses.plan_ends(self.plan)
-        )
+        return self._run[1:]
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:

@@ -126,6 +126,7 @@ class DesignRequest:
     notes: tuple[str, ...] = ()  # What the user should know before the work
     payload: str | None = None
     warnings: tuple[str, ...] = ()  # Of the robot's file; they belong into the report
+    file: Path | None = None  # The design file, beside which a controller may be
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:
@@ -156,9 +157,10 @@ def read_request(
     `payload`: as for `load_robot`; wins over a design file's.
     Raises InvalidInput: for a file or a value that cannot be used.
     """
-    settings, places, fields = dict(settings or {}), {"robot": str(source)}, {}
+    settings, places, fields, file = dict(settings or {}), {"robot": str(source)}, {}, None
     if is_design_file(source) if is_file is None else is_file:
-        places, fields = _read(checked_path("The design file", source))
+        file = checked_path("The design file", source)
+        places, fields = _read(file)
         fields = {name: value for name, value in fields.items() if name not in settings}
     # fields that contradict one of the settings where the file states the preset paper or another; see `preset_of`
     preset, other = (("preset",), ()) if fields.get("preset") == "paper" else ((), ("preset",))
@@ -186,7 +188,7 @@ def read_request(
     for name, limits in own.items():  # an infinite limit is the default where the robot states none
         if np.isinf(np.array(limits, dtype=float)).all() and getattr(s, name) == np.inf:
             s = replace(s, **{name: None})
-    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), load)
+    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), load, file=file)
 
 
 def is_design_file(source: str | Path) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.analysis import modes
 from flexhinf.design.problem import presets
-from flexhinf.design.responses import JointLimits, Plan, joint_limits
+from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification, WaypointError, WaypointTable
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
@@ -131,6 +131,12 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
         what, advice = error.what.replace("The reference", "The move"), _slower(robot, s, limits)
         raise WaypointError(what, error.found, advice or error.advice) from None
     return plan
+
+
+def run_ends(robot: Robot, s: Specification) -> tuple[Plan | None, np.ndarray, np.ndarray]:
+    """The stated move, None for a step, and the link positions (n,) where a run begins and should end, rad or m."""
+    plan = stated_move(robot, s)
+    return (plan, *(start_and_goal(robot, s, None) if plan is None else plan_ends(plan)))
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:

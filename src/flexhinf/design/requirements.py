@@ -77,10 +77,7 @@ class MonteCarlo:
 
 
 def sampled_runs(
-    setup: LoopSetup,
-    robots: Sequence[Mapping[str, Any]],
-    duration: float,
-    sub_steps: int,
+    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int
 ) -> MonteCarlo:
     """The step of each robot (its parameters) as the controller is deployed, with noise of its own.
 
@@ -88,9 +85,9 @@ def sampled_runs(
     """
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
-    runs = setup.steps(
-        robots, duration, sub_steps, reductions=step_reductions(setup.start, setup.goal),
-        kept=setup.true_plant.states[:n], instants=instants,
+    runs = setup.ensemble(
+        setup.bumpless_controller, setup.start, robots, duration, sub_steps, reference=setup.command,
+        reductions=step_reductions(setup.start, setup.goal), kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}
     moving = np.flatnonzero(setup.start != setup.goal).tolist()
@@ -123,7 +120,16 @@ def move_errors(
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
     columns = position_columns(setup.tracking_controller.commanded, setup.joints)
-    runs = setup.moves(robots, plan, sub_steps, rest, reductions=[move_reduction(columns)])
+    controller, begin, duration, reference = setup.move_arguments(plan, rest)
+    runs = setup.ensemble(
+        controller,
+        begin,
+        robots,
+        duration,
+        sub_steps,
+        reference=reference,
+        reductions=[move_reduction(columns)],
+    )
     errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
