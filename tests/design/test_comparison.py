@@ -135,11 +135,11 @@ def test_noise_is_the_same_for_laws_with_the_same_sensors(rig: Comparison) -> No
         setup, runs = row.evaluation.setup, row.evaluation.scenario
         run = setup.step(0.5, runs.robots[0], seed=1, sub_steps=runs.sub_steps).run
         sampled = setup.ensemble(
+            runs.robots[:1],
+            runs.sub_steps,
             setup.bumpless_controller,
             setup.start,
-            runs.robots[:1],
             0.5,
-            runs.sub_steps,
             reference=setup.command,
             kept=setup.true_plant.states[:1],
             instants=np.arange(501),

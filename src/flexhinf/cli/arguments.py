@@ -122,8 +122,7 @@ def read_source(
 
     Of a report's folder its design file is meant.
     """
-    from flexhinf.design import read_request
-    from flexhinf.design.design_file import meant_file, with_joints
+    from flexhinf.design.design_file import meant_file, read_request, with_joints
     from flexhinf.robot import RobotFileWarning
 
     with warnings.catch_warnings(record=True) as caught:

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -35,9 +34,10 @@ from flexhinf.cli.options import (
     RunCampaignOptions,
 )
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.options import CampaignOptions
 
 if TYPE_CHECKING:
-    from flexhinf.campaign import Journal, MergedTable, Requirement
+    from flexhinf.campaign import MergedTable, Requirement
     from flexhinf.campaign.driver import Executor, Report
     from flexhinf.design import DesignCampaign
 
@@ -74,8 +74,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
     Exit code: 0 if every sample is a success, and the worst robot found; 1 if not; 2 for a mistake; 130 if
     interrupted.
     """
-    from flexhinf.design import open_campaign
-    from flexhinf.design.campaign_folder import search_gain, searches_gain
+    from flexhinf.design.campaign_folder import open_campaign, search_gain, searches_gain
 
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     known = list(design.metrics.units)
@@ -116,7 +115,6 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
 
 def _request(o: BatchOptions, source: str) -> DesignCampaign:
     from flexhinf.design import DesignCampaign
-    from flexhinf.options import CampaignOptions
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]
@@ -167,23 +165,20 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
     Shards of other folders are copied into the first one. Every file is
     checked, byte for byte; what is missing or damaged is named.
     """
-
-    def read(folder: Path) -> Journal:
-        journal = campaigns.Journal.read(folder)
-        if journal is None:
-            raise InvalidInput(
-                "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
-            )
-        return journal
-
-    journal = read(o.folder)
+    journals = []
+    for folder in (o.folder, *o.others):
+        if (stored := campaigns.Journal.read(folder)) is None:
+            found = f"expected its folder, got {folder}"
+            raise InvalidInput("There is no campaign.", found, "the --out of its command")
+        journals.append(stored)
+    journal = journals[0]
     checked = [
         campaigns.Requirement.of(text, journal.metrics)
         for text in (o.require or journal.about.get("requirements", []))
     ]
     with journal.driven():
-        for other in o.others:
-            typer.echo(f"{journal.take(read(other))} batches from {other}")
+        for other, folder in zip(journals[1:], o.others):
+            typer.echo(f"{journal.take(other)} batches from {folder}")
         good, bad = journal.shards()
         for path, wrong in bad:
             note(f"{path.name} is {wrong}; the campaign's command runs it again")
@@ -195,8 +190,7 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
 @with_options(ReplayOptions)
 def replay(context: typer.Context, o: ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
-    from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_folder import GainSearch, stored_gains, stored_request
+    from flexhinf.design.campaign_folder import GainSearch, stored_campaign, stored_gains, stored_request
 
     refuse_if(
         (o.sample is None) == (not o.worst_case),
@@ -238,8 +232,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
 
 
 def _finish(table: MergedTable, requirements: list[Requirement]) -> int:
-    from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_folder import stored_gains
+    from flexhinf.design.campaign_folder import stored_campaign, stored_gains
 
     journal, folder = table.journal, table.journal.folder
 

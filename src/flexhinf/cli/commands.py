@@ -26,8 +26,7 @@ from flexhinf.cli.arguments import (
     system_error,
 )
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.design import certify, compare, design, paper
-from flexhinf.cli.export import app as export, compile_design, run_design
+from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.files import recorded
 from flexhinf.validation import value_text

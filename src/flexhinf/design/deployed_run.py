@@ -42,9 +42,8 @@ class DeployedRun:
 
     robot: Robot  # The driven one
     specification: Specification
-    plants: (
-        loop_setup.LoopPlants
-    )  # Of the robot that the controller was designed for: sensors, noise and limits
+    # Of the robot that the controller was designed for: sensors, noise and limits
+    plants: loop_setup.LoopPlants
     box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
     # start, goal: (n,). Link positions, rad or m
@@ -64,12 +63,13 @@ class DeployedRun:
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and that no deadline of an input was missed."""
         limits, response = self.plants.limits, self.response(run)
-        if self.plan is None:
-            lines = required.step_requirements(self.specification, limits, response, WHERE)
-        else:
-            lines = required.move_requirements(
+        lines = (
+            required.step_requirements(self.specification, limits, response, WHERE)
+            if self.plan is None
+            else required.move_requirements(
                 self.specification, limits, responses.Move.along(self.plan, response)
             )
+        )
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
@@ -98,8 +98,7 @@ def prepare_run(
     box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     if plan is None:
-        command = plans.step_command(model, s, start, goal) if plans.has_integrals(controller.law) else None
-        reference: Any = command
+        command = reference = plans.step_command(model, s, start, goal, controller.law)
         names = signals.signal_names("link_position", model.joint_names)
         if command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
@@ -283,14 +282,14 @@ class DesignCampaign:
 
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
-        s, robot, o = self.specification, self.robot, self.options
+        s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
-        options: dict[str, Any] = {"duration": duration, "reference": None, "noise": plants.noise}
+        options: dict[str, Any] = {"duration": duration, "noise": plants.noise}
         if self.plan is not None:
-            options["reference"] = plans.move_reference(self.request.robot, self.plan, plants.dry_friction)
-        elif plans.has_integrals(controller.law):  # others hold their goal
-            options["reference"] = plans.step_command(self.request.robot, s, *self.ends)
+            options["reference"] = plans.move_reference(model, self.plan, plants.dry_friction)
+        else:
+            options["reference"] = plans.step_command(model, s, *self.ends, controller.law)
         if o.disturbance:  # of one N·m or N; what a sample draws is the factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
+from pydantic import TypeAdapter
 
 from flexhinf import __version__
 from flexhinf.design.specification import (
@@ -33,7 +34,6 @@ from flexhinf.design.specification import (
     SpecificationError,
     WaypointError,
     WaypointTable,
-    json_schema,
 )
 from flexhinf.errors import InvalidInput
 from flexhinf.options import SLIDING, Stated, lengths
@@ -403,9 +403,16 @@ def design_schema() -> dict[str, Any]:
         "elastic": "With a URDF: the robot file with spring and motor of each joint.",
         "payload": "What the robot carries instead of its file's own payload: 0..3kg@hand.",
     }
-    design = json_schema()
+    design = TypeAdapter(Specification).json_schema()
+    for name, field in FIELDS.items():
+        about = field.about
+        text = f"{about.help} Default: {about.default}." if about.default else about.help
+        design["properties"][name] |= {"description": text} | ({"x-unit": about.unit} if about.unit else {})
     texts = {name: {"type": "string", "description": text} for name, text in places.items()}
-    design |= {"properties": {**texts, **design["properties"]}, "required": ["robot"]}
+    design |= {
+        "description": str(Specification.__doc__).partition("\n")[0], "additionalProperties": False,
+        "properties": {**texts, **design["properties"]}, "required": ["robot"],
+    }  # fmt: skip
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Design file of flexhinf",

@@ -35,7 +35,7 @@ from flexhinf.estimation import (
     kalman,
     stationary_covariance,
 )
-from flexhinf.loop import Controller, EnsembleResult, Loop, Moving, Schedule, Step
+from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
@@ -442,9 +442,7 @@ class LoopSetup(LoopPlants):
     @cached_property
     def command(self) -> Plan | None:
         """The command of the step from start to goal; None where it jumps, or the law does not take one."""
-        if not has_integrals(self.law):
-            return None
-        return step_command(self.robot, self.specification, self.start, self.goal)
+        return step_command(self.robot, self.specification, self.start, self.goal, self.law)
 
     @property
     def command_time(self) -> float:
@@ -476,9 +474,14 @@ class LoopSetup(LoopPlants):
         return Response(run, self.goal, x[: len(self.goal)], self.joints)
 
     def ensemble(
-        self, controller: Controller, at: np.ndarray, robots: Sequence[Mapping[str, Any]], duration: float,
-        sub_steps: int, **options: Any,
-    ) -> EnsembleResult:  # fmt: skip
+        self,
+        robots: Sequence[Mapping[str, Any]],
+        sub_steps: int,
+        controller: Controller,
+        at: np.ndarray,
+        duration: float,
+        **options: Any,
+    ) -> EnsembleResult:
         """The same run of each robot, by its parameters, each with noise of its own; options of `Loop.ensemble`.
 
         `sub_steps` are the nominal plant's, so that all runs share one kernel.
@@ -525,17 +528,20 @@ class LoopSetup(LoopPlants):
     def move(self, plan: Plan, rest: float | None = None, **options: Any) -> Move:
         """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end; the
         options are those of `run`."""
-        controller, at, duration, reference = self.move_arguments(plan, rest)
-        return Move.along(plan, self.run(controller, at, duration, reference=reference, **options))
+        return Move.along(plan, self.run(**self.along(plan, rest), **options))
 
-    def move_arguments(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, float, Moving]:
-        """Controller, pose (n,) at which it takes over, duration, s, and reference of a run along a plan."""
+    def along(self, plan: Plan, rest: float | None = None) -> dict[str, Any]:
+        """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and
+        reference."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
-        controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        reference = move_reference(self.robot, plan, self.dry_friction)
-        return controller, self.start if near else begin, round(duration / period) * period, reference
+        return {
+            "controller": self.tracking_controller if near else self.controller(begin, moving=True),
+            "at": self.start if near else begin,
+            "duration": round(duration / period) * period,
+            "reference": move_reference(self.robot, plan, self.dry_friction),
+        }
 
 
 def _with_values(plant: Plant, values: Mapping[str, Any] | None) -> Plant:

@@ -47,19 +47,20 @@ def has_integrals(law: Law) -> bool:
     return any(name.endswith("_integral") for name in law.state_names)
 
 
-def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray) -> Plan | None:
-    """The command of the step from start to goal by the shaping; None for a jump.
+def step_command(
+    robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray, law: Law | None = None
+) -> Plan | None:
+    """The command of the step from start to goal by the shaping; None for a jump, or where the law does not take one.
 
-    It does not depend on the law, so that laws are compared with the same command: it is made for the stated
-    bandwidth, or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
+    Otherwise it does not depend on the law, so that laws are compared with the same command: it is made for the
+    stated bandwidth, or for its default.
     """
-    if s.shaping == "jump" or not np.any(goal != start):
+    if s.shaping == "jump" or not np.any(goal != start) or (law is not None and not has_integrals(law)):
         return None
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = presets.BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    bandwidth = presets.required_bandwidth(s, scales, len(goal))
     held = [robot.operating_point(at)[1] for at in (start, goal)]
-    return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
+    return plan_move(robot, s, start, goal, bandwidth, float(scales.vibration.min()), held)
 
 
 def plan_move(

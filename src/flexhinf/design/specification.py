@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, TypeAdapter, ValidationError, WithJsonSchema
+from pydantic import BeforeValidator, ValidationError, WithJsonSchema
 
 from flexhinf import options
 from flexhinf.errors import InvalidInput
@@ -522,16 +522,3 @@ def _check_sensor_units(s: Specification) -> None:
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:
     example = example or FIELDS[name].about.example
     return SpecificationError(name, refused(name), found, example=example)
-
-
-def json_schema() -> dict[str, Any]:
-    """The JSON schema of the table [design] of a design file, without robot and elastic."""
-    schema = TypeAdapter(Specification).json_schema() | {
-        "description": str(Specification.__doc__).partition("\n")[0],
-        "additionalProperties": False,
-    }
-    for name, field in FIELDS.items():
-        about = field.about
-        text = f"{about.help} Default: {about.default}." if about.default else about.help
-        schema["properties"][name] |= {"description": text} | ({"x-unit": about.unit} if about.unit else {})
-    return schema
