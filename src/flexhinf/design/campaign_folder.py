@@ -28,7 +28,7 @@ from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
 from flexhinf.design.synthesis.steps import synthesise
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
@@ -70,13 +70,13 @@ class DesignPair:
         keys = [robot.plant(s.measured, extras=s.extras).code_key for robot, s in designs]
         if not rows and keys[0] != keys[1]:
             rows = ["the equations of the robots, which have the same parameters"]
-        if rows:
-            raise InvalidInput(
-                "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
-                "sample by sample.",
-                listed(rows, _LISTED),
-                "designs that differ in preset, weights, degrees, γ or estimator only",
-            )
+        refuse_if(
+            rows,
+            "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
+            "sample by sample.",
+            listed(rows, _LISTED),
+            "designs that differ in preset, weights, degrees, γ or estimator only",
+        )
 
     @property
     def differences(self) -> list[tuple[str, str, str]]:
@@ -429,12 +429,12 @@ def search_gain(
     request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
     """Results of `GainSearch`, stored in the campaign's folder; read from there if they are stored already."""
-    if not searches_gain(request):
-        raise InvalidInput(
-            "The worst disturbance is not searched for robots of so many joints.",
-            f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
-            "--metric with a metric of the runs, as overshoot_percent",
-        )
+    refuse_if(
+        not searches_gain(request),
+        "The worst disturbance is not searched for robots of so many joints.",
+        f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
+        "--metric with a metric of the runs, as overshoot_percent",
+    )
     results = stored_gains(journal)
     if not results.rows:
         results = GainSearch(request, float(journal.settings["duration"]), progress).results()

@@ -18,7 +18,7 @@ import numpy as np
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
 from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
 from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.inputs import sample_count
@@ -119,11 +119,11 @@ def prepare_run(
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
     at = LOAD_AT * duration if load_at is None else load_at
-    if load is not None and not 0.0 <= at < duration:
-        raise InvalidInput(
-            "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
-            "--load-at 1s, or a longer --duration",
-        )  # fmt: skip
+    refuse_if(
+        load is not None and not 0.0 <= at < duration,
+        "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
+        "--load-at 1s, or a longer --duration",
+    )  # fmt: skip
     torques = signals.signal_names("link_torque", robot.joint_names)
     arguments = {
         "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
@@ -159,12 +159,12 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         value = np.nan
         with suppress(ValueError):
             value = float(number.strip().rstrip("%"))
-        if not np.isfinite(value):
-            raise InvalidInput(
-                "A change of the robot cannot be read.",
-                f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
-                "stiffness=-20%",
-            )
+        refuse_if(
+            not np.isfinite(value),
+            "A change of the robot cannot be read.",
+            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
+            "stiffness=-20%",
+        )
         for parameter in names:
             values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)
@@ -255,12 +255,12 @@ class DesignCampaign:
                 Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
                 for full_name, sliding in zip(names, robot.links.slides)
             ]
-        if not variables:
-            raise InvalidInput(
-                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
-                "expected a tolerance, a range of the payload, an initial error or a disturbance",
-                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
-            )
+        refuse_if(
+            not variables,
+            f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+            "expected a tolerance, a range of the payload, an initial error or a disturbance",
+            "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+        )
         return tuple(variables)
 
     @property

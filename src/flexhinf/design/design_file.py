@@ -35,7 +35,7 @@ from flexhinf.design.specification import (
     WaypointError,
     WaypointTable,
 )
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import SLIDING, Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
@@ -327,12 +327,12 @@ def request_document(
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
-        if effort.size != 1:
-            raise InvalidInput(
-                "A design file holds one price of the input.",
-                f"expected R2 as a number, got {effort.tolist()}",
-                "the report without its design file: design_files(…)",
-            )
+        refuse_if(
+            effort.size != 1,
+            "A design file holds one price of the input.",
+            f"expected R2 as a number, got {effort.tolist()}",
+            "the report without its design file: design_files(…)",
+        )
         values["effort"] = float(effort.ravel()[0])
     defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
     stated = {name: value for name, value in values.items() if value != defaults[name]}
@@ -451,19 +451,19 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
     table = s.move if isinstance(s.move, WaypointTable) else None
     move = table if table and set(table.joints) == set(AXES) != set(robot.joint_names) else None
-    if tool and not goal and move is None:
-        raise InvalidInput(
-            "A tool is stated, and nothing that it is to reach.",
-            f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
-            "--pose-xyz 0.4,0,0.3, or leave out --tool",
-        )
+    refuse_if(
+        tool and not goal and move is None,
+        "A tool is stated, and nothing that it is to reach.",
+        f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
+        "--pose-xyz 0.4,0,0.3, or leave out --tool",
+    )
     if goal:
-        if s.pose is not None:
-            raise InvalidInput(
-                "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
-                "leave out one of them (--pose \"\" takes back that of a design file)",
-            )  # fmt: skip
-        reached = kinematics.pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
+        refuse_if(
+            s.pose is not None,
+            "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
+            "leave out one of them (--pose \"\" takes back that of a design file)",
+        )  # fmt: skip
+        reached = kinematics.pose_at(robot, _point("pose-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
     if move is not None:

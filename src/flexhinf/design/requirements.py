@@ -418,21 +418,16 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
 
 
 def step_requirements(
-    s: Specification,
-    limits: JointLimits,
-    response: Response,
-    where: str,
-    unlimited: Response | None = None,
+    s: Specification, limits: JointLimits, response: Response, where: str, unlimited: Response | None = None
 ) -> list[Requirement]:
     """Overshoot of one run, and how much it uses of the joints' limits.
 
     `unlimited`: the same run without limits of the inputs, for the peak that a limit would hide.
     """
     joint, worst = of_several(response.joints, response.overshoot.joint), response.overshoot.value
-    free = limits.saturated is not None and unlimited is not None
     return [
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, worst, where, joint=joint),
-        *limit_requirements(limits, response, where, unlimited or response, unlimited=free),
+        *limit_requirements(limits, response, where, unlimited),
     ]
 
 
@@ -440,19 +435,17 @@ def limit_requirements(
     limits: JointLimits,
     response: Response,
     where: str,
-    demanded: Response | None = None,
-    unlimited: bool = False,
+    unlimited: Response | None = None,
     always: bool = True,
 ) -> list[Requirement]:
     """Peak input, link speed and ranges of one run, each of the joint that uses most of its own limit.
 
-    `demanded`: the run whose inputs count; by default the same.
-    `unlimited`: whether that one has no limits of the inputs.
+    `unlimited`: the same run without limits of the inputs, whose inputs count.
     `always`: also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since
         a run begins and ends within them.
     """
-    how = ", without limits of the inputs" if unlimited else ""
-    inputs, speeds = limits.input_use(demanded or response), limits.speed_use(response)
+    how = "" if limits.saturated is None or unlimited is None else ", without limits of the inputs"
+    inputs, speeds = limits.input_use(unlimited or response), limits.speed_use(response)
     beyond = limits.beyond_range(response)
     return [
         *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],
