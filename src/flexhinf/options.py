@@ -15,7 +15,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -294,6 +294,7 @@ Text = Annotated[str, Allowed("text")]
 Real = Annotated[float, BeforeValidator(number), Allowed("a number")]  # what is used checks its range
 Whole = Annotated[int, BeforeValidator(_integer), Allowed("an integer")]
 Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(_integer), Allowed("an integer from 1 to 64")]
+CHOICE = BeforeValidator(choice)  # of a `Literal`
 Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
 Weights = Annotated[
     Any, BeforeValidator(_weights), Allowed("weights by name, one per state, or rows of a matrix"),
@@ -418,6 +419,8 @@ def declared(cls: Any) -> dict[str, FieldInfo]:
 
 
 def _allowed(annotation: Any) -> str:
+    if get_origin(annotation) is Literal:
+        return ", ".join(get_args(annotation))
     own = [part.text for part in getattr(annotation, "__metadata__", ()) if isinstance(part, Allowed)]
     return next((text for text in (*own, *map(_allowed, get_args(annotation))) if text), "")
 

@@ -379,7 +379,6 @@ SAME = 1e-4
 _FREE = {
     "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
 }  # fmt: skip
-_FREE_PREFIX = "design "
 
 #: Differences that a refusal lists.
 _LISTED = 6
@@ -520,7 +519,7 @@ def compare(
     bound = [
         name
         for name in [*own.settings, *other.settings]
-        if name not in _FREE and not name.startswith(_FREE_PREFIX)
+        if name not in _FREE and not name.startswith("design ")
     ]
     differences = [
         f"{name}: {first} ↔ {second}"

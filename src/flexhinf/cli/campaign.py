@@ -105,8 +105,8 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
                 search_gain(design, journal, stage)
                 continue
             text = f"worst {pages.metric_text(metric)}"
-            campaigns.search_worst(
-                campaign, journal, metric, table.columns, least=least, starts=o.starts,
+            campaigns.worst_case(
+                campaign, metric, table.columns, least=least, starts=o.starts, journal=journal,
                 nominal=table.journal.about.get("nominal", {}),
                 progress=lambda runs, best, stage=stage, text=text: stage(f"{text}: {best:.4g} after {runs} runs"),
             )  # fmt: skip

@@ -256,9 +256,6 @@ RANDOM = 3
 #: Ascents of the search with the estimator: each run has the loop's own period.
 ESTIMATOR_TURNS = 6
 
-#: Why γ of a proof is not compared with anything.
-BENT = "z of the proof is not linear in the state"
-
 
 @dataclass(frozen=True)
 class GainRow:
@@ -375,7 +372,7 @@ class GainSearch:
             problem = replace(solution.problem, penalty=Penalty(matrix, np.array(certificate.r2)))
             level = certificate.level
         else:
-            return None, proof.reason or BENT
+            return None, proof.reason or "z of the proof is not linear in the state"
         worst = "proved" if boxed and not options.tolerances and options.payload is None else ""
         return _Claim("proof", problem, level, certificate.gamma, "proved", worst), proof.reason
 

@@ -30,9 +30,6 @@ from flexhinf.validation import nearest, value_text
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
 
-#: Where a run with a load is not told when it begins: at this fraction of the run.
-LOAD_AT = 0.5
-
 WHERE = "this run, on MuJoCo's robot"
 
 
@@ -118,7 +115,7 @@ def prepare_run(
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
-    at = LOAD_AT * duration if load_at is None else load_at
+    at = 0.5 * duration if load_at is None else load_at
     refuse_if(
         load is not None and not 0.0 <= at < duration,
         "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",

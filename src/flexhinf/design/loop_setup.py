@@ -179,16 +179,10 @@ def other_quantisation(
 
 
 # The loop ------------------------------------------------------------------------------------------------
-#: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
-MUJOCO_STEP = 0.1
-
 #: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
 #: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
 #: count as damping that the moving robot does not have.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
-
-#: Estimators that may have dry friction in their model. The observer's gain belongs to a model without.
-FRICTIONAL = ("ukf", "ekf")
 
 
 def with_derived(known: Any, **changes: Any) -> Any:
@@ -225,7 +219,10 @@ class LoopPlants:
         """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
         count as damping, so linear metrics are those of `model`."""
         s = self.specification
-        known = s.friction_model and s.estimator in FRICTIONAL
+        known = s.friction_model and s.estimator in (
+            "ukf",
+            "ekf",
+        )  # the observer's gain is of a model without
         return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
 
     @cached_property
@@ -241,7 +238,7 @@ class LoopPlants:
         """
         s = self.specification
         fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))
-        step = s.period / sub_steps(s.period, fastest, MUJOCO_STEP)
+        step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured
         return MuJoCoPlant(self.robot, measured=measured, step=step, extras=s.extras)
 

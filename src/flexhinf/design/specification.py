@@ -222,22 +222,10 @@ Move = Annotated[
 ]
 
 
-PresetName = Annotated[
-    Literal["paper", "damped", "robust", "proved"],
-    BeforeValidator(options.choice),
-    Allowed("paper, damped, robust, proved"),
-]
-EstimatorName = Annotated[
-    Literal["ukf", "ekf", "observer", "none"],
-    BeforeValidator(options.choice),
-    Allowed("ukf, ekf, observer, none"),
-]
-ShapingName = Annotated[
-    Literal["jump", "quintic", "jerk-limited"],
-    BeforeValidator(options.choice),
-    Allowed("jump, quintic, jerk-limited"),
-]
-AngleUnit = Annotated[Literal["rad", "deg"], BeforeValidator(options.choice), options.Allowed("rad, deg")]
+PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
+EstimatorName = Annotated[Literal["ukf", "ekf", "observer", "none"], options.CHOICE]
+ShapingName = Annotated[Literal["jump", "quintic", "jerk-limited"], options.CHOICE]
+AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 
 #: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
 #: link moves it little more than with the true state fed back, see docs/design.md.
