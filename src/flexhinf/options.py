@@ -452,9 +452,9 @@ class CampaignOptions:
     payload: Text | None = option(None, HARDWARE,
         "What the true robot carries, 0..2kg; the controller stays the design's.", "0..2kg", "kg@link",
         default="that of the design")
-    initial_error: Real = option(0.0, SAMPLED,
+    initial_error: NotNegative = option(0.0, SAMPLED,
         "The robot starts up to so much beside where the estimator believes it, rad or m.", "0.01", "rad, m")
-    disturbance: Real = option(0.0, SAMPLED,
+    disturbance: NotNegative = option(0.0, SAMPLED,
         "A constant torque on each link of up to so much, N·m or N, from a tenth of the run on.", "0.1", "N·m or N")
     duration: Duration | None = option(None, RUN, "Length of a run.", "5s", "s", zero="the default",
         default="that of the design")
@@ -467,7 +467,4 @@ class CampaignOptions:
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         one_of("There is no such method.", self.method, METHODS)
         for name in ("initial_error", "disturbance"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                found = f"expected a number >= 0, the half width of its interval, got {value_text(value)}"
-                raise InvalidInput(f"The {spaced(name)} is not usable.", found, "0.01")
+            object.__setattr__(self, name, declared(CampaignOptions)[name].read(getattr(self, name)))

@@ -341,7 +341,7 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
         (["--workers", "-1"], "workers"),
         (["--cluster", "localhost"], ("tcp://HOST:PORT", "'localhost'")),
         (["--cluster", "tcp://a:1", "--workers", "2"], "--workers and --cluster"),
-        (["--initial-error", "-1"], ("initial error", "-1.0")),
+        (["--initial-error", "-1"], ("--initial-error", "'-1'")),
         (["--duration", "-1"], "duration"),
         (["--out", "design"], ("campaign.json", "'design.toml'")),
         (["--payload", "much"], "payload"),

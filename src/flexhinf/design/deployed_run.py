@@ -6,7 +6,6 @@ goes at its period, on the wall clock.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.inputs import sample_count
-from flexhinf.options import CampaignOptions
+from flexhinf.options import CampaignOptions, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text
@@ -168,10 +167,6 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
 
 
 # A campaign: the same run on sampled robots ----------------------------------------------------------------
-_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
-_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
-
-
 def robot_sample(
     robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
 ) -> Sample:
@@ -329,12 +324,12 @@ def fields_text(s: Specification) -> dict[str, str]:
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:
-    percent, ends = _PERCENT.match(text), _RANGE.match(text)
+    low, dots, high = text.partition("..")
     with suppress(ValueError):
-        if percent:
-            return replace(parameter, tolerance=float(percent[1]), range=None)
-        if ends:
-            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
+        if dots:
+            return replace(parameter, tolerance=0.0, range=(quantity(low), quantity(high)))
+        if text.strip().endswith("%"):
+            return replace(parameter, tolerance=float(quantity(text, ({"%": 1.0},))), range=None)
     raise InvalidInput(
         f"The tolerance of {parameter.name!r} cannot be read.",
         f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",

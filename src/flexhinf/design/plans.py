@@ -113,17 +113,13 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     except InvalidInput as error:  # what a signal is told about its profile is the shaping of a specification
         advice = error.advice.replace("profile='spline'", "shaping='jump'")
         raise WaypointError(error.what, error.found, advice) from None
-    if 1.5 * plan.duration / s.period > RUN_SAMPLES:
+    long = 1.5 * plan.duration / s.period > RUN_SAMPLES
+    if long or plan.duration < MOVE_SAMPLES * s.period:
         raise WaypointError(
-            "The move takes too long.",
-            f"expected at most {RUN_SAMPLES * s.period / 1.5:g} s, got {plan.duration:g} s",
+            f"The move takes too {'long' if long else 'short'} a time.",
+            f"expected {MOVE_SAMPLES * s.period:g} s, {MOVE_SAMPLES} samples, to {RUN_SAMPLES * s.period / 1.5:g} s, "
+            f"got {plan.duration:g} s",
             "times in seconds; 'time [ms]' in the header where they are not",
-        )
-    if plan.duration < MOVE_SAMPLES * s.period:
-        raise WaypointError(
-            "The move is too short.",
-            f"expected at least {MOVE_SAMPLES * s.period:g} s, {MOVE_SAMPLES} samples, got {plan.duration:g} s",
-            "times in seconds, further apart",
         )
     limits = joint_limits(robot, s)
     try:
