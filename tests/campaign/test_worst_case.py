@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -174,7 +174,7 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
     content = path.read_bytes()
     assert stored_worst(journal, "peak_input") == found
     with monkeypatch.context() as patch:
-        patch.setattr(files, "worst_case", None)  # it is not searched again
+        patch.setattr(files, "climb", None)  # it is not searched again
         assert worst_case(campaign, "peak_input", table.columns, journal=journal) == found
     path.write_bytes(content[:-9])
     with pytest.raises(InvalidInput, match=r"(?s)'peak_input'.*peak_input\.json"):
@@ -189,13 +189,12 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
         stored_worst(journal, "peak_input")
 
 
-def test_numbers_that_json_does_not_have(tmp_path, monkeypatch, campaign, rows):
+def test_numbers_that_json_does_not_have(tmp_path, campaign, rows):
     pytest.importorskip("pyarrow")
     found = worst_case(campaign, "peak_input", rows, starts=1)
     odd = replace(found, found=replace(found.found, value=math.inf), alone={"mass": -math.inf})
-    monkeypatch.setattr(files, "worst_case", lambda *_, **__: odd)
     journal = Journal.opened(tmp_path / "runs", campaign)
-    worst_case(campaign, "peak_input", rows, journal=journal)
+    journal.store(files.FOLDER / "peak_input.json", asdict(odd))
     assert stored_worst(journal, "peak_input") == odd
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Specification
-from flexhinf.design.specification import WaypointError, WaypointTable, waypoints
+from flexhinf.robot.waypoints import WaypointError, WaypointTable, waypoints
 
 
 def read(folder: Path, text: str) -> WaypointTable:

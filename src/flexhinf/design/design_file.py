@@ -21,7 +21,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -32,14 +32,13 @@ from flexhinf.design.specification import (
     FIELDS,
     Specification,
     SpecificationError,
-    WaypointError,
-    WaypointTable,
 )
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.options import SLIDING, Stated, lengths
+from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
+from flexhinf.robot.waypoints import AXES, ORIGIN, Tool, WaypointTable, reached_waypoints
 from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
@@ -423,23 +422,6 @@ def design_schema() -> dict[str, Any]:
     }
 
 
-AXES = ("x", "y", "z")
-
-#: Most waypoints of a point: each is a search.
-MOST = 500
-
-
-class Tool(NamedTuple):
-    """The point that goals are for: of a link, by the name of its joint (None: the last), at an offset (3,), m."""
-
-    link: str | None = None
-    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
-
-
-#: The origin of the last link.
-ORIGIN = Tool()
-
-
 def tool_of(text: str) -> Tool:
     """``hand:0,0,0.1``, ``hand`` or ``:0,0,0.1``; the origin of the last link for an empty text."""
     link, colon, offset = text.partition(":")
@@ -467,7 +449,7 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
     if move is not None:
-        table, worst = _converted(robot, move, point)
+        table, worst = reached_waypoints(robot, move, point)
         s = replace(s, move=table)
         notes += _singular("one of the waypoints", worst)
     return replace(request, specification=s, notes=tuple(notes))
@@ -479,29 +461,7 @@ def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> 
     Raises InvalidInput: for a place out of reach, with its time; for more than 500 waypoints; for columns that are
         not x, y, z.
     """
-    return _converted(robot, table, tool)[0]
-
-
-def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, kinematics.Reached]:
-    wrong = [unit for unit in table.units if unit and unit not in SLIDING]
-    if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
-        raise WaypointError(
-            "The waypoints are not those of a point.",
-            f"expected columns x, y, z in m or mm, at most {MOST}, got {list(table.joints)} in {list(table.units)}, "
-            f"{len(table.rows)} rows",
-            "time,x [m],y [m],z [m]",
-        )
-    order, joints = [table.joints.index(axis) for axis in AXES], robot.joint_names
-    poses: list[kinematics.Reached] = []
-    for time, row in zip(table.times, table.rows):
-        near = poses[-1].pose if poses else None
-        try:
-            poses.append(kinematics.pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
-        except InvalidInput as error:
-            raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
-    rows = tuple(tuple(reached.pose.tolist()) for reached in poses)
-    worst = min(poses, key=lambda reached: reached.mobility)
-    return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
+    return reached_waypoints(robot, table, tool)[0]
 
 
 def _singular(what: str, at: kinematics.Reached) -> list[str]:

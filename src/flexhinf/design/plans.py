@@ -13,11 +13,12 @@ import numpy as np
 from flexhinf.analysis import modes
 from flexhinf.design.problem import presets
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
-from flexhinf.design.specification import RUN_SAMPLES, Specification, WaypointError, WaypointTable
+from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
+from flexhinf.robot.waypoints import WaypointError, WaypointTable
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
