@@ -334,11 +334,7 @@ class LoopSetup(LoopPlants):
     @property
     def process_noise(self) -> EstimatorNoise:
         """Levels of R^v of the estimator."""
-        return (
-            EstimatorNoise.stated(self.specification)
-            if self.estimator_noise is None
-            else self.estimator_noise
-        )
+        return self.estimator_noise or EstimatorNoise.stated(self.specification)
 
     @cached_property
     def without_noise(self) -> LoopSetup:
