@@ -20,11 +20,11 @@ from flexhinf.design.design_file import DesignRequest, read_request, tool_of, wi
 from flexhinf.design.loop_setup import sensor_steps
 from flexhinf.design.plans import stated_move
 from flexhinf.design.responses import integral_dead_zone, joint_limits
-from flexhinf.design.specification import waypoints
 from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, load_robot
 from flexhinf.robot.kinematics import link_frames
+from flexhinf.robot.waypoints import waypoints
 from fuzz.drawn import HOSTILE, UNITS, USUAL, Drawn, meaning
 from fuzz.tally import Tally
 

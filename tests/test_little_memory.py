@@ -37,7 +37,7 @@ import flexhinf as fh
 from flexhinf.campaign import Journal
 from flexhinf.certify import load_certificate
 from flexhinf.codegen import compiler as cache
-from flexhinf.design.specification import waypoints
+from flexhinf.robot.waypoints import waypoints
 from flexhinf.report import unchanged
 from flexhinf.validation import read_xml
 

@@ -15,7 +15,7 @@ import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import numpy as np
 from pydantic import (
@@ -107,20 +107,12 @@ def one_or_several(value: Any, units: Units = ()) -> float | tuple[float, ...]:
     return read[0] if len(read) == 1 and (isinstance(value, str) or not _is_sequence(value)) else read
 
 
-#: Readers of the fields' values. What stands without a unit is in rad, m, rad/s, m/s, s, N·m or N.
-number, numbers = quantity, one_or_several
-seconds = functools.partial(quantity, units=(SECONDS,))
-angles = functools.partial(several, units=_POSITIONS)
 lengths = functools.partial(several, units=(SLIDING,))
-frequencies = functools.partial(one_or_several, units=(_FREQUENCIES,))
-speeds = functools.partial(one_or_several, units=_SPEEDS)
-distances = functools.partial(one_or_several, units=_POSITIONS)
-quanta = functools.partial(one_or_several, units=_READINGS)
 
 
 def _poses(value: Any) -> tuple[tuple[float, ...], ...]:
     each = [value] if isinstance(value, str) else _sequence(value)
-    return tuple(angles(pose if isinstance(pose, str) else _sequence(pose)) for pose in each)
+    return tuple(several(pose if isinstance(pose, str) else _sequence(pose), _POSITIONS) for pose in each)
 
 
 def angle_unit_of(*values: Any) -> str | None:
@@ -234,23 +226,28 @@ def _as_stated(value: Any, check: ValidatorFunctionWrapHandler) -> float:
     return value if isinstance(value, Stated) else checked
 
 
+def _by(reader: Any, *units: Mapping[str, float]) -> BeforeValidator:
+    """What stands without a unit is in the SI unit: rad, m, rad/s, m/s, s, N·m or N."""
+    return BeforeValidator(functools.partial(reader, units=units))
+
+
 _finite = functools.partial(Field, allow_inf_nan=False)
 _POSITIVE, _NOT_NEGATIVE = _finite(gt=0.0), _finite(ge=0.0)
 _KEPT = WrapValidator(_as_stated)
 _Finite = Annotated[float, _finite(), _KEPT]
 _Above = Annotated[float, _POSITIVE, _KEPT]
 _AtLeast = Annotated[float, _NOT_NEGATIVE, _KEPT]
-Number = Annotated[float, _finite(), BeforeValidator(number), Allowed("a number")]
-Positive = Annotated[float, _POSITIVE, BeforeValidator(number), Allowed("a number > 0")]
-NotNegative = Annotated[float, _NOT_NEGATIVE, BeforeValidator(number), Allowed("a number >= 0")]
-AboveOne = Annotated[float, _finite(gt=1.0), BeforeValidator(number), Allowed("a number > 1")]
+Number = Annotated[float, _finite(), BeforeValidator(quantity), Allowed("a number")]
+Positive = Annotated[float, _POSITIVE, BeforeValidator(quantity), Allowed("a number > 0")]
+NotNegative = Annotated[float, _NOT_NEGATIVE, BeforeValidator(quantity), Allowed("a number >= 0")]
+AboveOne = Annotated[float, _finite(gt=1.0), BeforeValidator(quantity), Allowed("a number > 1")]
 Ratio = Annotated[
-    float, _finite(ge=0.0, lt=1.0), BeforeValidator(number), Allowed("a number, a ratio from 0 to 1")
+    float, _finite(ge=0.0, lt=1.0), BeforeValidator(quantity), Allowed("a number, a ratio from 0 to 1")
 ]
-Seconds = Annotated[float, _NOT_NEGATIVE, BeforeValidator(seconds), Allowed("a time >= 0, s")]
-Duration = Annotated[float, _POSITIVE, BeforeValidator(seconds), Allowed("a time > 0, s")]
+Seconds = Annotated[float, _NOT_NEGATIVE, _by(quantity, SECONDS), Allowed("a time >= 0, s")]
+Duration = Annotated[float, _POSITIVE, _by(quantity, SECONDS), Allowed("a time > 0, s")]
 Period = Annotated[
-    float, _finite(ge=1e-5, le=0.1), BeforeValidator(seconds), Allowed("a time from 1e-5 to 0.1 s")
+    float, _finite(ge=1e-5, le=0.1), _by(quantity, SECONDS), Allowed("a time from 1e-5 to 0.1 s")
 ]
 Count = Annotated[int, Field(ge=0), BeforeValidator(_integer), Allowed("an integer >= 0")]
 Seed = Annotated[
@@ -258,32 +255,33 @@ Seed = Annotated[
 ]
 Flag = Annotated[bool, BeforeValidator(_flag), Allowed("true or false")]
 Pose = Annotated[
-    tuple[_Finite, ...], BeforeValidator(angles),
+    tuple[_Finite, ...], _by(several, *_POSITIONS),
     Allowed("one link position per joint (rad, m; or text with deg, °)"),
 ]  # fmt: skip
 Tolerances = Annotated[
-    Annotated[tuple[_Above, ...], Field(min_length=1)], BeforeValidator(angles),
+    Annotated[tuple[_Above, ...], Field(min_length=1)], _by(several, *_POSITIONS),
     Allowed("a number > 0, or one per joint (rad, m; or text with deg, mm)"),
 ]  # fmt: skip
 Poses = Annotated[tuple[tuple[_Finite, ...], ...], BeforeValidator(_poses), Allowed("a list of poses")]
 Frequencies = Annotated[
-    _Above | tuple[_Above, ...], BeforeValidator(frequencies),
+    _Above | tuple[_Above, ...], _by(one_or_several, _FREQUENCIES),
     Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
 ]  # fmt: skip
 _Limit = Annotated[float, Field(gt=0.0), _KEPT]
 PerJoint = Annotated[
-    _Limit | tuple[_Limit, ...], BeforeValidator(numbers), Allowed("a number > 0, or one per joint; inf for none"),
+    _Limit | tuple[_Limit, ...], BeforeValidator(one_or_several),
+    Allowed("a number > 0, or one per joint; inf for none"),
 ]  # fmt: skip
 PerJointSpeed = Annotated[
-    _Limit | tuple[_Limit, ...], BeforeValidator(speeds),
+    _Limit | tuple[_Limit, ...], _by(one_or_several, *_SPEEDS),
     Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),
 ]  # fmt: skip
 Quanta = Annotated[
-    _AtLeast | tuple[_AtLeast, ...], BeforeValidator(quanta),
+    _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_READINGS),
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
 ]  # fmt: skip
 Distances = Annotated[
-    _AtLeast | tuple[_AtLeast, ...], BeforeValidator(distances),
+    _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_POSITIONS),
     Allowed("a number >= 0, or one per joint (or text with deg, mm)"),
 ]  # fmt: skip
 Degrees = Annotated[
@@ -291,9 +289,10 @@ Degrees = Annotated[
     Allowed("a list of integers from 2 to 12, degrees of V"),
 ]  # fmt: skip
 Text = Annotated[str, Allowed("text")]
-Real = Annotated[float, BeforeValidator(number), Allowed("a number")]  # what is used checks its range
+Real = Annotated[float, BeforeValidator(quantity), Allowed("a number")]  # what is used checks its range
 Whole = Annotated[int, BeforeValidator(_integer), Allowed("an integer")]
 Threads = Annotated[int, Field(ge=1, le=64), BeforeValidator(_integer), Allowed("an integer from 1 to 64")]
+CHOICE = BeforeValidator(choice)  # of a `Literal`
 Names = Annotated[tuple[str, ...], BeforeValidator(names), Allowed("a list of names")]
 Weights = Annotated[
     Any, BeforeValidator(_weights), Allowed("weights by name, one per state, or rows of a matrix"),
@@ -418,6 +417,8 @@ def declared(cls: Any) -> dict[str, FieldInfo]:
 
 
 def _allowed(annotation: Any) -> str:
+    if get_origin(annotation) is Literal:
+        return ", ".join(get_args(annotation))
     own = [part.text for part in getattr(annotation, "__metadata__", ()) if isinstance(part, Allowed)]
     return next((text for text in (*own, *map(_allowed, get_args(annotation))) if text), "")
 
@@ -449,9 +450,9 @@ class CampaignOptions:
     payload: Text | None = option(None, HARDWARE,
         "What the true robot carries, 0..2kg; the controller stays the design's.", "0..2kg", "kg@link",
         default="that of the design")
-    initial_error: Real = option(0.0, SAMPLED,
+    initial_error: NotNegative = option(0.0, SAMPLED,
         "The robot starts up to so much beside where the estimator believes it, rad or m.", "0.01", "rad, m")
-    disturbance: Real = option(0.0, SAMPLED,
+    disturbance: NotNegative = option(0.0, SAMPLED,
         "A constant torque on each link of up to so much, N·m or N, from a tenth of the run on.", "0.1", "N·m or N")
     duration: Duration | None = option(None, RUN, "Length of a run.", "5s", "s", zero="the default",
         default="that of the design")
@@ -464,7 +465,4 @@ class CampaignOptions:
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         one_of("There is no such method.", self.method, METHODS)
         for name in ("initial_error", "disturbance"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                found = f"expected a number >= 0, the half width of its interval, got {value_text(value)}"
-                raise InvalidInput(f"The {spaced(name)} is not usable.", found, "0.01")
+            object.__setattr__(self, name, declared(CampaignOptions)[name].read(getattr(self, name)))

@@ -109,7 +109,8 @@ def checked_positive(what: str, value: Any, unit: str, advice: str) -> float:
 
 def checked_kind(what: str, value: Any, kind: Any, expected: str, advice: str) -> None:
     """Refuse a value of another class; `what` is the message's first sentence."""
-    refuse_if(not isinstance(value, kind), what, f"expected {expected}, got {value_text(value)}", advice)
+    if not isinstance(value, kind):
+        raise InvalidInput(what, f"expected {expected}, got {value_text(value)}", advice)
 
 
 def read_only(value: Any) -> Any:

@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -19,7 +19,6 @@ from flexhinf.campaign import (
     Journal,
     drive,
     run_batch,
-    search_worst,
     stored_worst,
     stored_worsts,
     worst_case,
@@ -166,22 +165,22 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        search_worst(campaign, journal, "peak_input", table.columns, progress=stop)
+        worst_case(campaign, "peak_input", table.columns, journal=journal, progress=stop)
     assert stored_worsts(journal) == []
     with pytest.raises(InvalidInput, match=r"'peak_input' .*searched"):
         stored_worst(journal, "peak_input")
-    found = search_worst(campaign, journal, "peak_input", table.columns)
+    found = worst_case(campaign, "peak_input", table.columns, journal=journal)
     path = tmp_path / "runs" / "worst-case" / "peak_input.json"
     content = path.read_bytes()
     assert stored_worst(journal, "peak_input") == found
     with monkeypatch.context() as patch:
-        patch.setattr(files, "worst_case", None)  # it is not searched again
-        assert search_worst(campaign, journal, "peak_input", table.columns) == found
+        patch.setattr(files, "climb", None)  # it is not searched again
+        assert worst_case(campaign, "peak_input", table.columns, journal=journal) == found
     path.write_bytes(content[:-9])
     with pytest.raises(InvalidInput, match=r"(?s)'peak_input'.*peak_input\.json"):
         stored_worst(journal, "peak_input")
     assert stored_worsts(journal) == []
-    assert search_worst(campaign, journal, "peak_input", table.columns) == found
+    assert worst_case(campaign, "peak_input", table.columns, journal=journal) == found
     assert path.read_bytes() == content
     stated = json.loads(content)
     del stated["sha256"]
@@ -190,13 +189,12 @@ def test_it_is_kept_whole_or_not_at_all(tmp_path, monkeypatch, campaign):
         stored_worst(journal, "peak_input")
 
 
-def test_numbers_that_json_does_not_have(tmp_path, monkeypatch, campaign, rows):
+def test_numbers_that_json_does_not_have(tmp_path, campaign, rows):
     pytest.importorskip("pyarrow")
     found = worst_case(campaign, "peak_input", rows, starts=1)
     odd = replace(found, found=replace(found.found, value=math.inf), alone={"mass": -math.inf})
-    monkeypatch.setattr(files, "worst_case", lambda *_, **__: odd)
     journal = Journal.opened(tmp_path / "runs", campaign)
-    search_worst(campaign, journal, "peak_input", rows)
+    journal.store(files.FOLDER / "peak_input.json", asdict(odd))
     assert stored_worst(journal, "peak_input") == odd
 
 

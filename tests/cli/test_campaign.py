@@ -24,8 +24,8 @@ from flexhinf.campaign.batches import ALONE
 from flexhinf.campaign.driver import in_this_process
 from flexhinf.campaign.journal import read_columns, read_sealed, sealed
 from flexhinf.cli import main
-from flexhinf.cli.arguments import design_file_of
 from flexhinf.design.campaign_folder import stored_campaign, stored_gains, stored_request
+from flexhinf.design.design_file import meant_file, read_request
 from flexhinf.pages.campaign_parts import percent_text
 
 pytest.importorskip("pyarrow")
@@ -341,7 +341,7 @@ def test_what_differs_from_sample_to_sample(judged: Path) -> None:
         (["--workers", "-1"], "workers"),
         (["--cluster", "localhost"], ("tcp://HOST:PORT", "'localhost'")),
         (["--cluster", "tcp://a:1", "--workers", "2"], "--workers and --cluster"),
-        (["--initial-error", "-1"], ("initial error", "-1.0")),
+        (["--initial-error", "-1"], ("--initial-error", "'-1'")),
         (["--duration", "-1"], "duration"),
         (["--out", "design"], ("campaign.json", "'design.toml'")),
         (["--payload", "much"], "payload"),
@@ -381,8 +381,10 @@ def test_the_folder_of_a_report_is_taken_as_its_design_file(
     ) in (0, 1)
     assert (judged / "runs/setup/controller").read_bytes() == (judged / "design/controller").read_bytes()
     (judged / "design").rename(judged / "paper")
-    assert design_file_of("paper") is None  # a robot of the catalogue
-    assert design_file_of("./paper") == Path("paper/design.toml")
+    assert meant_file("paper") == "paper"  # a robot of the catalogue
+    assert Path(meant_file("./paper")) == Path("paper/design.toml")
+    assert read_request(meant_file("./paper")).file == Path("paper/design.toml")
+    assert read_request("paper").file is None
 
 
 @pytest.mark.slow

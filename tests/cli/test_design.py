@@ -107,7 +107,7 @@ def test_an_interrupted_design_leaves_what_was_there(
     def stop(*arguments: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(import_module("flexhinf.design"), "design_text", stop)
+    monkeypatch.setattr(import_module("flexhinf.pages"), "design_text", stop)
     assert main(["design", "vertical-rig", *QUICK, "--seed", "1"]) == 130
     assert "Interrupted" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

@@ -32,7 +32,7 @@ def test_the_file_of_a_controller(
 
 def test_a_controller_that_is_there_needs_neither_a_synthesis_nor_pages(controller: Path) -> None:
     code = (
-        f"import sys; from flexhinf.cli.export import controller_of; controller_of({str(controller)!r});"
+        f"import sys; from flexhinf.cli.design import controller_of; controller_of({str(controller)!r});"
         "print({'flexhinf.design.pipeline', 'flexhinf.pages.page', 'scipy', 'matplotlib'} & set(sys.modules))"
     )
     outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -48,11 +48,11 @@ def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> Non
 @pytest.mark.parametrize(
     ("goal", "tool", "fields", "message"),
     [
-        ("0.6,0.3", "", {}, "goal-xyz.*'0\\.6,0\\.3'"),
-        ("a,b,c", "", {}, "goal-xyz.*'a,b,c'"),
-        ("30DEG,0,0", "", {}, "goal-xyz.*'30DEG,0,0'"),
-        ("30deg,0,0", "", {}, "goal-xyz.*'30deg,0,0'"),
-        ("1e300,0,0", "", {}, "goal-xyz.*'1e300,0,0'"),
+        ("0.6,0.3", "", {}, "pose-xyz.*'0\\.6,0\\.3'"),
+        ("a,b,c", "", {}, "pose-xyz.*'a,b,c'"),
+        ("30DEG,0,0", "", {}, "pose-xyz.*'30DEG,0,0'"),
+        ("30deg,0,0", "", {}, "pose-xyz.*'30deg,0,0'"),
+        ("1e300,0,0", "", {}, "pose-xyz.*'1e300,0,0'"),
         ("0.6,0.3,0", ":1e200,0,0", {}, "tool.*'1e200,0,0'"),
         ("0.6,0.3,0", ":1e30,0,0", {}, "reach.*'elbow'.*1e\\+30 m"),
         ("", TIP, {}, "--pose-xyz.*--tool"),

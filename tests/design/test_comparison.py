@@ -15,7 +15,7 @@ from flexhinf.design import Specification, compare, pipeline, stages, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, NL_HINF, law_names
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.result import Comparison
+from flexhinf.design.pipeline import Comparison
 from flexhinf.errors import InvalidInput, NumericalFailure
 
 #: Whole comparisons; quick ones are made by the tests of the page and of the command.
@@ -134,10 +134,13 @@ def test_noise_is_the_same_for_laws_with_the_same_sensors(rig: Comparison) -> No
     def noise(row: Any) -> np.ndarray:
         setup, runs = row.evaluation.setup, row.evaluation.scenario
         run = setup.step(0.5, runs.robots[0], seed=1, sub_steps=runs.sub_steps).run
-        sampled = setup.steps(
+        sampled = setup.ensemble(
             runs.robots[:1],
-            0.5,
             runs.sub_steps,
+            setup.bumpless_controller,
+            setup.start,
+            0.5,
+            reference=setup.command,
             kept=setup.true_plant.states[:1],
             instants=np.arange(501),
         )

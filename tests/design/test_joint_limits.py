@@ -35,7 +35,7 @@ def limited(robot: Any, **limits: Any) -> Any:
 # Saturation, and what the robot states ------------------------------------------------------------------
 def test_each_motor_saturates_at_its_own_limit(robot_of: Named, setup_of: Callable[..., LoopSetup]) -> None:
     def jump(setup: LoopSetup) -> Any:  # with integrals at zero all inputs jump
-        return setup._run(setup.loop(setup.tracking_controller), setup.start, 0.4)
+        return setup.run(setup.tracking_controller, setup.start, 0.4)
 
     free = setup_of("planar-two-link", GOAL, START, estimator="none")
     peaks = np.abs(jump(free).inputs).max(axis=0)

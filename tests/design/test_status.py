@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from flexhinf.design.certification import DesignProof
+from flexhinf.design.pipeline import Status, status_of
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.result import Status, status_of
 
 #: Metrics under load of a joint that comes back.
 FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining_error": 0.0}

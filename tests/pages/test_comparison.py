@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from flexhinf.design import Comparison
-from flexhinf.design.result import ComparedLaw
+from flexhinf.design.pipeline import ComparedLaw
 from flexhinf.design.tuning import best_rival
 from flexhinf.pages import comparison_notes, comparison_page, comparison_verdict
 from flexhinf.pages.comparison import METRICS, best_of, cell, metric_table, tuned_laws

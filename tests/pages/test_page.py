@@ -15,9 +15,9 @@ import pytest
 
 from flexhinf.analysis import Margins
 from flexhinf.design import Design
+from flexhinf.design.pipeline import Status
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
-from flexhinf.design.result import Status
 from flexhinf.pages import design_page
 from flexhinf.pages.design.frequency import corner_rows, corner_table, corners_text, margin_table
 from flexhinf.pages.design.law import mode_table

@@ -44,7 +44,6 @@ from .worst_case import (
     FoundPlant as FoundPlant,
     WorstCase as WorstCase,
     check_starts as check_starts,
-    search_worst as search_worst,
     stored_worst as stored_worst,
     stored_worsts as stored_worsts,
     worst_case as worst_case,

@@ -227,10 +227,6 @@ class CampaignTable:
         """Unit of a column."""
         return next(column.unit for column in self.described if column.name == name)
 
-    def numbers(self, sample: int) -> dict[str, float]:
-        """Values of the varied numbers of a sample, by name."""
-        return {name: float(self.columns[name][sample]) for name in self.names("parameter")}
-
 
 @dataclass(frozen=True, eq=False)
 class MergedTable(CampaignTable):
@@ -337,7 +333,7 @@ class CampaignJudgement:
 
     def numbers(self, sample: int) -> dict[str, float]:
         """Values of the varied numbers of a sample, by name."""
-        return self.table.numbers(sample)
+        return {name: float(self.column(name)[sample]) for name in self.table.names("parameter")}
 
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""
@@ -383,7 +379,6 @@ SAME = 1e-4
 _FREE = {
     "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
 }  # fmt: skip
-_FREE_PREFIX = "design "
 
 #: Differences that a refusal lists.
 _LISTED = 6
@@ -524,7 +519,7 @@ def compare(
     bound = [
         name
         for name in [*own.settings, *other.settings]
-        if name not in _FREE and not name.startswith(_FREE_PREFIX)
+        if name not in _FREE and not name.startswith("design ")
     ]
     differences = [
         f"{name}: {first} ↔ {second}"

@@ -113,6 +113,7 @@ def worst_case(
     starts: int = STARTS,
     seed: int | None = None,
     nominal: Mapping[str, float] | None = None,
+    journal: Journal | None = None,
     progress: Callable[[int, float], None] = lambda runs, best: None,
 ) -> WorstCase:
     """Search the box of a campaign's tolerances for the plant with the worst value of a metric.
@@ -123,14 +124,21 @@ def worst_case(
     `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
     `seed`: of the random starts; by default the campaign's.
     `nominal`: nominal numbers; those that are not named are the middles of their intervals.
+    `journal`: in whose folder the result is kept; it is taken from there where it was searched with the same options.
     `progress`: called with the runs so far and the worst value.
     Returns: never better than the worst sample. The same bits for any number of threads or lanes.
-    Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has.
+    Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has; or if another
+        driver is at work on the journal. Raises FlexhinfError: if the disk is full.
     """
     box = _box(campaign)
     known_metric(metric, [column.name for column in campaign.columns if column.judged])
     check_starts(starts)
     seed = checked_integer("seed", campaign.seed if seed is None else seed, 0, 2**63 - 1, "0")
+    options = {"campaign": campaign.digest, "metric": metric, "least": least, "starts": starts, "seed": seed}
+    settings = {name: str(value) for name, value in options.items()}
+    with suppress(InvalidInput):  # none, or damaged: it is searched
+        if journal is not None and (stored := stored_worst(journal, metric)).settings == settings:
+            return stored
     names = [variable.name for variable in box.variables]
     low, high = np.array([(variable.low, variable.high) for variable in box.variables], dtype=float).T
     table = _columns(campaign, rows, [metric, "status", *names])
@@ -178,13 +186,15 @@ def worst_case(
     middle = {**numbers(np.full(len(names), 0.5)), **{k: v for k, v in (nominal or {}).items() if k in names}}
     others = [middle, *({**worst_plant.numbers, name: middle[name]} for name in names)]
     centre, *restored = _runs(campaign, others, first, metric)
-    return WorstCase(
+    case = WorstCase(
         metric, next(c.unit for c in campaign.columns if c.name == metric), least, first, sampled, worst_plant, centre,
         {name: plant.value for name, plant in zip(names, restored)}, dict(zip(names, zip(low.tolist(), high.tolist()))),
         {name: box.units[name] for name in names},
-        starts, together, all_corners, runs + len(others), int((~inside).sum()),
-        _settings(campaign.digest, metric, least, starts, seed),
+        starts, together, all_corners, runs + len(others), int((~inside).sum()), settings,
     )  # fmt: skip
+    if journal is not None:
+        journal.store(_path(journal, metric), asdict(case))
+    return case
 
 
 def check_starts(starts: Any) -> None:
@@ -235,35 +245,6 @@ def _sizes(values: np.ndarray, status: np.ndarray, least: bool) -> np.ndarray:
     """Badness (N,) of runs: infinite where one did not come to its end, −inf where it has no value."""
     sizes = np.where(np.isnan(values), -math.inf, -values if least else values)
     return np.where(status == COMPLETED, sizes, math.inf)
-
-
-def _settings(*values: object) -> dict[str, str]:
-    return dict(zip(("campaign", "metric", "least", "starts", "seed"), map(str, values)))
-
-
-def search_worst(
-    campaign: Campaign,
-    journal: Journal,
-    metric: str,
-    rows: Mapping[str, Any],
-    *,
-    least: bool = False,
-    starts: int = STARTS,
-    seed: int | None = None,
-    **options: Any,
-) -> WorstCase:
-    """`worst_case`, kept in the campaign's folder: taken from there where it was searched with the same options.
-
-    InvalidInput as `worst_case`, or if another driver is at work; FlexhinfError if the disk is full.
-    """
-    seed = campaign.seed if seed is None else seed
-    with suppress(InvalidInput):  # none, or damaged: it is searched
-        stored = stored_worst(journal, metric)
-        if stored.settings == _settings(campaign.digest, metric, least, starts, seed):
-            return stored
-    case = worst_case(campaign, metric, rows, least=least, starts=starts, seed=seed, **options)
-    journal.store(_path(journal, metric), asdict(case))
-    return case
 
 
 def stored_worst(journal: Journal, metric: str) -> WorstCase:

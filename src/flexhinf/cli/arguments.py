@@ -122,8 +122,7 @@ def read_source(
 
     Of a report's folder its design file is meant.
     """
-    from flexhinf.design import read_request
-    from flexhinf.design.design_file import meant_file, with_joints
+    from flexhinf.design.design_file import meant_file, read_request, with_joints
     from flexhinf.robot import RobotFileWarning
 
     with warnings.catch_warnings(record=True) as caught:
@@ -134,14 +133,6 @@ def read_source(
     for text in (*texts, *request.notes):
         note(text)
     return replace(request, warnings=tuple(texts))
-
-
-def design_file_of(source: str) -> Path | None:
-    """The design file that a source names, beside which a controller may be; None where it names no such file."""
-    from flexhinf.design.design_file import meant_file
-
-    path = meant_file(source)
-    return Path(path) if path.endswith(".toml") else None
 
 
 def _text(field: FieldInfo, value: Any) -> Any:

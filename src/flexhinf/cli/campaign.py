@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -19,7 +18,6 @@ from typer.core import TyperGroup
 from flexhinf import campaign as campaigns, pages
 from flexhinf.cli.arguments import (
     NOT_MET,
-    design_file_of,
     note,
     progress_bar,
     read_source,
@@ -36,9 +34,10 @@ from flexhinf.cli.options import (
     RunCampaignOptions,
 )
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.options import CampaignOptions
 
 if TYPE_CHECKING:
-    from flexhinf.campaign import Journal, MergedTable, Requirement
+    from flexhinf.campaign import MergedTable, Requirement
     from flexhinf.campaign.driver import Executor, Report
     from flexhinf.design import DesignCampaign
 
@@ -75,8 +74,7 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
     Exit code: 0 if every sample is a success, and the worst robot found; 1 if not; 2 for a mistake; 130 if
     interrupted.
     """
-    from flexhinf.design import open_campaign
-    from flexhinf.design.campaign_folder import search_gain, searches_gain
+    from flexhinf.design.campaign_folder import open_campaign, search_gain, searches_gain
 
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     known = list(design.metrics.units)
@@ -107,8 +105,8 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
                 search_gain(design, journal, stage)
                 continue
             text = f"worst {pages.metric_text(metric)}"
-            campaigns.search_worst(
-                campaign, journal, metric, table.columns, least=least, starts=o.starts,
+            campaigns.worst_case(
+                campaign, metric, table.columns, least=least, starts=o.starts, journal=journal,
                 nominal=table.journal.about.get("nominal", {}),
                 progress=lambda runs, best, stage=stage, text=text: stage(f"{text}: {best:.4g} after {runs} runs"),
             )  # fmt: skip
@@ -117,7 +115,6 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
 
 def _request(o: BatchOptions, source: str) -> DesignCampaign:
     from flexhinf.design import DesignCampaign
-    from flexhinf.options import CampaignOptions
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]
@@ -126,9 +123,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
     values["tolerances"] = tuple(
         (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
     )
-    return DesignCampaign(
-        read_source(source, o.elastic, {}), CampaignOptions(**values), design_file_of(source)
-    )
+    return DesignCampaign(read_source(source, o.elastic, {}), CampaignOptions(**values))
 
 
 def _executor(o: BatchOptions) -> Executor | None:
@@ -170,23 +165,20 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
     Shards of other folders are copied into the first one. Every file is
     checked, byte for byte; what is missing or damaged is named.
     """
-
-    def read(folder: Path) -> Journal:
-        journal = campaigns.Journal.read(folder)
-        if journal is None:
-            raise InvalidInput(
-                "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
-            )
-        return journal
-
-    journal = read(o.folder)
+    journals = []
+    for folder in (o.folder, *o.others):
+        if (stored := campaigns.Journal.read(folder)) is None:
+            found = f"expected its folder, got {folder}"
+            raise InvalidInput("There is no campaign.", found, "the --out of its command")
+        journals.append(stored)
+    journal = journals[0]
     checked = [
         campaigns.Requirement.of(text, journal.metrics)
         for text in (o.require or journal.about.get("requirements", []))
     ]
     with journal.driven():
-        for other in o.others:
-            typer.echo(f"{journal.take(read(other))} batches from {other}")
+        for other, folder in zip(journals[1:], o.others):
+            typer.echo(f"{journal.take(other)} batches from {folder}")
         good, bad = journal.shards()
         for path, wrong in bad:
             note(f"{path.name} is {wrong}; the campaign's command runs it again")
@@ -198,8 +190,7 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
 @with_options(ReplayOptions)
 def replay(context: typer.Context, o: ReplayOptions) -> None:
     """Run one sample of a campaign again, or the worst robot, alone, and say whether the metrics are the same bits."""
-    from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_folder import GainSearch, stored_gains, stored_request
+    from flexhinf.design.campaign_folder import GainSearch, stored_campaign, stored_gains, stored_request
 
     refuse_if(
         (o.sample is None) == (not o.worst_case),
@@ -241,8 +232,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
 
 
 def _finish(table: MergedTable, requirements: list[Requirement]) -> int:
-    from flexhinf.design import stored_campaign
-    from flexhinf.design.campaign_folder import stored_gains
+    from flexhinf.design.campaign_folder import stored_campaign, stored_gains
 
     journal, folder = table.journal, table.journal.folder
 
@@ -286,15 +276,15 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.
     """
-    from flexhinf.design import DesignPair, PairResult, open_pair, stored_campaign
+    from flexhinf.design import DesignPair, open_pair, stored_campaign
 
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
-    pair = DesignPair(_request(o, o.first), _request(o, o.second))
+    names, command = (o.first, o.second), reproduce_command(context)
+    pair = DesignPair(_request(o, o.first), _request(o, o.second), o.out, names, tuple(command))
     known = list(pair.a.metrics.units)
     checked = [campaigns.Requirement.of(text, known) for text in o.require or pair.a.requirements]
-    command = reproduce_command(context)
     with step_progress() as stage:
-        opened = open_pair(pair, o.out, (command, command), stage)
+        opened = open_pair(pair, stage)
     tables = []
     for name, (campaign, journal) in zip("AB", opened):
         with sample_progress(f"{name} {shard.name}".strip()) as progress:
@@ -310,22 +300,15 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         folder = table.journal.folder
         return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 
-    names = o.first, o.second
-    result = PairResult(
-        pair,
-        o.out.expanduser().absolute(),
-        names,
-        (judged(tables[0]), judged(tables[1])),
-        campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked]),
-        tuple(command),
-    )
-    path = pages.write_pair(result)
-    show([pages.pair_table(result)])
+    pair.judged = judged(tables[0]), judged(tables[1])
+    pair.paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
+    path = pages.write_pair(pair)
+    show([pages.pair_table(pair)])
     for name, source in zip("AB", names):
         typer.echo(f"{name}: {source}")
     if not pair.differences:
         note("the specifications do not differ")
-    typer.echo(pages.pair_verdict(result))
+    typer.echo(pages.pair_verdict(pair))
     typer.echo(f"report: {path}")
 
 

@@ -26,8 +26,7 @@ from flexhinf.cli.arguments import (
     system_error,
 )
 from flexhinf.cli.campaign import app as campaign
-from flexhinf.cli.design import certify, compare, design, paper
-from flexhinf.cli.export import app as export, compile_design, run_design
+from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -51,10 +50,7 @@ def schema() -> None:
 #: Each with its function and its examples, in the order of the help.
 COMMANDS = {
     "paper": (paper, "flexhinf paper", "flexhinf paper --gamma-ratio 1.5 --seed 1 --out second"),
-    "robots": (
-        robots,
-        "flexhinf robots",
-    ),
+    "robots": (robots, "flexhinf robots"),
     "design": (
         design,
         "flexhinf design paper --pose 90deg",
@@ -75,20 +71,14 @@ COMMANDS = {
         "flexhinf certify paper --pose 180deg --start 0 --preset damped --degrees 2 --tolerances",
         "flexhinf certify --check flexhinf-certificate/certificate.json",
     ),
-    "compile": (
-        compile_design,
-        "flexhinf compile flexhinf-design --out arm.so",
-    ),
+    "compile": (compile_design, "flexhinf compile flexhinf-design --out arm.so"),
     "run": (
         run_design,
         "flexhinf run flexhinf-design --mujoco --log run.csv --record arm.gif",
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
     ),
-    "schema": (
-        schema,
-        "flexhinf schema > design.schema.json",
-    ),
+    "schema": (schema, "flexhinf schema > design.schema.json"),
 }
 
 

@@ -2,7 +2,6 @@
 
 from .campaign_folder import (
     DesignPair as DesignPair,
-    PairResult as PairResult,
     open_campaign as open_campaign,
     open_pair as open_pair,
     stored_campaign as stored_campaign,
@@ -18,19 +17,16 @@ from .evaluation import LawEvaluation as LawEvaluation
 from .laws import DEFAULT_LAWS as DEFAULT_LAWS, law_names as law_names
 from .loop_setup import EstimatorNoise as EstimatorNoise, LoopSetup as LoopSetup
 from .pipeline import (
+    ComparedLaw as ComparedLaw,
+    Comparison as Comparison,
+    Design as Design,
+    Status as Status,
     compare as compare,
     design as design,
     stages as stages,
 )
 from .proved_step import ProvedLaw as ProvedLaw, search_proved_step as search_proved_step
 from .requirements import Requirement as Requirement
-from .result import (
-    ComparedLaw as ComparedLaw,
-    Comparison as Comparison,
-    Design as Design,
-    Status as Status,
-    design_text as design_text,
-)
 from .specification import Specification as Specification
 from .synthesis.by_step import (
     DegreeChoice as DegreeChoice,

@@ -12,28 +12,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomlkit
 
 from flexhinf.analysis import Attained, worst_disturbance
 from flexhinf.analysis.worst_disturbance import DisturbanceRuns, MovedLaw, worst_gain
-from flexhinf.campaign import (
-    Campaign,
-    CampaignJudgement,
-    Journal,
-    PairedCampaigns,
-)
+from flexhinf.campaign import Campaign, CampaignJudgement, Journal, PairedCampaigns
 from flexhinf.campaign.journal import UNREADABLE, check_own_folder, differing, listed
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
 from flexhinf.design.synthesis.steps import synthesise
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
 from flexhinf.loop import Controller, load_controller
 from flexhinf.options import CampaignOptions
@@ -52,45 +47,42 @@ SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "e
 _LISTED = 6
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class DesignPair:
-    """Two designs with the same options, robots, sensors, motors and step; InvalidInput says what differs."""
+    """Two designs with the same options, robots, sensors, motors and step; InvalidInput says what differs.
+
+    `judged`, `paired`: once both were run on the same samples: each judged by the same requirements, and both compared.
+    """
 
     a: DesignCampaign
     b: DesignCampaign
+    folder: Path  # Of the comparison; the campaigns are in `FOLDERS` there
+    names: tuple[str, str]  # What the designs are called
+    command: Sequence[str] = ()
+    judged: tuple[CampaignJudgement, CampaignJudgement] = field(init=False)
+    paired: PairedCampaigns = field(init=False)
 
     def __post_init__(self) -> None:
+        self.folder = checked_path("The comparison's folder", self.folder).expanduser().absolute()
         a, b = _circumstances(self.a), _circumstances(self.b)
         rows = [f"{name}: {in_a} ↔ {in_b}" for name, in_a, in_b in differing(a, b, [*a, *b], "default")]
         designs = [(side.robot, side.specification) for side in (self.a, self.b)]
         keys = [robot.plant(s.measured, extras=s.extras).code_key for robot, s in designs]
         if not rows and keys[0] != keys[1]:
             rows = ["the equations of the robots, which have the same parameters"]
-        if rows:
-            raise InvalidInput(
-                "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
-                "sample by sample.",
-                listed(rows, _LISTED),
-                "designs that differ in preset, weights, degrees, γ or estimator only",
-            )
+        refuse_if(
+            rows,
+            "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
+            "sample by sample.",
+            listed(rows, _LISTED),
+            "designs that differ in preset, weights, degrees, γ or estimator only",
+        )
 
     @property
     def differences(self) -> list[tuple[str, str, str]]:
         """Fields of the specifications that differ, and their values in a and in b."""
         a, b = fields_text(self.a.specification), fields_text(self.b.specification)
         return differing(a, b, [*a, *b], "default")
-
-
-@dataclass(frozen=True, eq=False)
-class PairResult:
-    """Two designs that were run on the same samples: each judged by the same requirements, and both compared."""
-
-    pair: DesignPair
-    folder: Path
-    names: tuple[str, str]
-    judged: tuple[CampaignJudgement, CampaignJudgement]
-    paired: PairedCampaigns
-    command: tuple[str, ...] = ()
 
 
 def _circumstances(side: DesignCampaign) -> dict[str, str]:
@@ -150,12 +142,8 @@ def _begun(
     document = design_file.request_document(
         design.specification, design.source, design.elastic, setup, design.payload, design.robot.links.slides
     )
-    text = tomlkit.dumps(document)
-    write_file(
-        setup / design_file.DESIGN_FILE,
-        "design file",
-        lambda name: Path(name).write_text(text, encoding="utf-8"),
-    )
+    text, file = tomlkit.dumps(document), setup / design_file.DESIGN_FILE
+    write_file(file, "design file", lambda name: Path(name).write_text(text, encoding="utf-8"))
     controller.save(setup / CONTROLLER)
     campaign = request.campaign(load_controller(setup / CONTROLLER), duration)
     about = {
@@ -173,7 +161,7 @@ def designed_controller(
 
     A report's controller begins at the start of the step, so for a move a controller is designed that begins there.
     """
-    path, plan, robot, s = request.file, request.plan, request.request.robot, request.specification
+    path, plan, robot, s = request.request.file, request.plan, request.request.robot, request.specification
     report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
     if report and unchanged(report.parent, (design_file.DESIGN_FILE, CONTROLLER)):
         length = read_toml(report, "design file").get("result", {}).get("duration")
@@ -228,30 +216,28 @@ def stored_request(journal: Journal) -> DesignCampaign:
     return DesignCampaign(design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options)
 
 
-def open_pair(
-    pair: DesignPair,
-    folder: str | Path,
-    commands: Sequence[Sequence[str]] = ((), ()),
-    progress: Callable[[str], None] = print,
-) -> list[tuple[Campaign, Journal]]:
+def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list[tuple[Campaign, Journal]]:
     """Open the campaigns of both designs in the folders `FOLDERS`, new ones or stored ones, with runs of equal length.
 
     Raises as `open_campaign`, before any work for either.
     """
-    place = checked_path("The comparison's folder", folder).expanduser().absolute()
-    check_own_folder(place, "comparison of campaigns", (*FOLDERS, "index.html"))
-    place.mkdir(parents=True, exist_ok=True)
-    with locked(place / SETUP_LOCK, PATIENCE):
-        sides = [(side, Journal.read(place / at, (SETUP,))) for side, at in zip((pair.a, pair.b), FOLDERS)]
-        for side, journal in sides:
+    check_own_folder(pair.folder, "comparison of campaigns", (*FOLDERS, "index.html"))
+    pair.folder.mkdir(parents=True, exist_ok=True)
+    places = [(side, pair.folder / name) for side, name in zip((pair.a, pair.b), FOLDERS)]
+    with locked(pair.folder / SETUP_LOCK, PATIENCE):
+        journals = [Journal.read(place, (SETUP,)) for _, place in places]
+        for (side, _), journal in zip(places, journals):
             if journal is not None:  # refused before the other one is designed
                 journal.refuse_other(side.stated, partly=True)
-        designed = [None if journal else designed_controller(side, progress) for side, journal in sides]
-        begun = [float(journal.settings["duration"]) for _, journal in sides if journal]
+        designed = [
+            None if journal else designed_controller(side, progress)
+            for (side, _), journal in zip(places, journals)
+        ]
+        begun = [float(journal.settings["duration"]) for journal in journals if journal]
         duration = begun[0] if begun else float(np.max([result[1] for result in designed if result]))
         return [
-            open_campaign(side, place / name, command, progress, result and (result[0], duration))
-            for (side, _), name, command, result in zip(sides, FOLDERS, commands, designed)
+            open_campaign(side, place, pair.command, progress, result and (result[0], duration))
+            for (side, place), result in zip(places, designed)
         ]
 
 
@@ -269,9 +255,6 @@ RANDOM = 3
 
 #: Ascents of the search with the estimator: each run has the loop's own period.
 ESTIMATOR_TURNS = 6
-
-#: Why γ of a proof is not compared with anything.
-BENT = "z of the proof is not linear in the state"
 
 
 @dataclass(frozen=True)
@@ -361,20 +344,13 @@ class GainSearch:
             start = self.request.request.robot.operating_point(self.synthesis.start)[0]
             away[:n] = start - law.operating_point[:n]
             level = SMALL * law.value(away)
-        designed = _Claim(
-            "synthesis", self.synthesis.problem, float(level), law.gamma, "designed", "not claimed"
+        problem = self.synthesis.problem
+        rows = self._rows(
+            _Claim("synthesis", problem, float(level), law.gamma, "designed", "not claimed"), self.estimator
         )
-        rows = self._rows(designed)
-        if self.estimator is not None:  # a disturbance of the same energy
-            self.progress("worst disturbance of the loop with the estimator")
-            attained = worst_disturbance(
-                self.synthesis.problem, law, self.estimator, self.s.period, energy=rows[0].energy,
-                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=self.s.seed,
-            )  # fmt: skip
-            rows.append(_row("nominal", "estimator", designed, "not claimed", attained, rows[0].numbers))
         self.progress("proof")
         claim, unproved = self.proved
-        return GainResults(tuple(rows + ([] if claim is None else self._rows(claim))), unproved)
+        return GainResults((*rows, *(() if claim is None else self._rows(claim))), unproved)
 
     @cached_property
     def proved(self) -> tuple[_Claim | None, str]:
@@ -396,17 +372,27 @@ class GainSearch:
             problem = replace(solution.problem, penalty=Penalty(matrix, np.array(certificate.r2)))
             level = certificate.level
         else:
-            return None, proof.reason or BENT
+            return None, proof.reason or "z of the proof is not linear in the state"
         worst = "proved" if boxed and not options.tolerances and options.payload is None else ""
         return _Claim("proof", problem, level, certificate.gamma, "proved", worst), proof.reason
 
-    def _rows(self, claim: _Claim) -> list[GainRow]:
-        s, problem, law = self.s, claim.problem, self.synthesis.solution
+    def _rows(self, claim: _Claim, estimator: Any = None) -> list[GainRow]:
+        """Gains of the nominal and of the worst robot with the true state, and of the nominal one with an estimator."""
+        s, problem, law, rows = self.s, claim.problem, self.synthesis.solution, []
+
+        def add(robot: str, loop: str, what: str, attained: Attained, numbers: Mapping[str, float]) -> None:
+            rows.append(GainRow(
+                robot, loop, claim.pair, attained.gain, claim.gamma, what, attained.energy, numbers,
+                tuple(problem.disturbance_names), tuple(attained.times.tolist()),
+                tuple(map(tuple, attained.disturbance.tolist())),
+            ))  # fmt: skip
+
         self.progress(f"worst disturbance of the nominal robot, z and d of the {claim.pair}")
+        nominal = self.numbers(self.nominal)
         first = worst_disturbance(
             problem, law, None, s.period, level=claim.level, horizon=self.horizon, seed=s.seed
         )
-        rows = [_row("nominal", "true state", claim, claim.nominal, first, self.numbers(self.nominal))]
+        add("nominal", "true state", claim.nominal, first, nominal)
         if claim.worst and self.names:
             self.progress(f"worst disturbance of the worst robot, z and d of the {claim.pair}")
             worst = worst_gain(
@@ -414,8 +400,14 @@ class GainSearch:
                 level=claim.level, period=s.period, horizon=self.horizon,
                 starts=np.random.Generator(np.random.Philox(key=[s.seed, 0])).random((RANDOM, len(self.names))),
             )  # fmt: skip
-            numbers = self.numbers(worst.point)
-            rows.append(_row("worst", "true state", claim, claim.worst, worst.attained, numbers))
+            add("worst", "true state", claim.worst, worst.attained, self.numbers(worst.point))
+        if estimator is not None:  # a disturbance of the same energy
+            self.progress("worst disturbance of the loop with the estimator")
+            attained = worst_disturbance(
+                problem, law, estimator, s.period, energy=first.energy,
+                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=s.seed,
+            )  # fmt: skip
+            add("nominal", "estimator", "not claimed", attained, nominal)
         return rows
 
     def again(self, row: GainRow) -> float:
@@ -430,26 +422,16 @@ class GainSearch:
         return runs.attained(np.array(row.disturbance)).gain
 
 
-def _row(
-    robot: str, loop: str, claim: _Claim, what: str, attained: Attained, numbers: Mapping[str, float]
-) -> GainRow:
-    return GainRow(
-        robot, loop, claim.pair, attained.gain, claim.gamma, what, attained.energy, dict(numbers),
-        tuple(claim.problem.disturbance_names), tuple(attained.times.tolist()),
-        tuple(map(tuple, attained.disturbance.tolist())),
-    )  # fmt: skip
-
-
 def search_gain(
     request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
     """Results of `GainSearch`, stored in the campaign's folder; read from there if they are stored already."""
-    if not searches_gain(request):
-        raise InvalidInput(
-            "The worst disturbance is not searched for robots of so many joints.",
-            f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
-            "--metric with a metric of the runs, as overshoot_percent",
-        )
+    refuse_if(
+        not searches_gain(request),
+        "The worst disturbance is not searched for robots of so many joints.",
+        f"expected at most {certification.MOST_SEARCHED // STATES}, got {len(request.request.robot.joint_names)}",
+        "--metric with a metric of the runs, as overshoot_percent",
+    )
     results = stored_gains(journal)
     if not results.rows:
         results = GainSearch(request, float(journal.settings["duration"]), progress).results()

@@ -6,12 +6,10 @@ goes at its period, on the wall clock.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,20 +17,17 @@ import numpy as np
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
 from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
 from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun, run_realtime
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.inputs import sample_count
-from flexhinf.options import CampaignOptions
+from flexhinf.options import CampaignOptions, quantity
 from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, signals
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text
 
 #: Length of a run that states none, s: of a step, and of a move in parts of its own time.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
-
-#: Where a run with a load is not told when it begins: at this fraction of the run.
-LOAD_AT = 0.5
 
 WHERE = "this run, on MuJoCo's robot"
 
@@ -43,9 +38,8 @@ class DeployedRun:
 
     robot: Robot  # The driven one
     specification: Specification
-    plants: (
-        loop_setup.LoopPlants
-    )  # Of the robot that the controller was designed for: sensors, noise and limits
+    # Of the robot that the controller was designed for: sensors, noise and limits
+    plants: loop_setup.LoopPlants
     box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
     # start, goal: (n,). Link positions, rad or m
@@ -65,12 +59,13 @@ class DeployedRun:
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and that no deadline of an input was missed."""
         limits, response = self.plants.limits, self.response(run)
-        if self.plan is None:
-            lines = required.step_requirements(self.specification, limits, response, WHERE)
-        else:
-            lines = required.move_requirements(
+        lines = (
+            required.step_requirements(self.specification, limits, response, WHERE)
+            if self.plan is None
+            else required.move_requirements(
                 self.specification, limits, responses.Move.along(self.plan, response)
             )
+        )
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
@@ -94,16 +89,12 @@ def prepare_run(
     `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
     """
     (model, original), s = designed, specification
-    plan = plans.stated_move(model, s)
-    start, goal = responses.start_and_goal(model, s, plan)
-    if plan is not None:
-        start, goal = responses.plan_ends(plan)
+    plan, start, goal = plans.run_ends(model, s)
     plants = loop_setup.LoopPlants(model, s)
     box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     if plan is None:
-        command = plans.step_command(model, s, start, goal) if plans.has_integrals(controller.law) else None
-        reference: Any = command
+        command = reference = plans.step_command(model, s, start, goal, controller.law)
         names = signals.signal_names("link_position", model.joint_names)
         if command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
@@ -123,12 +114,12 @@ def prepare_run(
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
-    at = LOAD_AT * duration if load_at is None else load_at
-    if load is not None and not 0.0 <= at < duration:
-        raise InvalidInput(
-            "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
-            "--load-at 1s, or a longer --duration",
-        )  # fmt: skip
+    at = 0.5 * duration if load_at is None else load_at
+    refuse_if(
+        load is not None and not 0.0 <= at < duration,
+        "The load begins outside of the run.", f"expected 0 to {duration:g} s, got {at:g} s",
+        "--load-at 1s, or a longer --duration",
+    )  # fmt: skip
     torques = signals.signal_names("link_torque", robot.joint_names)
     arguments = {
         "reference": reference, "duration": duration, "initial_state": x[: len(box.states)],
@@ -176,10 +167,6 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
 
 
 # A campaign: the same run on sampled robots ----------------------------------------------------------------
-_PERCENT = re.compile(r"\s*([\d.eE+-]+)\s*%\s*\Z")
-_RANGE = re.compile(r"\s*([-+\d.eE]+?)\s*\.\.\s*([-+\d.eE]+)\s*\Z")
-
-
 def robot_sample(
     robot: Robot, start: np.ndarray, extras: tuple[str, ...], numbers: Mapping[str, float]
 ) -> Sample:
@@ -203,11 +190,10 @@ ERROR, TORQUE = "initial_error", "link_torque"
 
 @dataclass(frozen=True, eq=False)
 class DesignCampaign:
-    """A design and the options of its campaign; the controller is that of the report `file` if that is unchanged."""
+    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged."""
 
     request: design_file.DesignRequest
     options: CampaignOptions
-    file: Path | None = None
 
     @property
     def specification(self) -> Specification:
@@ -233,17 +219,18 @@ class DesignCampaign:
         return robot
 
     @cached_property
+    def _run(self) -> tuple[responses.Plan | None, np.ndarray, np.ndarray]:
+        return plans.run_ends(self.request.robot, self.specification)
+
+    @property
     def plan(self) -> responses.Plan | None:
         """The move that the design is judged along, as `stated_move`; None for a step."""
-        return plans.stated_move(self.request.robot, self.specification)
+        return self._run[0]
 
-    @cached_property
+    @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
         """Link positions (n,) where a run begins, and where it should end, rad or m."""
-        robot, s = self.request.robot, self.specification
-        return (
-            responses.start_and_goal(robot, s, None) if self.plan is None else responses.plan_ends(self.plan)
-        )
+        return self._run[1:]
 
     @cached_property
     def variables(self) -> tuple[Variable, ...]:
@@ -260,12 +247,12 @@ class DesignCampaign:
                 Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
                 for full_name, sliding in zip(names, robot.links.slides)
             ]
-        if not variables:
-            raise InvalidInput(
-                f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
-                "expected a tolerance, a range of the payload, an initial error or a disturbance",
-                "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
-            )
+        refuse_if(
+            not variables,
+            f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+            "expected a tolerance, a range of the payload, an initial error or a disturbance",
+            "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+        )
         return tuple(variables)
 
     @property
@@ -287,14 +274,14 @@ class DesignCampaign:
 
     def campaign(self, controller: Controller, duration: float) -> Campaign:
         """The campaign with a controller and runs of this length, s."""
-        s, robot, o = self.specification, self.robot, self.options
+        s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
-        options: dict[str, Any] = {"duration": duration, "reference": None, "noise": plants.noise}
+        options: dict[str, Any] = {"duration": duration, "noise": plants.noise}
         if self.plan is not None:
-            options["reference"] = plans.move_reference(self.request.robot, self.plan, plants.dry_friction)
-        elif plans.has_integrals(controller.law):  # others hold their goal
-            options["reference"] = plans.step_command(self.request.robot, s, *self.ends)
+            options["reference"] = plans.move_reference(model, self.plan, plants.dry_friction)
+        else:
+            options["reference"] = plans.step_command(model, s, *self.ends, controller.law)
         if o.disturbance:  # of one N·m or N; what a sample draws is the factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
@@ -337,12 +324,12 @@ def fields_text(s: Specification) -> dict[str, str]:
 
 
 def _spread(parameter: Parameter, text: str) -> Parameter:
-    percent, ends = _PERCENT.match(text), _RANGE.match(text)
+    low, dots, high = text.partition("..")
     with suppress(ValueError):
-        if percent:
-            return replace(parameter, tolerance=float(percent[1]), range=None)
-        if ends:
-            return replace(parameter, tolerance=0.0, range=(float(ends[1]), float(ends[2])))
+        if dots:
+            return replace(parameter, tolerance=0.0, range=(quantity(low), quantity(high)))
+        if text.strip().endswith("%"):
+            return replace(parameter, tolerance=float(quantity(text, ({"%": 1.0},))), range=None)
     raise InvalidInput(
         f"The tolerance of {parameter.name!r} cannot be read.",
         f"expected per cent of its value, or an interval in {parameter.unit or 'its unit'}, got {value_text(text)}",

@@ -21,25 +21,24 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import tomlkit
+from pydantic import TypeAdapter
 
 from flexhinf import __version__
 from flexhinf.design.specification import (
     FIELDS,
     Specification,
     SpecificationError,
-    WaypointError,
-    WaypointTable,
-    json_schema,
 )
 from flexhinf.errors import InvalidInput
-from flexhinf.options import SLIDING, Stated, lengths
+from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
+from flexhinf.robot.waypoints import AXES, ORIGIN, Tool, WaypointTable, reached_waypoints
 from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
@@ -126,6 +125,7 @@ class DesignRequest:
     notes: tuple[str, ...] = ()  # What the user should know before the work
     payload: str | None = None
     warnings: tuple[str, ...] = ()  # Of the robot's file; they belong into the report
+    file: Path | None = None  # The design file, beside which a controller may be
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:
@@ -156,9 +156,10 @@ def read_request(
     `payload`: as for `load_robot`; wins over a design file's.
     Raises InvalidInput: for a file or a value that cannot be used.
     """
-    settings, places, fields = dict(settings or {}), {"robot": str(source)}, {}
+    settings, places, fields, file = dict(settings or {}), {"robot": str(source)}, {}, None
     if is_design_file(source) if is_file is None else is_file:
-        places, fields = _read(checked_path("The design file", source))
+        file = checked_path("The design file", source)
+        places, fields = _read(file)
         fields = {name: value for name, value in fields.items() if name not in settings}
     # fields that contradict one of the settings where the file states the preset paper or another; see `preset_of`
     preset, other = (("preset",), ()) if fields.get("preset") == "paper" else ((), ("preset",))
@@ -186,7 +187,7 @@ def read_request(
     for name, limits in own.items():  # an infinite limit is the default where the robot states none
         if np.isinf(np.array(limits, dtype=float)).all() and getattr(s, name) == np.inf:
             s = replace(s, **{name: None})
-    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), load)
+    return DesignRequest(robot, s, places["robot"], beside, tuple(notes), load, file=file)
 
 
 def is_design_file(source: str | Path) -> bool:
@@ -401,9 +402,16 @@ def design_schema() -> dict[str, Any]:
         "elastic": "With a URDF: the robot file with spring and motor of each joint.",
         "payload": "What the robot carries instead of its file's own payload: 0..3kg@hand.",
     }
-    design = json_schema()
+    design = TypeAdapter(Specification).json_schema()
+    for name, field in FIELDS.items():
+        about = field.about
+        text = f"{about.help} Default: {about.default}." if about.default else about.help
+        design["properties"][name] |= {"description": text} | ({"x-unit": about.unit} if about.unit else {})
     texts = {name: {"type": "string", "description": text} for name, text in places.items()}
-    design |= {"properties": {**texts, **design["properties"]}, "required": ["robot"]}
+    design |= {
+        "description": str(Specification.__doc__).partition("\n")[0], "additionalProperties": False,
+        "properties": {**texts, **design["properties"]}, "required": ["robot"],
+    }  # fmt: skip
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Design file of flexhinf",
@@ -412,23 +420,6 @@ def design_schema() -> dict[str, Any]:
         "required": ["design"],
         "additionalProperties": False,
     }
-
-
-AXES = ("x", "y", "z")
-
-#: Most waypoints of a point: each is a search.
-MOST = 500
-
-
-class Tool(NamedTuple):
-    """The point that goals are for: of a link, by the name of its joint (None: the last), at an offset (3,), m."""
-
-    link: str | None = None
-    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
-
-
-#: The origin of the last link.
-ORIGIN = Tool()
 
 
 def tool_of(text: str) -> Tool:
@@ -452,13 +443,13 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
         if s.pose is not None:
             raise InvalidInput(
                 "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
-                "leave out one of them (--pose \"\" takes back that of a design file)",
-            )  # fmt: skip
-        reached = kinematics.pose_at(robot, _point("goal-xyz", goal), point.link, point.offset, s.start)
+            "leave out one of them (--pose \"\" takes back that of a design file)",
+        )  # fmt: skip
+        reached = kinematics.pose_at(robot, _point("pose-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
     if move is not None:
-        table, worst = _converted(robot, move, point)
+        table, worst = reached_waypoints(robot, move, point)
         s = replace(s, move=table)
         notes += _singular("one of the waypoints", worst)
     return replace(request, specification=s, notes=tuple(notes))
@@ -470,29 +461,7 @@ def joint_waypoints(robot: Robot, table: WaypointTable, tool: Tool = ORIGIN) -> 
     Raises InvalidInput: for a place out of reach, with its time; for more than 500 waypoints; for columns that are
         not x, y, z.
     """
-    return _converted(robot, table, tool)[0]
-
-
-def _converted(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, kinematics.Reached]:
-    wrong = [unit for unit in table.units if unit and unit not in SLIDING]
-    if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
-        raise WaypointError(
-            "The waypoints are not those of a point.",
-            f"expected columns x, y, z in m or mm, at most {MOST}, got {list(table.joints)} in {list(table.units)}, "
-            f"{len(table.rows)} rows",
-            "time,x [m],y [m],z [m]",
-        )
-    order, joints = [table.joints.index(axis) for axis in AXES], robot.joint_names
-    poses: list[kinematics.Reached] = []
-    for time, row in zip(table.times, table.rows):
-        near = poses[-1].pose if poses else None
-        try:
-            poses.append(kinematics.pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
-        except InvalidInput as error:
-            raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
-    rows = tuple(tuple(reached.pose.tolist()) for reached in poses)
-    worst = min(poses, key=lambda reached: reached.mobility)
-    return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
+    return reached_waypoints(robot, table, tool)[0]
 
 
 def _singular(what: str, at: kinematics.Reached) -> list[str]:

@@ -179,16 +179,10 @@ def other_quantisation(
 
 
 # The loop ------------------------------------------------------------------------------------------------
-#: Largest step of MuJoCo's Runge–Kutta method times the fastest mode, rad.
-MUJOCO_STEP = 0.1
-
 #: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
 #: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
 #: count as damping that the moving robot does not have.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
-
-#: Estimators that may have dry friction in their model. The observer's gain belongs to a model without.
-FRICTIONAL = ("ukf", "ekf")
 
 
 def with_derived(known: Any, **changes: Any) -> Any:
@@ -225,7 +219,10 @@ class LoopPlants:
         """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
         count as damping, so linear metrics are those of `model`."""
         s = self.specification
-        known = s.friction_model and s.estimator in FRICTIONAL
+        known = s.friction_model and s.estimator in (
+            "ukf",
+            "ekf",
+        )  # the observer's gain is of a model without
         return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
 
     @cached_property
@@ -241,7 +238,7 @@ class LoopPlants:
         """
         s = self.specification
         fastest = self.true_plant.fastest_mode(*self.robot.operating_point(at, s.extras))
-        step = s.period / sub_steps(s.period, fastest, MUJOCO_STEP)
+        step = s.period / sub_steps(s.period, fastest, 0.1)
         measured = None if s.estimator == "none" else s.measured
         return MuJoCoPlant(self.robot, measured=measured, step=step, extras=s.extras)
 
@@ -337,11 +334,7 @@ class LoopSetup(LoopPlants):
     @property
     def process_noise(self) -> EstimatorNoise:
         """Levels of R^v of the estimator."""
-        return (
-            EstimatorNoise.stated(self.specification)
-            if self.estimator_noise is None
-            else self.estimator_noise
-        )
+        return self.estimator_noise or EstimatorNoise.stated(self.specification)
 
     @cached_property
     def without_noise(self) -> LoopSetup:
@@ -442,9 +435,7 @@ class LoopSetup(LoopPlants):
     @cached_property
     def command(self) -> Plan | None:
         """The command of the step from start to goal; None where it jumps, or the law does not take one."""
-        if not has_integrals(self.law):
-            return None
-        return step_command(self.robot, self.specification, self.start, self.goal)
+        return step_command(self.robot, self.specification, self.start, self.goal, self.law)
 
     @property
     def command_time(self) -> float:
@@ -452,30 +443,65 @@ class LoopSetup(LoopPlants):
         return 0.0 if self.command is None else self.command.duration
 
     # Runs -----------------------------------------------------------------------------------------------
-    def step(
+    def run(
         self,
+        controller: Controller,
+        at: np.ndarray,
         duration: float,
         values: Mapping[str, Any] | None = None,
         seed: int = 0,
         plant: Any = None,
         sub_steps: int | None = None,
+        **options: Any,
     ) -> Response:
+        """A run of so many s from equilibrium at a pose (n,); the controller has the input that holds the model there.
+
+        The true plant has the parameters `values`, or is another `plant` (MuJoCo's). `seed` is added to the
+        specification's; `sub_steps` are Runge–Kutta steps per period; the options are those of `Loop.run`.
+        """
+        x, _ = self.equilibrium(at, values)
+        run = self.loop(controller, plant, sub_steps, values).run(
+            noise=None if self.quiet else self.noise, duration=duration, initial_state=x,
+            seed=seed + self.specification.seed, **options,
+        )  # fmt: skip
+        return Response(run, self.goal, x[: len(self.goal)], self.joints)
+
+    def ensemble(
+        self,
+        robots: Sequence[Mapping[str, Any]],
+        sub_steps: int,
+        controller: Controller,
+        at: np.ndarray,
+        duration: float,
+        **options: Any,
+    ) -> EnsembleResult:
+        """The same run of each robot, by its parameters, each with noise of its own; options of `Loop.ensemble`.
+
+        `sub_steps` are the nominal plant's, so that all runs share one kernel.
+        """
+        loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
+        return loop.ensemble(noise=self.noise, duration=duration, **options).run(
+            [self.true_plant.parameters.known(values) for values in robots],
+            range(seed, seed + len(robots)),
+            np.array([self.equilibrium(at, values)[0] for values in robots]),
+        )
+
+    def step(self, duration: float, values: Mapping[str, Any] | None = None, **options: Any) -> Response:
         """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
 
-        The duration is in s. The true plant is in equilibrium at the start with the parameters `values`, or is another
-        `plant` (MuJoCo's). `seed` is added to the specification's; `sub_steps` are Runge–Kutta steps per period.
+        The arguments are those of `run`.
         """
-        options = {} if self.command is None else {"reference": self.command}
-        loop = self.loop(self.bumpless_controller, plant, sub_steps, values)
-        return self._run(loop, self.start, duration, values, seed, **options)
+        return self.run(
+            self.bumpless_controller, self.start, duration, values, reference=self.command, **options
+        )
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
         period, names = self.specification.period, signal_names("link_torque", self.joints)
         at = round(LOAD_START * duration / period) * period
         torques = {name: Step(float(torque), at=at) for name, torque in zip(names, load)}
-        loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
-        response = self._run(loop, self.goal, duration, disturbance=torques)
+        controller = self.controller(self.goal, moving=True)
+        response = self.run(controller, self.goal, duration, sub_steps=sub_steps, disturbance=torques)
         step = np.abs(self.goal - self.start)
         return LoadResponse(response, load, at, np.where(step > 0.0, step, step.max()))
 
@@ -492,78 +518,23 @@ class LoopSetup(LoopPlants):
         for run in runs.trajectories(own, self.specification.seed, starts):
             yield Response(run, self.goal, self.goal, self.joints)
 
-    def move(
-        self,
-        plan: Plan,
-        values: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        sub_steps: int | None = None,
-        rest: float | None = None,
-    ) -> Move:
-        """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end."""
-        controller, begin, duration, options = self._moved(plan, rest)
-        loop = self.loop(controller, None, sub_steps, values)
-        return Move.along(plan, self._run(loop, begin, duration, values, seed, **options))
+    def move(self, plan: Plan, rest: float | None = None, **options: Any) -> Move:
+        """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end; the
+        options are those of `run`."""
+        return Move.along(plan, self.run(**self.along(plan, rest), **options))
 
-    # The same on many robots ----------------------------------------------------------------------------
-    def steps(
-        self, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int, **options: Any
-    ) -> EnsembleResult:
-        """The step of each robot, by its parameters, as the controller is deployed, with noise of its own.
-
-        The duration is in s; `sub_steps` are the nominal plant's, so that all runs share one kernel. The options are
-        those of `Loop.ensemble`.
-        """
-        options |= {} if self.command is None else {"reference": self.command}
-        return self._run_many(self.bumpless_controller, self.start, robots, duration, sub_steps, **options)
-
-    def moves(
-        self, robots: Sequence[Mapping[str, Any]], plan: Plan, sub_steps: int, rest: float | None = None, **options: Any
-    ) -> EnsembleResult:  # fmt: skip
-        """The planned move of each robot, parameters as for `steps`."""
-        controller, begin, duration, reference = self._moved(plan, rest)
-        return self._run_many(controller, begin, robots, duration, sub_steps, **reference, **options)
-
-    def _moved(self, plan: Plan, rest: float | None) -> tuple[Controller, np.ndarray, float, dict[str, Any]]:
-        """Controller, pose (n,) at which it takes over, duration, and other arguments of a run along a plan."""
+    def along(self, plan: Plan, rest: float | None = None) -> dict[str, Any]:
+        """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and
+        reference."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
-        controller = self.tracking_controller if near else self.controller(begin, moving=True)
         duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
-        options = {"reference": move_reference(self.robot, plan, self.dry_friction)}
-        return controller, self.start if near else begin, round(duration / period) * period, options
-
-    def _run(
-        self,
-        loop: Loop,
-        at: np.ndarray,
-        duration: float,
-        values: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        **options: Any,
-    ) -> Response:
-        x, _ = self.equilibrium(at, values)  # the controller boots with the input that holds the model
-        run = loop.run(
-            noise=None if self.quiet else self.noise, duration=duration, initial_state=x,
-            seed=seed + self.specification.seed, **options,
-        )  # fmt: skip
-        return Response(run, self.goal, x[: len(self.goal)], self.joints)
-
-    def _run_many(
-        self,
-        controller: Controller,
-        at: np.ndarray,
-        robots: Sequence[Mapping[str, Any]],
-        duration: float,
-        sub_steps: int,
-        **options: Any,
-    ) -> EnsembleResult:
-        loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
-        return loop.ensemble(noise=self.noise, duration=duration, **options).run(
-            [self.true_plant.parameters.known(values) for values in robots],
-            range(seed, seed + len(robots)),
-            np.array([self.equilibrium(at, values)[0] for values in robots]),
-        )
+        return {
+            "controller": self.tracking_controller if near else self.controller(begin, moving=True),
+            "at": self.start if near else begin,
+            "duration": round(duration / period) * period,
+            "reference": move_reference(self.robot, plan, self.dry_friction),
+        }
 
 
 def _with_values(plant: Plant, values: Mapping[str, Any] | None) -> Plant:

@@ -1,28 +1,33 @@
-"""The pipelines from a robot and a specification to a design, and to a comparison of laws: one call per step."""
+"""The pipelines from a robot and a specification to a design, and to a comparison of laws: what they compute, how it is
+judged (not met, not proved, risky), and the results; one call per step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from operator import attrgetter
+from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from flexhinf.analysis import modes
-from flexhinf.design import (
-    certification,
-    checks,
-    plans,
-    requirements as required,
-    responses,
-    result,
-    rigid,
-    tuning,
-)
+from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem import presets
-from flexhinf.design.specification import Specification
+from flexhinf.design.requirements import Requirement
+from flexhinf.design.rigid import RigidComparison, compare_rigid
+from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import by_step, steps
+from flexhinf.hinf import HJISolution
+from flexhinf.loop import Controller
+from flexhinf.notebook import Summarised
+from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind
 
@@ -30,6 +35,276 @@ Progress = Callable[[str], None]
 
 #: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
 RIGID_STATES = 15
+
+#: An estimation error that oscillates with a smaller damping ratio than this is a risk.
+HARDLY_DAMPED = 0.05
+
+#: A loop that tolerates less extra delay than so many periods is at risk from a late computation and a slow bus.
+FEW_PERIODS = 3.0
+
+#: Sensor noise that moves a motor by more than this fraction of the step's peak input, rms, wears it out.
+NOISE_FRACTION = 0.05
+
+#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
+PAGES = "flexhinf.pages"
+
+T = TypeVar("T")
+
+
+def forwarded(path: str, kind: type[T], doc: str) -> T:
+    """A property that reads an attribute of a part by its path; `kind` is its type."""
+    return cast("T", property(attrgetter(path), doc=doc))
+
+
+@dataclass(frozen=True)
+class Status:
+    """The first lines of a report."""
+
+    # not_met, not_proved: Requirements that the loop misses; claims that were only sampled, or found by search
+    not_met: tuple[str, ...] = ()
+    not_proved: tuple[str, ...] = ()
+    risky: tuple[str, ...] = ()  # Dangers for the loop that no requirement covers
+    # Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
+    # within the tolerances; else empty
+    scope: str = ""
+
+    @property
+    def met(self) -> bool:
+        """Whether every requirement is met."""
+        return not self.not_met
+
+    @property
+    def line(self) -> str:
+        """One line: what is not met, not proved or risky."""
+        met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
+        rows = {"Not met": self.not_met, "Risky": self.risky, "Not proved": self.not_proved}
+        parts = [f"{name}: " + "; ".join(texts) for name, texts in rows.items() if texts]
+        return ". ".join(parts if self.not_met else [met, *parts]) + "."
+
+
+def _in_brackets(joints: Sequence[str], joint: str) -> str:
+    return f" ({joint})" if len(joints) > 1 and joint else ""
+
+
+def status_of(
+    lines: Sequence[Requirement],
+    evaluation: LawEvaluation,
+    chosen: by_step.DegreeChoice,
+    worth: certification.Attenuation,
+    inside: bool | None,
+    proof: certification.DesignProof,
+) -> Status:
+    """The status of a design."""
+    setup, names = evaluation.setup, [line.what for line in lines]
+    degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
+    missed: dict[str, None] = {}  # each text once
+    for line in (line.converted(degrees) for line in lines if not line.met):
+        sign, unit, joint = (
+            "≤" if line.at_most else "≥",
+            line.unit_text,
+            f" in {line.joint}" if line.joint else "",
+        )
+        at = "" if line.at is None else f" at {line.at:.3g} s"
+        place = f"; {line.where}" if names.count(line.what) > 1 else ""
+        limit = f"(required {sign} {line.limit:.3g}{unit}{place})"
+        missed[f"{line.what} {line.found:.3g}{unit}{joint}{at} {limit}"] = None
+    past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
+    scope = [
+        *dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance),
+        *(["no tolerance stated: only the nominal robot was judged"] if evaluation.corners is None else []),
+    ]
+    unproved = certification.step_proof(proof, chosen, inside).missing
+    if proof.certificate is None and proof.box is None and not worth.lasts:
+        unproved = (*unproved, "the dissipation budget of the step does not last")
+    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
+
+
+def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
+    setup, margins, risks = evaluation.setup, evaluation.margins, []
+    of, period = partial(_in_brackets, setup.joints), setup.specification.period
+    slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
+    if slow:
+        worst = min(slow, key=lambda m: m.damping)
+        risks.append(
+            f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
+            f"{worst.damping:.2g}"
+        )
+    elif margins.damping < RINGS and not any(line.what.startswith("damping") for line in lines):
+        risks.append(
+            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by "
+            f"{margins.damping:.2g} only, and no damping is required"
+        )
+    if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
+        risks.append(
+            f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
+            f"{margins.delay_margin_s / period:.2g} periods"
+        )
+    loaded = evaluation.load_response.metrics
+    if not loaded:
+        risks.append("under a constant load on the links the loop diverges")
+    if held := [row for row in loaded if row["recovery_time_s"] is None]:
+        name = max(held, key=lambda row: row["remaining_error"])["joint"] if len(loaded) > 1 else ""
+        link = f"link {name}" if name else "link"
+        risks.append(f"under a constant load the {link} does not come back within 2 % of the step")
+    noise, peak = evaluation.input_noise, evaluation.step.peak_input
+    if margins.stable and noise > NOISE_FRACTION * peak:
+        noises = evaluation.input_noises
+        joint = "" if noises is None else of(setup.joints[int(np.argmax(noises))])
+        risks.append(
+            f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
+        )
+    return risks
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Design(Summarised):
+    """A synthesised law for a robot and a specification, its evaluation in the loop, and the judgement of both."""
+
+    robot: Robot
+    specification: Specification
+    synthesis: steps.Synthesis  # Weights, problem, solutions of several degrees, and the law
+    evaluation: LawEvaluation  # The law in its loop
+    attenuation: (
+        certification.Attenuation
+    )  # The worst disturbance found, and the dissipation budget of the step
+    # Whether the step starts inside the sampled region of the solution; None if no region was sampled
+    inside: bool | None
+    proof: certification.DesignProof  # Of the law that is used, and of the step
+    mujoco: responses.Response | None  # The step on MuJoCo's plant, if requested
+    rigid: RigidComparison | None  # The rigid design on the same robot, fed the true state
+    # The long run at rest with dry friction; None for a robot that states none
+    rest: checks.LimitCycleCheck | None
+    # The runs with payloads at the ends of their ranges; none for a robot without such a range
+    payloads: tuple[checks.PayloadEvaluation, ...] = ()
+    law_modes: tuple[modes.Mode, ...]  # Of the law alone: continuous, with the true state fed back
+    requirements: tuple[Requirement, ...]
+    status: Status
+
+    @property
+    def step_proof(self) -> certification.StepProof:
+        """Whether the requested step is proved."""
+        return certification.step_proof(self.proof, self.chosen, self.inside)
+
+    def summary(self) -> dict[str, str]:
+        """Robot, whether the requirements are met, degree and level, and the step in numbers."""
+        step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
+        unit = self.setup.model.unit(self.setup.model.inputs[0])
+        of = partial(_in_brackets, self.setup.joints)
+        settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
+        return {
+            "robot": self.robot.name,
+            "requirements": f"{missed} of {len(self.requirements)} not met" if missed else "met",
+            "degree of V": str(self.chosen.degree),
+            "γ": f"{self.gamma:.4g}",
+            "settling": f"{settling}{of(step.settling.joint)}",
+            "peak input": f"{step.peak_input:.3g} {unit}{of(step.peak.joint)}",
+        }
+
+    @property
+    def met(self) -> bool:
+        """Whether every requirement is met."""
+        return all(line.met for line in self.requirements)
+
+    setup = forwarded("evaluation.setup", LoopSetup, "The loop of all runs.")
+    scenario = forwarded("evaluation.scenario", responses.Scenario, "The runs.")
+    goal = forwarded("synthesis.goal", np.ndarray, "Link positions (n,), rad or m.")
+    start = forwarded("synthesis.start", np.ndarray, "Link positions (n,), rad or m.")
+    design_problem = forwarded("synthesis.design_problem", presets.DesignProblem, "With its sources.")
+    problem = forwarded("synthesis.problem", GeneralisedPlant, "The nominal problem about the goal.")
+    choices = forwarded("synthesis.choices", tuple[by_step.DegreeChoice, ...], "Every solved degree.")
+    chosen = forwarded("synthesis.chosen", by_step.DegreeChoice, "The degree that is used.")
+    solution = forwarded("synthesis.chosen.solution", HJISolution, "The solution that is used, at the goal.")
+    gamma_star = forwarded("synthesis.design_problem.gamma_star", float, "Smallest; of robust with channels.")
+    gamma = forwarded("synthesis.chosen.solution.gamma", float, "Level of the solution.")
+
+    def controller(self, at: np.ndarray | None = None) -> Controller:
+        """A new controller as it is deployed: it takes over without a jump of the input.
+
+        `at`: (n,), Pose at which it takes over; the start of the step by default.
+        """
+        return self.setup.controller(self.start if at is None else np.atleast_1d(at).astype(float))
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report, its numbers, the controller and every run into a folder, which is returned."""
+        return import_module(PAGES).write_design(self, folder)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedLaw:
+    """One row of a comparison."""
+
+    kind: LawKind
+    # The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits
+    tuned: tuning.TunedLaw | None = None
+    # What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it
+    requirements: tuple[Requirement, ...] = ()
+    failure: str = ""  # Why there is no evaluation
+
+    name = forwarded("kind.name", str, "Of the law.")
+
+    @property
+    def evaluation(self) -> LawEvaluation | None:
+        """Evaluation of the law; None for a law that is not compared."""
+        return None if self.tuned is None else self.tuned.evaluation
+
+    @property
+    def metrics(self) -> Mapping[str, float | None]:
+        """Metrics of the law, see `LawEvaluation.metrics`; empty without an evaluation."""
+        return {} if self.evaluation is None else self.evaluation.metrics
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Summarised):
+    """Several laws, each tuned for the same criterion and evaluated in the same scenario as `flexhinf.design`'s."""
+
+    robot: Robot
+    specification: Specification
+    synthesis: steps.Synthesis  # Of the design's own law
+    criterion: tuning.Criterion  # What every law is tuned for, and the limits that it keeps
+    rows: tuple[ComparedLaw, ...]  # The design as it is first, then nonlinear H∞ tuned as the others are
+    scenario: responses.Scenario
+
+    def summary(self) -> dict[str, str]:
+        """Robot, and the laws by the criterion (less is better)."""
+        tuned = sorted((row.tuned for row in self.rows if row.tuned is not None), key=lambda law: law.cost)
+        costs = ", ".join(f"{law.name} {law.cost:.3g}" for law in tuned)
+        lost = ", ".join(row.name for row in self.rows if row.failure)
+        return {"robot": self.robot.name, "laws by the criterion": costs} | (
+            {"not compared": lost} if lost else {}
+        )
+
+    @property
+    def own(self) -> ComparedLaw:
+        """The design as it is, whose metrics are the reference of the criterion."""
+        return self.rows[0]
+
+    @property
+    def tuned_design(self) -> ComparedLaw:
+        """Nonlinear H∞ tuned for the criterion; the design as it is where there is no such law."""
+        return next((row for row in self.rows[1:2] if row.evaluation is not None), self.own)
+
+    @property
+    def compared(self) -> tuple[ComparedLaw, ...]:
+        """Rows with an evaluation."""
+        return tuple(row for row in self.rows if row.evaluation is not None)
+
+    def row(self, name: str) -> ComparedLaw:
+        """The row of a law, by name."""
+        return next(row for row in self.rows if row.name == name)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report and its numbers into a folder, which is returned."""
+        return import_module(PAGES).write_comparison(self, folder)
+
+    def units(self) -> dict[str, Any]:
+        """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
+        slides = tuple(bool(slide) for slide in self.robot.links.slides)
+        kinds = {"position": ("rad", "m"), "error": ("mrad", "mm"), "torque": ("N·m", "N")}
+        problem = self.synthesis.problem
+        return {"input": problem.plant.unit(problem.input_names[0])} | {
+            name: " or ".join(unit for unit, there in zip(pair, (not all(slides), any(slides))) if there)
+            for name, pair in kinds.items()
+        }
 
 
 def checked_specification(robot: Robot, specification: Specification) -> Specification:
@@ -43,7 +318,7 @@ def checked_specification(robot: Robot, specification: Specification) -> Specifi
     return specification
 
 
-def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> result.Design:
+def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
     Parameters
@@ -85,13 +360,22 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     linear = LawEvaluation(DESIGN, setup)
     law_modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(
-        linear, synthesis, step_duration(linear, synthesis, law_modes), responses.SAMPLES
-    )
+    scenario, step = _scenario(linear, synthesis, responses.SAMPLES)
     evaluation = linear.in_scenario(scenario, step)
     evaluation.compute("margins")  # before a second thread: filters of warnings are the whole process's
+
+    def runs() -> RigidComparison | None:
+        evaluation.compute("load_response", "ring_down", "move", "step_samples")
+        if not s.compare_rigid:
+            return None
+        degree = synthesis.chosen.degree if len(synthesis.problem.state_names) <= RIGID_STATES else 2
+        return compare_rigid(
+            synthesis.problem, setup.true_plant, degree, s, evaluation.energy, setup.equilibrium(setup.start),
+            setup.goal, scenario.step_duration, setup.limits.saturated,
+        )  # fmt: skip
+
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
-        runs = beside.submit(_runs, evaluation, synthesis)
+        on_rigid = beside.submit(runs)
         progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
@@ -101,10 +385,10 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
             progress("the step on MuJoCo's plant")
             on_mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
         progress("load, move and sampled robots")
-        same_on_rigid = runs.result()
+        same_on_rigid = on_rigid.result()
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, scenario)
-    lines = tuple(_requirements(evaluation, synthesis, on_mujoco, rest, payloads))
+    lines = _requirements(evaluation, synthesis, on_mujoco, rest, payloads)
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
@@ -113,48 +397,33 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     proof = certification.with_tolerances(
         robot, s, synthesis, certification.prove_design(robot, s, synthesis, start, worth)
     )
-    return result.Design(
+    return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
         proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, rest=rest, payloads=payloads, law_modes=law_modes,
-        requirements=lines, status=result.status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
+        requirements=lines, status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
 
-def _runs(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> rigid.RigidComparison | None:
-    evaluation.compute("load_response", "ring_down", "move", "step_samples")
-    setup, few = evaluation.setup, len(synthesis.problem.state_names) <= RIGID_STATES
-    if not setup.specification.compare_rigid:
-        return None
-    assert evaluation.scenario is not None
-    return rigid.compare_rigid(
-        synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
-        evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
-        setup.limits.saturated,
-    )  # fmt: skip
-
-
-def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple:
+def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple[modes.Mode, ...]:
     loop = modes.closed_loop(synthesis.problem, synthesis.solution.gain)
     return modes.modes_of(loop, evaluation.setup.joints, *evaluation.energy)
 
 
-def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis, law_modes: tuple = ()) -> float:
+def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
     """Duration of the step, s: as stated, or by the slowest mode of the law, after the command."""
     stated = linear.setup.specification.duration
     if stated is not None:
         return stated
-    slowest = min(-mode.eigenvalue.real for mode in law_modes or _law_modes(linear, synthesis))
+    slowest = min(-mode.eigenvalue.real for mode in _law_modes(linear, synthesis))
     return responses.run_length(slowest) + linear.setup.command_time
 
 
 def _scenario(
-    linear: LawEvaluation,
-    synthesis: steps.Synthesis,
-    duration: float,
-    samples: Sequence[tuple[int, int]],
+    linear: LawEvaluation, synthesis: steps.Synthesis, samples: Sequence[tuple[int, int]]
 ) -> tuple[responses.Scenario, responses.Response]:
     """The runs that all laws are compared in, and the design's own step; its peak without noise sets the load."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
+    duration = step_duration(linear, synthesis)
     step, scales = setup.step(duration), modes.JointScales.of(setup.model, setup.goal_equilibrium)
     sub_steps, load, stated = step.run.settings["sub_steps"], s.load, plans.stated_move(robot, s)
     if load is None:
@@ -184,59 +453,40 @@ def _requirements(
     on_mujoco: responses.Response | None,
     rest: checks.LimitCycleCheck | None,
     payloads: tuple[checks.PayloadEvaluation, ...],
-) -> list[required.Requirement]:
+) -> tuple[Requirement, ...]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
-    s, limits, target = (
-        evaluation.setup.specification,
-        evaluation.setup.limits,
-        synthesis.design_problem.target,
-    )
+    setup, target = evaluation.setup, synthesis.design_problem.target
+    s, limits = setup.specification, setup.limits
     damping = None if target is None else presets.required_damping(s, target)
-    linear, step, robots = _law_requirements(evaluation)
+    lines, step, robots = _law_requirements(evaluation)
     if target is not None and damping is not None:
-        joints, worst = evaluation.setup.joints, evaluation.least_damped_joint
-        linear += required.behaviour_requirements(
-            s, target.bandwidth, damping, evaluation.margins, joints, worst
+        lines += required.behaviour_requirements(
+            s, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
         )
-        linear.append(evaluation.ring_down.requirement(s, damping))
-    along = None if s.move is None else synthesis.along
-    return [
-        *linear,
-        *step,
-        *([] if on_mujoco is None else required.step_requirements(s, limits, on_mujoco, ON_MUJOCO)),
-        *required.move_requirements(s, limits, evaluation.move),
-        *(() if along is None else checks.along_requirements(s, along)),
-        *(() if rest is None else [rest.requirement(limits.position_units)]),
-        *(line for payload in payloads for line in checks.payload_requirements(s, limits, payload, damping)),
-        *robots,
-    ]
+        lines.append(evaluation.ring_down.requirement(s, damping))
+    lines += step
+    if on_mujoco is not None:
+        lines += required.step_requirements(s, limits, on_mujoco, "the step on MuJoCo's plant")
+    lines += required.move_requirements(s, limits, evaluation.move)
+    if s.move is not None and synthesis.along is not None:
+        lines += checks.along_requirements(s, synthesis.along)
+    if rest is not None:
+        lines.append(rest.requirement(limits.position_units))
+    for payload in payloads:
+        lines += checks.payload_requirements(s, limits, payload, damping)
+    return (*lines, *robots)
 
 
-def _law_requirements(
-    evaluation: LawEvaluation,
-) -> tuple[list[required.Requirement], list[required.Requirement], list[required.Requirement]]:
-    """Requirements on a law by `design` and `compare`: margins, the nominal step, corners and sampled robots."""
+def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...]:
+    """Requirements on a law by `design` and `compare`: margins; the nominal step; corners and sampled robots."""
     setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
+    margins = required.margin_requirements(s, evaluation.margins, setup.joints) if linear else []
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    return (
-        required.margin_requirements(s, evaluation.margins, setup.joints) if linear else [],
-        required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited),
-        [
-            *([] if corners is None else [required.corner_requirement(corners)]),
-            *([] if samples is None else required.sample_requirements(s, limits, samples)),
-        ],
-    )
-
-
-#: Where requirements are judged with MuJoCo.
-ON_MUJOCO = "the step on MuJoCo's plant"
-
-#: What the preset `robust` adds: channels, the weights of the whole loop, and their noise levels.
-ROBUST_STAGES = 3
-
-#: What the preset `proved` has instead of degrees and their regions: about its candidates, and a proof.
-PROVED_STAGES = 6 + 1
+    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+    robots = [] if corners is None else [required.corner_requirement(corners)]
+    robots += [] if samples is None else required.sample_requirements(s, limits, samples)
+    return margins, step, robots
 
 
 def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
@@ -245,11 +495,13 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
     degrees = by_step.synthesis_stages(states, s.degrees, s.rays)
-    synthesis = (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
+    # `proved` has about six candidates and a proof instead of degrees and their regions
+    synthesis = (6 + 1 if preset == "proved" else degrees) + len(s.via) + limited
     if laws is not None:
         return 3 + synthesis + (5 if responses.sample_count(robot, states, s) else 4) * len(laws)
     disturbance = certification.searches_disturbance(states, by_step.rays_of(states, s.rays))
-    return 8 + synthesis + s.mujoco + ROBUST_STAGES * (preset == "robust") + disturbance
+    # `robust` adds channels, the weights of the whole loop, and their noise levels
+    return 8 + synthesis + s.mujoco + 3 * (preset == "robust") + disturbance
 
 
 def compare(
@@ -259,7 +511,7 @@ def compare(
     tune: str = "peak",
     progress: Progress | None = None,
     same_sensors: bool = False,
-) -> result.Comparison:
+) -> Comparison:
     """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
 
     Parameters
@@ -307,9 +559,7 @@ def compare(
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
-    scenario, step = _scenario(
-        linear, synthesis, step_duration(linear, synthesis), responses.COMPARED_SAMPLES
-    )
+    scenario, step = _scenario(linear, synthesis, responses.COMPARED_SAMPLES)
     own = linear.in_scenario(scenario, step)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     limits, resolution = tuning.stated_limits(setup, unit), setup.position_resolution()
@@ -321,14 +571,14 @@ def compare(
     tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
-    return result.Comparison(robot, s, synthesis, criterion, rows, scenario)
+    return Comparison(robot, s, synthesis, criterion, rows, scenario)
 
 
-def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> result.ComparedLaw:
+def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> ComparedLaw:
     failure = tuned if isinstance(tuned, str) else tuned.failure
     if isinstance(tuned, str) or failure:
         progress(f"{kind.name}: not compared")
-        return result.ComparedLaw(kind, failure=failure)
+        return ComparedLaw(kind, failure=failure)
     progress(f"{kind.name}: step, load and move")
     evaluation, runs = tuned.evaluation, tuned.evaluation.scenario
     evaluation.compute("worst")
@@ -336,4 +586,4 @@ def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> res
         progress(f"{kind.name}: {len(runs.robots)} robots within their tolerances")
     evaluation.compute("metrics")
     margins, step, robots = _law_requirements(evaluation)
-    return result.ComparedLaw(kind, tuned, (*margins, *step, *robots))
+    return ComparedLaw(kind, tuned, (*margins, *step, *robots))

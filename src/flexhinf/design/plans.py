@@ -12,12 +12,13 @@ import numpy as np
 
 from flexhinf.analysis import modes
 from flexhinf.design.problem import presets
-from flexhinf.design.responses import JointLimits, Plan, joint_limits
-from flexhinf.design.specification import RUN_SAMPLES, Specification, WaypointError, WaypointTable
+from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
+from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
+from flexhinf.robot.waypoints import WaypointError, WaypointTable
 
 #: Time of a quintic times the bandwidth: then it keeps the limits below.
 QUINTIC_TIME = 4.7
@@ -47,19 +48,20 @@ def has_integrals(law: Law) -> bool:
     return any(name.endswith("_integral") for name in law.state_names)
 
 
-def step_command(robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray) -> Plan | None:
-    """The command of the step from start to goal by the shaping; None for a jump.
+def step_command(
+    robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray, law: Law | None = None
+) -> Plan | None:
+    """The command of the step from start to goal by the shaping; None for a jump, or where the law does not take one.
 
-    It does not depend on the law, so that laws are compared with the same command: it is made for the stated
-    bandwidth, or for `BANDWIDTH_FRACTION` of the lowest vibration with held motors.
+    Otherwise it does not depend on the law, so that laws are compared with the same command: it is made for the
+    stated bandwidth, or for its default.
     """
-    if s.shaping == "jump" or not np.any(goal != start):
+    if s.shaping == "jump" or not np.any(goal != start) or (law is not None and not has_integrals(law)):
         return None
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = presets.BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
-    each = np.broadcast_to(np.asarray(bandwidth, dtype=float), np.shape(goal))
+    bandwidth = presets.required_bandwidth(s, scales, len(goal))
     held = [robot.operating_point(at)[1] for at in (start, goal)]
-    return plan_move(robot, s, start, goal, each, float(scales.vibration.min()), held)
+    return plan_move(robot, s, start, goal, bandwidth, float(scales.vibration.min()), held)
 
 
 def plan_move(
@@ -112,17 +114,13 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     except InvalidInput as error:  # what a signal is told about its profile is the shaping of a specification
         advice = error.advice.replace("profile='spline'", "shaping='jump'")
         raise WaypointError(error.what, error.found, advice) from None
-    if 1.5 * plan.duration / s.period > RUN_SAMPLES:
+    long = 1.5 * plan.duration / s.period > RUN_SAMPLES
+    if long or plan.duration < MOVE_SAMPLES * s.period:
         raise WaypointError(
-            "The move takes too long.",
-            f"expected at most {RUN_SAMPLES * s.period / 1.5:g} s, got {plan.duration:g} s",
+            f"The move takes too {'long' if long else 'short'} a time.",
+            f"expected {MOVE_SAMPLES * s.period:g} s, {MOVE_SAMPLES} samples, to {RUN_SAMPLES * s.period / 1.5:g} s, "
+            f"got {plan.duration:g} s",
             "times in seconds; 'time [ms]' in the header where they are not",
-        )
-    if plan.duration < MOVE_SAMPLES * s.period:
-        raise WaypointError(
-            "The move is too short.",
-            f"expected at least {MOVE_SAMPLES * s.period:g} s, {MOVE_SAMPLES} samples, got {plan.duration:g} s",
-            "times in seconds, further apart",
         )
     limits = joint_limits(robot, s)
     try:
@@ -131,6 +129,12 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
         what, advice = error.what.replace("The reference", "The move"), _slower(robot, s, limits)
         raise WaypointError(what, error.found, advice or error.advice) from None
     return plan
+
+
+def run_ends(robot: Robot, s: Specification) -> tuple[Plan | None, np.ndarray, np.ndarray]:
+    """The stated move, None for a step, and the link positions (n,) where a run begins and should end, rad or m."""
+    plan = stated_move(robot, s)
+    return (plan, *(start_and_goal(robot, s, None) if plan is None else plan_ends(plan)))
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:

@@ -43,9 +43,8 @@ class MonteCarlo:
     overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
     settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
     peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
-    joints: Mapping[
-        str, tuple[str, ...]
-    ]  # Of these worst values; "" where the run diverged, or no joint moves
+    # Of these worst values; "" where the run diverged, or no joint moves
+    joints: Mapping[str, tuple[str, ...]]
     # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
     speeds: np.ndarray
@@ -77,10 +76,7 @@ class MonteCarlo:
 
 
 def sampled_runs(
-    setup: LoopSetup,
-    robots: Sequence[Mapping[str, Any]],
-    duration: float,
-    sub_steps: int,
+    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int
 ) -> MonteCarlo:
     """The step of each robot (its parameters) as the controller is deployed, with noise of its own.
 
@@ -88,9 +84,9 @@ def sampled_runs(
     """
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
-    runs = setup.steps(
-        robots, duration, sub_steps, reductions=step_reductions(setup.start, setup.goal),
-        kept=setup.true_plant.states[:n], instants=instants,
+    runs = setup.ensemble(
+        robots, sub_steps, setup.bumpless_controller, setup.start, duration, reference=setup.command,
+        reductions=run_reductions((setup.start, setup.goal)), kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}
     moving = np.flatnonzero(setup.start != setup.goal).tolist()
@@ -122,8 +118,11 @@ def move_errors(
     rest: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
-    runs = setup.moves(robots, plan, sub_steps, rest, reductions=[move_reduction(columns)])
+    columns, along = (
+        position_columns(setup.tracking_controller.commanded, setup.joints),
+        setup.along(plan, rest),
+    )
+    runs = setup.ensemble(robots, sub_steps, reductions=run_reductions(None, columns), **along)
     errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
@@ -133,38 +132,28 @@ def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[i
     return tuple(tuple(commanded).index(name) for name in signal_names("link_position", joints))
 
 
-def step_reductions(
-    start: np.ndarray, goal: np.ndarray, pairs: Sequence[tuple[int, int]] = ()
-) -> list[Reduction]:
-    """Reductions of a step of all joints, computed while it runs.
+def run_reductions(
+    ends: tuple[np.ndarray, np.ndarray] | None, columns: tuple[int, ...] = (), pairs: Sequence[tuple[int, int]] = ()
+) -> list[Reduction]:  # fmt: skip
+    """Reductions of a step of all joints between `ends` (n,), rad or m, or of a move (None), computed while it runs.
 
-    Of each joint k that moves ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,); of
-    all joints ``late_error`` (in the last tenth of the run), ``effort`` and ``speed``, the largest ones, (N, n);
+    Of each joint k that makes a step ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,);
+    of all joints of a move ``tracking_error``, the largest distance from it; of all joints ``late_error`` (in the last
+    tenth of the run, from the goal or from where the move then is), ``effort`` and ``speed``, the largest ones, (N, n);
     and ``estimate``, the largest error of the estimates, (N,).
 
-    `start`, `goal`: (n,), Link positions, rad or m.
+    `columns`: link positions in the command of a move (n,).
     `pairs`: columns of an estimated position, and of the true one.
     """
-    n, moving = len(goal), np.flatnonzero(start != goal).tolist()
-    return [
-        *(step_reduction(k, float(start[k]), float(goal[k])) for k in moving),
-        Reduction(
-            (*goal.tolist(), *[0.0] * (3 * n + 1)), partial(_sizes, n, None, pairs), partial(_named_sizes, n, None),
-            ("sizes of a step", n, pairs),
-        ),
-    ]  # fmt: skip
-
-
-def move_reduction(columns: tuple[int, ...], pairs: Sequence[tuple[int, int]] = ()) -> Reduction:
-    """``tracking_error``, the largest distances from a move (n,), and of `step_reductions` those of all joints.
-
-    ``late_error`` is the distance from where the move then is. `columns`: link positions in the command (n,).
-    """
-    n = len(columns)
-    return Reduction(
-        (0.0,) * (4 * n + 1), partial(_sizes, n, columns, pairs), partial(_named_sizes, n, columns),
-        ("sizes of a move", columns, pairs),
-    )  # fmt: skip
+    goal, moved, steps = [0.0] * len(columns), columns, []
+    if ends is not None:
+        goal, moved, moving = ends[1].tolist(), None, np.flatnonzero(ends[0] != ends[1]).tolist()
+        steps = [step_reduction(k, float(ends[0][k]), goal[k]) for k in moving]
+    n = len(goal)
+    return [*steps, Reduction(
+        (*goal, *[0.0] * (3 * n + 1)), partial(_sizes, n, moved, pairs), partial(_named_sizes, n, moved),
+        ("sizes of a run", n, moved, pairs),
+    )]  # fmt: skip
 
 
 def _sizes(
@@ -246,7 +235,7 @@ class RunMetrics:
         names = [name for name in signal_names("link_position", self.limits.joints) if name in estimated]
         pairs = tuple((tuple(estimated).index(name), tuple(states).index(name)) for name in names)
         columns = position_columns(commanded, self.limits.joints) if self.ends is None else ()
-        reductions = step_reductions(*self.ends, pairs) if self.ends else [move_reduction(columns, pairs)]
+        reductions = run_reductions(self.ends, columns, pairs)
         return Metrics(
             self.units, None, partial(self._reduced, bool(pairs)), reductions, tuple(self._of_joints)
         )
@@ -338,60 +327,41 @@ class Requirement:
         return replace(self, limit=float(limit), found=float(value), where=where, **more)
 
 
-REQUIREMENTS = {
-    "bandwidth": Requirement(
-        "bandwidth", unit="rad/s", at_most=False, field="bandwidth",
-        criterion="where |command → link position| is 3 dB below its value at rest",
-    ),
-    "damping": Requirement(
-        "damping of oscillations", at_most=False, field="damping",
-        criterion="smallest damping ratio of every oscillation, the estimator's included",
-    ),
-    "ring_down": Requirement(
-        "damping in the ring-down", at_most=False, field="damping",
-        criterion="smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or "
-        "input",
-    ),
-    "peak_sensitivity": Requirement(
-        "peak sensitivity", field="peak_sensitivity",
-        criterion="largest singular value of S at the plant's inputs, over all frequencies",
-    ),
-    "gain_margin": Requirement(
-        "gain margin", at_most=False, field="gain_margin",
-        criterion="smallest factor, up or down, of one input's gain that makes the loop unstable",
-    ),
-    "corners": Requirement("unstable corners", criterion="corners with a pole outside the unit circle"),
-    "overshoot": Requirement(
-        "overshoot", unit="%", field="overshoot",
-        criterion="largest of all joints, per cent of the joint's own step",
-    ),
-    "unsettled": Requirement(
-        "runs that do not settle", criterion="runs that diverge, or are outside ±2 % of the step at their end"
-    ),
-    "peak": Requirement("peak input", criterion="largest |input| of all motors"),
-    "speed": Requirement(SPEED, criterion="|velocity| of the link nearest to its limit"),
-    "range": Requirement("distance beyond a joint's range", criterion="largest of all true link positions"),
-    "tracking": Requirement(
-        "tracking error", field="tracking_error",
-        criterion="largest distance of a true link position from the move, of the joint nearest to its limit",
-    ),
-    "final": Requirement(
-        "distance after the move",
-        criterion="largest distance from the end of the move in the last tenth of the run; required: 2 % of the "
-        "joint's way",
-    ),
-    "limit_cycle": Requirement(
-        "hunting at rest",
-        criterion="largest amplitude of a link position in the last half; the limit is three standard deviations of a "
-        "measured position, or one step of its sensor",
-    ),
-    "load_step": Requirement(
-        "remaining sag", criterion="largest deviation of a link in the last tenth; the limit is 2 % of its step"
-    ),
-    "deadlines": Requirement(
-        "missed deadlines", unit="%", criterion="samples whose input was not there before the next sample was due"
-    ),
+#: Name, unit, whether the limit is an upper one (≤), field of the specification that states it, and criterion.
+_ROWS = {
+    "bandwidth": ("bandwidth", "rad/s", "≥", "bandwidth",
+        "where |command → link position| is 3 dB below its value at rest"),
+    "damping": ("damping of oscillations", "", "≥", "damping",
+        "smallest damping ratio of every oscillation, the estimator's included"),
+    "ring_down": ("damping in the ring-down", "", "≥", "damping",
+        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input"),
+    "peak_sensitivity": ("peak sensitivity", "", "≤", "peak_sensitivity",
+        "largest singular value of S at the plant's inputs, over all frequencies"),
+    "gain_margin": ("gain margin", "", "≥", "gain_margin",
+        "smallest factor, up or down, of one input's gain that makes the loop unstable"),
+    "corners": ("unstable corners", "", "≤", "", "corners with a pole outside the unit circle"),
+    "overshoot": ("overshoot", "%", "≤", "overshoot", "largest of all joints, per cent of the joint's own step"),
+    "unsettled": ("runs that do not settle", "", "≤", "",
+        "runs that diverge, or are outside ±2 % of the step at their end"),
+    "peak": ("peak input", "", "≤", "", "largest |input| of all motors"),
+    "speed": (SPEED, "", "≤", "", "|velocity| of the link nearest to its limit"),
+    "range": ("distance beyond a joint's range", "", "≤", "", "largest of all true link positions"),
+    "tracking": ("tracking error", "", "≤", "tracking_error",
+        "largest distance of a true link position from the move, of the joint nearest to its limit"),
+    "final": ("distance after the move", "", "≤", "",
+        "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way"),
+    "limit_cycle": ("hunting at rest", "", "≤", "",
+        "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
+        "position, or one step of its sensor"),
+    "load_step": ("remaining sag", "", "≤", "",
+        "largest deviation of a link in the last tenth; the limit is 2 % of its step"),
+    "deadlines": ("missed deadlines", "%", "≤", "",
+        "samples whose input was not there before the next sample was due"),
 }  # fmt: skip
+REQUIREMENTS = {
+    name: Requirement(what, unit=unit, at_most=sign == "≤", criterion=criterion, field=field)
+    for name, (what, unit, sign, field, criterion) in _ROWS.items()
+}
 
 
 def peak_option(unit: str, source: str = "") -> str:
@@ -448,21 +418,16 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
 
 
 def step_requirements(
-    s: Specification,
-    limits: JointLimits,
-    response: Response,
-    where: str,
-    unlimited: Response | None = None,
+    s: Specification, limits: JointLimits, response: Response, where: str, unlimited: Response | None = None
 ) -> list[Requirement]:
     """Overshoot of one run, and how much it uses of the joints' limits.
 
     `unlimited`: the same run without limits of the inputs, for the peak that a limit would hide.
     """
     joint, worst = of_several(response.joints, response.overshoot.joint), response.overshoot.value
-    free = limits.saturated is not None and unlimited is not None
     return [
         REQUIREMENTS["overshoot"].judge(s, s.overshoot, worst, where, joint=joint),
-        *limit_requirements(limits, response, where, unlimited or response, unlimited=free),
+        *limit_requirements(limits, response, where, unlimited),
     ]
 
 
@@ -470,19 +435,17 @@ def limit_requirements(
     limits: JointLimits,
     response: Response,
     where: str,
-    demanded: Response | None = None,
-    unlimited: bool = False,
+    unlimited: Response | None = None,
     always: bool = True,
 ) -> list[Requirement]:
     """Peak input, link speed and ranges of one run, each of the joint that uses most of its own limit.
 
-    `demanded`: the run whose inputs count; by default the same.
-    `unlimited`: whether that one has no limits of the inputs.
+    `unlimited`: the same run without limits of the inputs, whose inputs count.
     `always`: also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since
         a run begins and ends within them.
     """
-    how = ", without limits of the inputs" if unlimited else ""
-    inputs, speeds = limits.input_use(demanded or response), limits.speed_use(response)
+    how = "" if limits.saturated is None or unlimited is None else ", without limits of the inputs"
+    inputs, speeds = limits.input_use(unlimited or response), limits.speed_use(response)
     beyond = limits.beyond_range(response)
     return [
         *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],

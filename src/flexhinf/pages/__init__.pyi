@@ -29,6 +29,7 @@ from .comparison import (
 from .files import (
     comparison_files as comparison_files,
     design_files as design_files,
+    design_text as design_text,
     write_comparison as write_comparison,
     write_design as write_design,
 )

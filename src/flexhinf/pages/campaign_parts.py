@@ -21,7 +21,7 @@ from flexhinf.campaign import (
     WorstCase,
 )
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
-from flexhinf.design.campaign_folder import FOLDERS, GainRow, PairResult
+from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import histogram_bins
 from flexhinf.pages.drawing import DASHED, figure_block, framed, panels
@@ -310,7 +310,7 @@ def histogram(
 POINTS = 2000
 
 
-def write_pair(result: PairResult) -> Path:
+def write_pair(result: DesignPair) -> Path:
     """Write index.html of a comparison; returns its path."""
     settings, counts = result.judged[0].table.journal.settings, result.paired.success
     varied = [m for m in map(result.paired.metric, result.paired.metrics) if np.any(_finite(m) != 0.0)]
@@ -320,7 +320,7 @@ def write_pair(result: PairResult) -> Path:
     return write_page(
         result.folder, "report of the comparison",
         Page(
-            f"Two designs on the same robots “{result.pair.a.request.robot.name}”",
+            f"Two designs on the same robots “{result.a.request.robot.name}”",
             f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} "
             f"s: with the controller A of {result.names[0]} and with the controller B of {result.names[1]}.",
             pair_verdict(result), (Section("A against B", blocks, "pair"),),
@@ -343,7 +343,7 @@ def write_pair(result: PairResult) -> Path:
 
 
 # In words ----------------------------------------------------------------------------------------------------
-def pair_verdict(result: PairResult) -> str:
+def pair_verdict(result: DesignPair) -> str:
     """Failures of both designs with McNemar's test, and the medians of the main metric."""
     paired, counts = result.paired, result.paired.success
     text = "Of the same {} robots {} fail with A, {} with B".format(paired.count, *counts.failures)
@@ -373,11 +373,11 @@ def _signed(value: float, unit: str = "") -> str:
     return f"{'+' if value > 0.0 else '−' if value < 0.0 else ''}{text} {unit}".strip()
 
 
-def _independent(result: PairResult) -> bool:
+def _independent(result: DesignPair) -> bool:
     return result.judged[0].method == "random"
 
 
-def _interval_text(result: PairResult, metric: PairedMetric) -> str:
+def _interval_text(result: DesignPair, metric: PairedMetric) -> str:
     if not _independent(result):
         return f"no interval: samples spread {SPREAD[result.judged[0].method]}"
     return f"95 %: {_span(metric)}" if _span(metric) else "too few pairs for an interval"
@@ -392,9 +392,9 @@ def _finite(metric: PairedMetric) -> np.ndarray:
 
 
 # Blocks ------------------------------------------------------------------------------------------------------
-def _success(result: PairResult) -> list[Any]:
-    differing = [(name.replace("_", " "), a, b) for name, a, b in result.pair.differences]
-    tally, first, own = result.paired.success, result.judged[0], result.pair.b.requirements
+def _success(result: DesignPair) -> list[Any]:
+    differing = [(name.replace("_", " "), a, b) for name, a, b in result.differences]
+    tally, first, own = result.paired.success, result.judged[0], result.b.requirements
     limits = [
         f"{metric_text(requirement.metric)} {limit_text(requirement, first.table.unit(requirement.metric))}"
         for requirement in result.paired.requirements
@@ -415,7 +415,7 @@ def _success(result: PairResult) -> list[Any]:
         ),
         *(
             [Note(f"B by itself requires {', '.join(own)}; here both are judged by the same requirements.")]
-            if own != result.pair.a.requirements else []
+            if own != result.a.requirements else []
         ),
         Table(
             ("", "B keeps them", "B fails"),
@@ -434,7 +434,7 @@ def _success(result: PairResult) -> list[Any]:
     ]  # fmt: skip
 
 
-def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
+def _difference_table(result: DesignPair, names: Sequence[str]) -> Table:
     independent = _independent(result)
     return Table(
         (
@@ -459,12 +459,12 @@ def _difference_table(result: PairResult, names: Sequence[str]) -> Table:
     )  # fmt: skip
 
 
-def pair_table(result: PairResult) -> Any:
+def pair_table(result: DesignPair) -> Any:
     """Table of the paired differences of all metrics, for a terminal."""
     return _difference_table(result, result.paired.metrics).terminal()
 
 
-def _differences(result: PairResult, metrics: Sequence[PairedMetric]) -> list[Any]:
+def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[Any]:
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
@@ -516,7 +516,7 @@ def _differences(result: PairResult, metrics: Sequence[PairedMetric]) -> list[An
     ]  # fmt: skip
 
 
-def _extremes(result: PairResult, varied: Sequence[PairedMetric]) -> list[Any]:
+def _extremes(result: DesignPair, varied: Sequence[PairedMetric]) -> list[Any]:
     cases = [(m, who, sample) for m in varied for who, sample in zip("AB", m.extremes) if sample is not None]
     if not cases:
         return []

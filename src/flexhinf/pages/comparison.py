@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.laws import DEFAULT_LAWS, DESIGN, NL_HINF, is_hinf
-from flexhinf.design.result import ComparedLaw, Comparison
+from flexhinf.design.pipeline import ComparedLaw, Comparison
 from flexhinf.design.tuning import (
     RATIOS,
     TunedLaw,

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.pipeline import Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
-from flexhinf.design.result import Design
 from flexhinf.design.specification import TOLERANCE
 from flexhinf.plant import Plant
 from flexhinf.report import (

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import tomlkit
 
 from flexhinf.analysis import Margins
+from flexhinf.design import design_file
 from flexhinf.design.loop_setup import noise_variances
+from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
-from flexhinf.design.result import ComparedLaw, Comparison, Design
 from flexhinf.design.tuning import best_rival, pareto_front
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
@@ -97,6 +100,68 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
                 save(path)
                 contents[name] = path.read_bytes()
     return contents
+
+
+def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:
+    """Text of the design file of a design: the request, and the result.
+
+    `request`: where the robot came from, and its payload.
+    `folder`: of the file; its paths are relative to it.
+
+    InvalidInput if the penalty is code.
+    """
+    document = design_file.request_document(
+        design.specification,
+        request.source,
+        request.elastic,
+        folder,
+        request.payload,
+        design.robot.links.slides,
+    )
+    document.add(tomlkit.nl())
+    document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
+    problem, samples, margins = (
+        design.design_problem,
+        design.evaluation.step_samples,
+        design.evaluation.margins,
+    )
+    weights = (
+        None if callable(problem.penalty.states) else design_file.plain("penalty", problem.penalty.states)
+    )
+    if isinstance(weights, list):  # by name
+        rows = bool(weights) and isinstance(weights[0], list)
+        weights = {"rows": weights} if rows else dict(zip(design.problem.state_names, weights))
+    table: dict[str, Any] = {
+        "verdict": verdict(design),
+        **_picked(design, "met preset=design_problem.preset goal start gamma_star gamma"),
+        "degrees": [choice.degree for choice in design.choices],
+        **_picked(design, "degree=chosen.degree bandwidth=evaluation.margins.bandwidth"),
+        "damping": margins.damping if np.isfinite(margins.damping) else None,
+        "draws": 0 if samples is None else len(samples),
+        **_picked(
+            design, "rays=synthesis.rays duration=scenario.step_duration weights_from=design_problem.source"
+        ),
+        "R2": np.asarray(problem.penalty.effort, dtype=float),
+        "R2_from": problem.effort_source,
+        "weights": weights,
+        "robust": None if problem.robustness is None else asdict(problem.robustness),
+        "estimator_noise": _picked(
+            design.setup.process_noise, "all_states link_velocities motor_velocities from=source"
+        ),
+        "margins": _picked(margins, "delay_margin=delay_margin_s peak_sensitivity gain_margin"),
+        "specification": [
+            {
+                **_picked(line, "what"),
+                "limit": "at most" if line.at_most else "at least",
+                **_picked(line, "asked=limit found unit holds=met within_tolerance where"),
+                "by_default": line.stated_by == "default",
+            }
+            for line in design.requirements
+        ],
+    }
+    kept = {name: value for name, value in table.items() if value is not None}
+    document.add("result", design_file.toml_table(kept))
+    return tomlkit.dumps(document)
 
 
 # Numbers ------------------------------------------------------------------------------------------------

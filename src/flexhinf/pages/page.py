@@ -13,9 +13,9 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import INITIAL_VARIANCE, noise_variances
+from flexhinf.design.pipeline import Comparison, Design, Status as Judged
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
-from flexhinf.design.result import Comparison, Design, Status as Judged
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP

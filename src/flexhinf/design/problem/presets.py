@@ -433,21 +433,25 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
     return penalty, source, priced
 
 
-def _searched(
-    few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
-) -> DesignProblem:
-    robot, goal, joints = few.robot, few.goal, len(few.goal)
-    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = np.atleast_1d(
-        np.asarray(BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
-    )
+def required_bandwidth(s: Specification, scales: modes.JointScales, joints: int) -> np.ndarray:
+    """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with held motors."""
+    stated = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    bandwidth = np.atleast_1d(np.asarray(stated, dtype=float))
     if len(bandwidth) not in (1, joints):
         raise InvalidInput(
             "The bandwidths do not fit the joints.",
             f"expected one number or {joints}, got {bandwidth.tolist()}",
             "one bandwidth for all joints",
         )
-    target = TargetBehaviour(np.broadcast_to(bandwidth, (joints,)).copy(), required_damping(s))
+    return np.broadcast_to(bandwidth, (joints,)).copy()
+
+
+def _searched(
+    few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
+) -> DesignProblem:
+    robot, goal, joints = few.robot, few.goal, len(few.goal)
+    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
+    target = TargetBehaviour(required_bandwidth(s, scales, joints), required_damping(s))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
         every = robot.plant().disturbances

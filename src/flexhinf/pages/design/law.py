@@ -9,8 +9,8 @@ import numpy as np
 
 from flexhinf.analysis.modes import Mode
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.pipeline import Design
 from flexhinf.design.responses import Response
-from flexhinf.design.result import Design
 from flexhinf.design.rigid import RigidLoop
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import damping_ratio

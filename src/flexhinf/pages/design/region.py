@@ -12,7 +12,7 @@ import numpy as np
 
 from flexhinf.analysis import BudgetTerm
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
-from flexhinf.design.result import Design
+from flexhinf.design.pipeline import Design
 from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
 from flexhinf.hinf import smallest_gamma
 from flexhinf.pages.drawing import (

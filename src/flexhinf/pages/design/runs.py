@@ -18,9 +18,9 @@ from flexhinf.design.checks import (
     payload_requirements,
 )
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.pipeline import Design
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse
-from flexhinf.design.result import Design
 from flexhinf.design.specification import RINGS
 from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
 from flexhinf.pages.design.step import input_panel, peak_text, stiffness_of

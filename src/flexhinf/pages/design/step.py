@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.pipeline import Design
 from flexhinf.design.requirements import MonteCarlo
 from flexhinf.design.responses import ROBOT, Response
-from flexhinf.design.result import Design
 from flexhinf.pages.drawing import (
     DASHED,
     ESTIMATORS,

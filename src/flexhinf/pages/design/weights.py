@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.analysis.modes import JointScales
+from flexhinf.design.pipeline import Design
 from flexhinf.design.problem.presets import Robustness, required_damping
 from flexhinf.design.problem.weights import SearchResult, TargetBehaviour
-from flexhinf.design.result import Design
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.steps import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (

@@ -1,0 +1,238 @@
+"""Waypoints as people write them, of the joints or of a point of the robot: a CSV file, or columns by name.
+
+A file has a header with ``time`` and the joints' names, each with its unit behind it where that is not the SI unit, and
+one row per waypoint; lines that begin with # are comments::
+
+    time [s], shoulder [deg], elbow [deg]
+    0,        0,              0
+    0.8,      30,             -20
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING
+from flexhinf.validation import HUGE, nearest, read_text, real_array, value_text
+
+if TYPE_CHECKING:
+    from flexhinf.robot.kinematics import Reached
+    from flexhinf.robot.robot import Robot
+
+#: Largest file, bytes, and most rows: 100 s at 1 kHz.
+LARGEST, MOST_ROWS = 20_000_000, 100_000
+
+
+class WaypointError(InvalidInput):
+    """Waypoints that cannot be used, with where they stand."""
+
+
+@dataclass(frozen=True)
+class WaypointTable:
+    """Positions of joints at times, not yet of a certain robot."""
+
+    times: tuple[float, ...]  # From 0 on, increasing, s
+    joints: tuple[str, ...]  # Names of the columns
+    units: tuple[str, ...]  # Those that were stated; empty where none was
+    rows: tuple[tuple[float, ...], ...]  # Positions at each time, rad or m
+
+    def columns(self) -> dict[str, list[float]]:
+        """Columns of the table by name, in SI units, as `waypoints` takes them: for a design file."""
+        return {"time": list(self.times), **dict(zip(self.joints, np.array(self.rows).T.tolist()))}
+
+    def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:
+        """Positions (N, n) of a robot's joints, in their order."""
+        from flexhinf.robot.signals import signal_names  # `flexhinf --help` reads fields, and no robot
+
+        full = dict(zip(signal_names("link_position", joints), joints))
+        named = [full.get(name, name) for name in self.joints]
+        for name in named:
+            if name not in joints:
+                raise WaypointError(
+                    f"The waypoints have a column {value_text(name, 60)}, and the robot no such joint.",
+                    f"expected 'time' and {list(joints)}, got {['time', *self.joints]}",
+                    nearest(name, joints, "the names of the joints as `flexhinf robots` shows them"),
+                )
+        missing = [name for name in joints if name not in named]
+        if missing or len(set(named)) < len(named):
+            raise WaypointError(
+                "The waypoints do not have one column for each joint.",
+                f"expected each of {list(joints)} once, got {list(self.joints)}",
+                f"a column for {', '.join(missing)}; the same position in every row where a joint stays"
+                if missing
+                else "each joint once",
+            )
+        for name, unit in zip(named, self.units):
+            fitting = SLIDING if slides[list(joints).index(name)] else TURNING
+            if unit and unit not in fitting:
+                raise WaypointError(
+                    f"The unit of the waypoints of joint {name!r} does not fit it.",
+                    f"expected one of {list(fitting)}, got {unit!r}",
+                    f"'{name} [{next(iter(fitting))}]' in the header",
+                )
+        return np.array(self.rows)[:, [named.index(name) for name in joints]]
+
+
+def waypoints(value: Any) -> Any:
+    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is."""
+    if isinstance(value, (str, os.PathLike)) and str(value).strip():
+        return _read(Path(value))
+    if isinstance(value, Mapping):
+        return _table(list(value), list(value.values()), "The waypoints", lambda row: f"row {row + 1}")
+    if isinstance(value, WaypointTable) or (hasattr(value, "derivatives") and hasattr(value, "duration")):
+        return value
+    raise ValueError(value)
+
+
+def _read(path: Path) -> WaypointTable:
+    try:
+        text = read_text(path, LARGEST, "waypoints as CSV")
+    except InvalidInput as error:
+        raise WaypointError(error.what, error.found, error.advice) from None
+    numbered = enumerate(text.removeprefix("\ufeff").splitlines(), 1)
+    kept = [(k, line) for k, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    delimiter, cells = ";" if kept and ";" in kept[0][1] else ",", []
+    with contextlib.suppress(csv.Error):
+        cells = list(csv.reader((line for _, line in kept), delimiter=delimiter))
+    if len(cells) != len(kept) or len(kept) > MOST_ROWS + 1:
+        raise WaypointError(
+            f"{path.name}: its rows cannot be read.",
+            f"expected one waypoint a line, at most {MOST_ROWS}, without line breaks in quotes; got {len(kept)} lines",
+            "fewer rows: the motion between them is smooth",
+        )
+    heading, *rows = cells or [[]]
+    for (line, _), row in zip(kept[1:], rows):
+        if len(row) != len(heading):
+            raise WaypointError(
+                f"{path.name}, line {line}: the number of values is not that of the columns.",
+                f"expected {len(heading)}, got {len(row)}", "one value for each column of the header",
+            )  # fmt: skip
+    columns = [[_number(row[k]) for row in rows] for k in range(len(heading))]
+    return _table(heading, columns, f"{path.name}: the waypoints", lambda row: f"line {kept[row + 1][0]}")
+
+
+def _number(cell: str) -> float | str:
+    try:
+        return float(cell.replace("_", "x"))
+    except ValueError:
+        return cell
+
+
+def _table(heading: Sequence[Any], columns: Sequence[Any], what: str, place: Any) -> WaypointTable:
+    named = [_heading(name) if isinstance(name, str) else ("", "") for name in heading]
+    names = [name for name, _ in named]
+    if "time" not in names or len(names) < 2 or not all(names) or len(set(names)) < len(names):
+        raise WaypointError(
+            f"{what} need one column 'time' and one for each joint.",
+            f"expected time,shoulder,elbow, each once, got {value_text(list(heading))}",
+            "a header 'time [s],shoulder [deg],elbow [deg]'",
+        )
+    values = {}
+    for (name, unit), column in zip(named, columns):
+        units = SECONDS if name == "time" else {**TURNING, **SLIDING}
+        if unit and unit not in units:
+            raise WaypointError(
+                f"{what} have a unit that is not known.",
+                f"expected one of {list(units)} for {value_text(name, 60)}, got {value_text(unit, 60)}",
+                f"'{name} [{next(iter(units))}]'",
+            )
+        values[name] = units.get(unit, 1.0) * _numbers(column)
+    times = values["time"]
+    if times.ndim != 1 or any(column.shape != times.shape for column in values.values()) or len(times) < 2:
+        raise WaypointError(
+            f"{what} do not make a motion.",
+            "expected at least two, one position of each joint per time, got "
+            + ", ".join(f"{array.size} of {name!r}" for name, array in values.items()),
+            "a first row where the motion begins, and one where it ends",
+        )
+    usable = np.abs(np.column_stack([values[name] for name in names])) <= HUGE
+    if not usable.all():
+        row, column = np.argwhere(~usable)[0].tolist()
+        raise WaypointError(
+            f"{what} hold what is no usable number.",
+            f"expected finite ones of at most {HUGE:g}, units in the header ('elbow [deg]'), got "
+            f"{value_text(columns[column][row], 60)} of {value_text(names[column], 60)} in {place(row)}",
+            "0.5, or leave the row out",
+        )
+    del values["time"]
+    if not (np.diff(times) > 0.0).all():
+        row = int(np.argmax(np.diff(times) <= 0.0)) + 1
+        raise WaypointError(
+            f"{what} are not in the order of time.",
+            f"expected increasing times, got {times[row]:g} s after {times[row - 1]:g} s in {place(row)}",
+            "sort the rows, and drop repeated times",
+        )
+    rows = tuple(map(tuple, np.column_stack(list(values.values())).tolist()))
+    units = tuple(unit for name, unit in named if name != "time")
+    return WaypointTable(tuple((times - times[0]).tolist()), tuple(values), units, rows)
+
+
+def _numbers(column: Any) -> np.ndarray:
+    """Numbers of a column; NaN where something else stands, true, false and text included."""
+    entries = column.tolist() if isinstance(column, np.ndarray) and column.ndim == 1 else column
+    if isinstance(entries, (list, tuple)):
+        entries = [np.nan if isinstance(entry, (bool, np.bool_, str)) else entry for entry in entries]
+    return real_array(entries)
+
+
+def _heading(text: str) -> tuple[str, str]:
+    text = text.strip()
+    for opening, closing in ("[]", "()"):
+        if text.endswith(closing) and opening in text:
+            name, _, unit = text[:-1].rpartition(opening)
+            return name.strip(), unit.strip()
+    return text, ""
+
+
+AXES = ("x", "y", "z")
+
+#: Most waypoints of a point: each is a search.
+MOST = 500
+
+
+class Tool(NamedTuple):
+    """The point that goals are for: of a link, by the name of its joint (None: the last), at an offset (3,), m."""
+
+    link: str | None = None
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+#: The origin of the last link.
+ORIGIN = Tool()
+
+
+def reached_waypoints(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, Reached]:
+    """Waypoints x, y, z of a point as those of the joints, each pose by a search from the one before; the worst pose.
+
+    Raises WaypointError: for a place out of reach, for too many waypoints, for columns that are not x, y, z.
+    """
+    from flexhinf.robot import kinematics  # not for `flexhinf --help`
+
+    wrong = [unit for unit in table.units if unit and unit not in SLIDING]
+    if set(table.joints) != set(AXES) or len(table.joints) != 3 or wrong or len(table.rows) > MOST:
+        raise WaypointError(
+            "The waypoints are not those of a point.",
+            f"expected columns x, y, z in m or mm, at most {MOST}, got {list(table.joints)} in {list(table.units)}, "
+            f"{len(table.rows)} rows",
+            "time,x [m],y [m],z [m]",
+        )
+    order, joints = [table.joints.index(axis) for axis in AXES], robot.joint_names
+    poses: list[Reached] = []
+    for time, row in zip(table.times, table.rows):
+        near = poses[-1].pose if poses else None
+        try:
+            poses.append(kinematics.pose_at(robot, [row[k] for k in order], tool.link, tool.offset, near))
+        except InvalidInput as error:
+            raise WaypointError(f"{error.what} (waypoint at {time:g} s)", error.found, error.advice) from None
+    rows = tuple(tuple(reached.pose.tolist()) for reached in poses)
+    worst = min(poses, key=lambda reached: reached.mobility)
+    return WaypointTable(table.times, joints, ("",) * len(joints), rows), worst
