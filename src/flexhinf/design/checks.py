@@ -1,21 +1,18 @@
 """Checks of the running loop beyond its step: impulses, a long run at rest, poses along a move, payloads.
 
-Impulse: an impulse of torque on a link makes its velocity jump, by M⁻¹ at the goal. So a run begins at the goal with
-that velocity; neither law nor estimator knows of it. Without measurement noise, which would hide what is left of the
-decay.
+Impulse: it makes a link's velocity jump, by M⁻¹ at the goal. So a run begins at the goal with that velocity; neither
+law nor estimator knows of it. Without measurement noise, which would hide what is left of the decay.
 
-Limit cycle: a joint that dry friction holds beside the command stays there until the integral of the error has broken
-it loose; it passes the command, and sticks on the other side. No linear metric shows that. The remedy is a dead zone
-of the integrals as wide as the cycle: docs/design.md has its cost, and what else was measured.
+Limit cycle: no linear metric shows what dry friction does at rest, see docs/design.md. The remedy is a dead zone of the
+integrals as wide as the cycle.
 
 Along a move: in error coordinates the law's gain is the same everywhere, and the robot is not: its inertia and the
 estimator's stationary gain change with the pose. At each pose the loop is that of a robot at rest there: velocities
 along the move, and the change from one law to another, are not in it.
 
-Payload: a law and its estimator know the payload's nominal mass. Here the true robot has the masses at the ends of
-their ranges: it makes the step in equilibrium with them, and, at rest at the goal, has a load step: the weight
-beyond the model's acts on all links at once (as constant torques; the inertia is in the step). No estimator has
-a payload among its states: integral action compensates the unmodelled weight.
+Payload: the true robot has the masses at the ends of their ranges, law and estimator the nominal ones. It makes the
+step in equilibrium with them, and, at rest at the goal, has a load step: the weight beyond the model's acts on all
+links at once (as constant torques; the inertia is in the step). Integral action compensates the unmodelled weight.
 """
 
 from __future__ import annotations
@@ -43,9 +40,7 @@ from flexhinf.design.responses import (
     Plan,
     Response,
     Scenario,
-    Worst,
     default_load,
-    worst_of,
 )
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -451,11 +446,6 @@ class PayloadEvaluation:
     step: Response  # From start to goal, with the payload
     # The weight beyond the model's as constant torques; None where the model carries as much or more
     load_step: LoadResponse | None
-    # After the load step, zero without one: the largest deviation of a link, rad or m; the time until all links are
-    # back within 2 % of their step, s, infinite where one is not in the run; the largest deviation in its last tenth
-    deflection: Worst
-    recovery: Worst
-    remaining: Worst
     margins: Margins  # Of the running loop about the goal, with the payload
 
     @property
@@ -482,7 +472,6 @@ def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluati
 def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:
     """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
     robot, load_step = setup.robot, None
-    deflection = recovery = remaining = Worst(0.0, "")
     true = robot.plant_parameters({**robot.nominal, **masses})
     step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
@@ -491,10 +480,8 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
             for p in (robot.plant_parameters(), true)
         )
         load_step = setup.load_response(-(held - nominal), runs.load_duration, runs.sub_steps)
-        keys = ("peak_deviation", "recovery_time_s", "remaining_error")
-        deflection, recovery, remaining = (worst_of(load_step.metrics, key) for key in keys)
     running = margins(setup.equilibrium_loop(values=true))
-    return PayloadEvaluation(robot, masses, step, load_step, deflection, recovery, remaining, running)
+    return PayloadEvaluation(robot, masses, step, load_step, running)
 
 
 def payload_requirements(
@@ -515,13 +502,13 @@ def payload_requirements(
         )  # fmt: skip
     if load.load_step is None:
         return lines
-    where, joint = f"gripping {load.mass:.3g} kg at the goal", load.remaining.joint
-    k = limits.joints.index(joint) if joint else 0
+    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.load_step.remaining
+    k = limits.joints.index(remaining.joint) if remaining.joint else 0
     return [
         *lines,
         REQUIREMENTS["load_step"].judge(
-            None, SETTLING_BAND * float(load.load_step.reference_step[k]), load.remaining.value, where,
-            unit=limits.position_units[k], joint=of_several(limits.joints, joint),
+            None, SETTLING_BAND * float(load.load_step.reference_step[k]), remaining.value, where,
+            unit=limits.position_units[k], joint=of_several(limits.joints, remaining.joint),
         ),
         *limit_requirements(limits, load.load_step.response, where, always=False),
     ]  # fmt: skip

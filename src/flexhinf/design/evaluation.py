@@ -244,18 +244,18 @@ class LawEvaluation:
     @cached_property
     def worst(self) -> Mapping[str, responses.Worst]:
         """Worst value of all joints and its joint, for metrics that joints have, by the keys of `metrics`."""
-        step, load, move = self.step, self.load_response.metrics, self.move.metrics
+        step, load, move = self.step, self.load_response, self.move
         return {
             "step_overshoot_percent": step.overshoot,
             "step_settling_s": step.settling,
             "step_peak_input": step.peak,
             "step_remaining": step.remaining,
-            "load_deviation": responses.worst_of(load, "peak_deviation"),
-            "load_recovery_s": responses.worst_of(load, "recovery_time_s"),
-            "load_remaining": responses.worst_of(load, "remaining_error"),
-            "move_error": responses.worst_of(move, "largest_error"),
-            "move_remaining": responses.worst_of(move, "final_error"),
-            "move_peak_input": responses.worst_of(move, "peak_input"),
+            "load_deviation": load.deflection,
+            "load_recovery_s": load.recovery,
+            "load_remaining": load.remaining,
+            "move_error": move.largest,
+            "move_remaining": move.remaining,
+            "move_peak_input": move.peak,
         }
 
     @cached_property

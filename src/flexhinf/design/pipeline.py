@@ -110,15 +110,10 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 
 def _runs(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> rigid.RigidComparison | None:
     evaluation.compute("load_response", "ring_down", "move", "step_samples")
-    setup, few = evaluation.setup, len(synthesis.problem.state_names) <= RIGID_STATES
-    if not setup.specification.compare_rigid:
+    if not evaluation.setup.specification.compare_rigid:
         return None
-    assert evaluation.scenario is not None
-    return rigid.compare_rigid(
-        synthesis.problem, setup.true_plant, synthesis.chosen.degree if few else 2, setup.specification,
-        evaluation.energy, setup.equilibrium(setup.start), setup.goal, evaluation.scenario.step_duration,
-        setup.limits.saturated,
-    )  # fmt: skip
+    few = len(synthesis.problem.state_names) <= RIGID_STATES
+    return rigid.compare_rigid(evaluation, synthesis.problem, synthesis.chosen.degree if few else 2)
 
 
 def _law_modes(evaluation: LawEvaluation, synthesis: steps.Synthesis) -> tuple:

@@ -223,6 +223,10 @@ class LoadResponse:
             for name, load, position, goal, step in columns
         ]
 
+    deflection = _worst("peak_deviation", "Largest deviation of a link, rad or m.")
+    recovery = _worst("recovery_time_s", "Slowest return to within 2 % of the reference step, s.")
+    remaining = _worst("remaining_error", "Largest deviation in the last tenth of the run, rad or m.")
+
 
 class Plan(Signal, Protocol):
     """A motion of all joints from rest to rest: link positions (N, n) at times (N,), and their derivatives."""
@@ -275,6 +279,10 @@ class Move:
             }
             for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
         ]  # fmt: skip
+
+    largest = _worst("largest_error", "Largest error behind the plan, rad or m.")
+    remaining = _worst("final_error", "Largest error in the last tenth of the run, rad or m.")
+    peak = _worst("peak_input", "Largest |input| of all motors.")
 
 
 def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:

@@ -1,18 +1,11 @@
 """From a specification to a law: weights, noise levels of the estimator, V of several degrees, laws at other poses.
 
-The preset `robust` searches weights and noise levels for the tolerances on the whole loop with its estimator: the
-channels of the tolerances see the law alone; with the true state fed back they bound its gain, and with the estimator
-in the loop they may make it worse. From the weights of the preset `damped` with its noise levels, and from those whose
-channels cover all tolerances, factors are searched (the scalings of a μ-synthesis, with the fraction of the tolerances
-that the channels stand for) on
-
-    ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
-
-for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the worst
-overshoot of the corners is at most that with `damped`, and clearly less where a candidate has that too; peak
-sensitivity, gain margin, damping, bandwidth, and the joints' limits in the step are kept, or missed by no more than
-with `damped`; and each motor has at most `NOISE` times its noise. `damped` itself is the first candidate, so by this
-criterion the outcome cannot be worse.
+The preset `robust` searches the whole loop with its estimator for the largest factor of all tolerances up to which no
+corner of them is unstable: docs/design.md has the five factors that are searched (the scalings of a μ-synthesis, with
+the fraction of the tolerances that the channels stand for) and the conditions. It begins with the weights of the preset
+`damped` and with those whose channels cover all tolerances: the channels see the law alone, and with the estimator in
+the loop they may make it worse. `damped` itself is the first candidate, so by this criterion the outcome cannot be
+worse.
 
 A candidate is computed at few corners: those that are nearest to instability or overshoot most. One that would be the
 best is computed at all, and those that it fails on join them.
@@ -156,14 +149,15 @@ class _WholeLoop:
         outcome = WholeLoopSearch(own, best, *factors, fraction=fraction, count=self.count, corner=corner)
         if best is own:
             return replace(own.solved, preset="robust"), self.levels, outcome
-        design = self.channels.design(best.solved, *weights)
+        design = self.channels.linear(*weights).design(best.solved.gamma, best.solved.gamma_star)
         chosen = Candidate(frequency, damping, design, behaviour_of(self.channels.family, design.gain))
         result = SearchResult(chosen, (*self.damped.candidates, chosen))
         source = (
             f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
             f"{own.scale:.3g} with the preset damped"
         )
-        return self.channels.checked(best.solved, fraction, self.target, result, source), best.levels, outcome
+        problem = self.channels.checked(best.solved, result, fraction)
+        return replace(problem, source=source, target=self.target), best.levels, outcome
 
     def best(self) -> LoopCandidate:
         """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
