@@ -25,15 +25,9 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
 from flexhinf.analysis.modes import JointScales
+from flexhinf.design import requirements as required
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import has_integrals
-from flexhinf.design.requirements import (
-    REQUIREMENTS,
-    Requirement,
-    limit_requirements,
-    of_several,
-    step_requirements,
-)
 from flexhinf.design.responses import (
     JointLimits,
     LoadResponse,
@@ -45,16 +39,7 @@ from flexhinf.design.responses import (
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Schedule
-from flexhinf.loop.simulation.metrics import (
-    FITS,
-    SETTLING_BAND,
-    LimitCycle,
-    Oscillation,
-    RingDown,
-    limit_cycle,
-    ring_down as fit_ring_down,
-    tail_of,
-)
+from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Law, Parameters, sub_steps
 from flexhinf.robot import Robot, Weighing, arm, elastic, weigh_payload
 
@@ -84,8 +69,7 @@ class ImpulseRuns:
     responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
     impulses: np.ndarray  # (n,), N·m·s or N·s
     # Oscillations of each run, in velocities and input of its own joint; None where one diverged
-    ring_down: RingDown | None
-    delay: int  # Of the inputs, samples
+    ring_down: metrics.RingDown | None
 
     @property
     def diverged(self) -> bool:
@@ -104,23 +88,24 @@ class ImpulseRuns:
             return self.ring_down.worst
         return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
 
-    def requirement(self, s: Specification, damping: float) -> Requirement:
+    def requirement(self, s: Specification, damping: float) -> required.Requirement:
         """The requirement that the running loop after an impulse is as damped as every oscillation must be."""
-        where = (
-            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise"
+        return required.REQUIREMENTS["ring_down"].judge(
+            s,
+            damping,
+            self.damping,
+            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
+            joint=required.of_several(self.responses[0].joints, self.worst),
         )
-        joint = of_several(self.responses[0].joints, self.worst)
-        return REQUIREMENTS["ring_down"].judge(s, damping, self.damping, where, joint=joint)
 
     @property
     def exponential(self) -> bool:
         """Whether the runs are decaying oscillations, as those of a linear loop."""
-        return self.ring_down is not None and self.ring_down.error <= FITS
+        return self.ring_down is not None and self.ring_down.error <= metrics.FITS
 
-    def least_damped(self, joint: int) -> Oscillation | None:
+    def least_damped(self, joint: int) -> metrics.Oscillation | None:
         """Least damped oscillation of the run with the impulse on a joint; None where nothing oscillates."""
-        oscillations = () if self.ring_down is None else self.ring_down.oscillations[joint]
-        return oscillations[0] if oscillations else None
+        return next(iter(self.ring_down.oscillations[joint]), None) if self.ring_down else None
 
     def velocity(self, joint: int) -> np.ndarray:
         """Velocity (N,) of the link with the impulse, over its peak."""
@@ -159,29 +144,24 @@ def impulse_runs(
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
-    delay = round(setup.specification.delay / period)
-    diverged = any(run.diverged_at is not None for run in runs)
-    return ImpulseRuns(runs, impulses, None if diverged else _ring_down(runs, state, held, delay), delay)
-
-
-def _ring_down(responses: Sequence[Response], state: np.ndarray, held: np.ndarray, delay: int) -> RingDown:
-    """Oscillations fitted to all that the loop stores (state, estimate, last inputs, the newest last), as deviations
-    from the `state` (N,) and the inputs `held` (m,) at rest."""
-    runs, first = [], responses[0].run
-    for signals in (response.run.signals for response in responses):
+    if any(run.diverged_at is not None for run in runs):
+        return ImpulseRuns(runs, impulses, None)
+    # The fit has all that the loop stores, as deviations from rest: state, estimate, last inputs, the newest last.
+    stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
+    for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - held
-        lags, none = range(min(delay, MOST_LAGS), 0, -1), np.zeros((MOST_LAGS, inputs.shape[1]))
+        none = np.zeros((MOST_LAGS, inputs.shape[1]))
         before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
         believed = signals.get("estimate", signals["state"][:, :0])
         estimate = believed - state[: believed.shape[1]]
-        runs.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
-    n, count, states = len(responses), runs[0].shape[1], first.names["state"]
+        stored.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
+    n, count, states = len(runs), stored[0].shape[1], runs[0].run.names["state"]
     motors = [name.replace("link_", "motor_") for name in states[n : 2 * n]]
     watched = [
         [n + joint, count - n + joint, *([states.index(name)] if name in states else [])]
         for joint, name in enumerate(motors)
     ]
-    return fit_ring_down(runs, watched, first.settings["period"])
+    return ImpulseRuns(runs, impulses, metrics.ring_down(stored, watched, runs[0].run.settings["period"]))
 
 
 # A long run at rest with dry friction --------------------------------------------------------------------
@@ -222,10 +202,10 @@ class LimitCycleCheck:
     tried: LimitCycleCheck | None = None
 
     @cached_property
-    def cycles(self) -> tuple[LimitCycle, ...]:
+    def cycles(self) -> tuple[metrics.LimitCycle, ...]:
         """Motion of each link position in the last half of the run; none where the run diverged."""
         diverged, time = self.response.diverged_at is not None, self.response.run.time
-        return () if diverged else tuple(limit_cycle(time, q) for q in self.response.positions.T)
+        return () if diverged else tuple(metrics.limit_cycle(time, q) for q in self.response.positions.T)
 
     @property
     def errors(self) -> np.ndarray:
@@ -253,12 +233,12 @@ class LimitCycleCheck:
         """Whether any joint oscillates."""
         return bool(self.oscillating)
 
-    def requirement(self, units: Sequence[str]) -> Requirement:
+    def requirement(self, units: Sequence[str]) -> required.Requirement:
         """The requirement that dry friction causes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
-        return REQUIREMENTS["limit_cycle"].judge(
+        return required.REQUIREMENTS["limit_cycle"].judge(
             None, self.limit, self.amplitudes[worst], "long run at rest, nominal robot with dry friction, no noise",
-            unit=units[worst], joint=of_several(self.response.joints, worst),
+            unit=units[worst], joint=required.of_several(self.response.joints, worst),
         )  # fmt: skip
 
 
@@ -326,12 +306,13 @@ class MarginLimits:
         """Share of each limit that is used: above 1 it is exceeded."""
         if not at_pose.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
-        damping = self.damping / at_pose.damping if self.damping and at_pose.damping > 0.0 else np.inf
-        return {
+        shares = {
             "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
             "gain_margin": self.gain_margin / at_pose.gain_margin,
-            **({"damping": damping} if self.damping else {}),
         }
+        if self.damping:
+            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
+        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -413,7 +394,7 @@ def scheduled(
     return law, along
 
 
-def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
+def along_requirements(s: Specification, along: AlongMove) -> list[required.Requirement]:
     """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
     laws = f", {along.count} laws" if along.count > 1 else ""
     where = f"running loop at {len(along.times)} poses along the move{laws}"
@@ -425,7 +406,7 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
     # the pose at which each is nearest to its limit, or furthest beyond it
     worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}
     return [
-        REQUIREMENTS[name].judge(
+        required.REQUIREMENTS[name].judge(
             s, limit, getattr(along.margins[worst[name]], name), where, at=float(along.times[worst[name]]),
             criterion="worst pose; linearised about the robot at rest there",
         )
@@ -459,7 +440,7 @@ class PayloadEvaluation:
         if self.step.diverged_at is not None:
             return None
         try:
-            return weigh_payload(self.robot, self.step.goal, tail_of(self.step.inputs).mean(axis=0))
+            return weigh_payload(self.robot, self.step.goal, metrics.tail_of(self.step.inputs).mean(axis=0))
         except InvalidInput:
             return None
 
@@ -486,16 +467,16 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
 
 def payload_requirements(
     s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
-) -> list[Requirement]:
+) -> list[required.Requirement]:
     """Requirements with a payload: of the step, on the deflection after the load step, and on damping.
 
     `damping`: required with the model's payload; with others the loop must not ring.
     """
     name = f"with {load.mass:.3g} kg of payload"
-    lines = step_requirements(s, limits, load.step, f"the step {name}")
+    lines = required.step_requirements(s, limits, load.step, f"the step {name}")
     if damping is not None:
         lines.append(
-            REQUIREMENTS["damping"].judge(
+            required.REQUIREMENTS["damping"].judge(
                 None, min(RINGS, damping), load.margins.damping, f"running loop at the goal {name}",
                 criterion="smallest damping ratio; below 0.1 a loop rings",
             )
@@ -506,9 +487,9 @@ def payload_requirements(
     k = limits.joints.index(remaining.joint) if remaining.joint else 0
     return [
         *lines,
-        REQUIREMENTS["load_step"].judge(
-            None, SETTLING_BAND * float(load.load_step.reference_step[k]), remaining.value, where,
-            unit=limits.position_units[k], joint=of_several(limits.joints, remaining.joint),
+        required.REQUIREMENTS["load_step"].judge(
+            None, metrics.SETTLING_BAND * float(load.load_step.reference_step[k]), remaining.value, where,
+            unit=limits.position_units[k], joint=required.of_several(limits.joints, remaining.joint),
         ),
-        *limit_requirements(limits, load.load_step.response, where, always=False),
+        *required.limit_requirements(limits, load.load_step.response, where, always=False),
     ]  # fmt: skip

@@ -227,11 +227,12 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
     s, states = specification, 5 * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    degrees = by_step.synthesis_stages(states, s.degrees, s.rays)
+    solved, rays = len(by_step.tried_degrees(states, s.degrees)), by_step.rays_of(states, s.rays)
+    degrees = solved + (solved > 1) + (rays > 0) * (1 if s.degrees is None else solved)
     synthesis = (PROVED_STAGES if preset == "proved" else degrees) + len(s.via) + limited
     if laws is not None:
         return 3 + synthesis + (5 if responses.sample_count(robot, states, s) else 4) * len(laws)
-    disturbance = certification.searches_disturbance(states, by_step.rays_of(states, s.rays))
+    disturbance = certification.searches_disturbance(states, rays)
     return 8 + synthesis + s.mujoco + ROBUST_STAGES * (preset == "robust") + disturbance
 
 

@@ -397,7 +397,6 @@ class Tuner:
     own: LawEvaluation  # of the design's own law: its loop, and the scenario of all laws
     criterion: Criterion
     same_sensors: bool = False  # all laws measure what the design measures
-    seed: int = 0  # of the searches' samples; the same for all laws
 
     def tune_all(
         self,
@@ -520,7 +519,7 @@ class Tuner:
 
         bounds, count = {name: limits[name] for name in start}, len(start)
         samples, simplex = (first, 0) if before is None else (0 if exchange else samples, simplex)
-        tuning = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
+        tuning = tune(judge, begin, bounds, samples * count, simplex * count, others=starts)
         known = self._own_candidate(kind) if before is None else before.candidates
         candidates = (*known, *tuning.candidates)
         tuning = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)

@@ -47,7 +47,7 @@ from flexhinf.design.problem.weights import (
     search,
 )
 from flexhinf.design.specification import RINGS, Specification
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.hinf import linear_law, smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
@@ -328,11 +328,8 @@ def preset_of(robot: Robot, s: Specification) -> str:
         (paper and behaviour, f"preset='paper' and {behaviour}", "preset='damped'"),
         (paper and s.penalty is not None, "preset='paper' and `penalty`", "leave out `preset`"),
     ):
-        if contradicts:
-            other = "a behaviour for which weights are found, or the preset paper; got both"
-            raise InvalidInput(
-                f"{both} contradict each other.", f"expected either weights, or {other}", advice
-            )
+        expected = "expected either weights, or a behaviour for which weights are found, or the preset paper; got both"
+        refuse_if(contradicts, f"{both} contradict each other.", expected, advice)
     default = "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
     return s.preset or ("given" if s.penalty is not None else default)
 
@@ -409,12 +406,12 @@ def _searched(
     bandwidth = np.atleast_1d(
         np.asarray(BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth, dtype=float)
     )
-    if len(bandwidth) not in (1, joints):
-        raise InvalidInput(
-            "The bandwidths do not fit the joints.",
-            f"expected one number or {joints}, got {bandwidth.tolist()}",
-            "one bandwidth for all joints",
-        )
+    refuse_if(
+        len(bandwidth) not in (1, joints),
+        "The bandwidths do not fit the joints.",
+        f"expected one number or {joints}, got {bandwidth.tolist()}",
+        "one bandwidth for all joints",
+    )
     target = TargetBehaviour(np.broadcast_to(bandwidth, (joints,)).copy(), required_damping(s))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
