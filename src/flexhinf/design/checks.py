@@ -28,14 +28,7 @@ from flexhinf.analysis.modes import JointScales
 from flexhinf.design import requirements as required
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import has_integrals
-from flexhinf.design.responses import (
-    JointLimits,
-    LoadResponse,
-    Plan,
-    Response,
-    Scenario,
-    default_load,
-)
+from flexhinf.design.responses import JointLimits, LoadResponse, Plan, Response, Scenario, default_load
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Schedule

@@ -227,10 +227,6 @@ class Channel:
         """Quantity, and what drives it."""
         return self.quantity, "input" if np.any(self.by_input) else "state"
 
-    def padded(self, n: int) -> np.ndarray:
-        """c (n,) with zeros for the integrals."""
-        return np.pad(self.by_state, (0, n - len(self.by_state)))
-
 
 #: Largest level that is tried, relative to that of the nominal problem.
 LARGEST_LEVEL = 1e4
@@ -261,7 +257,8 @@ class RobustProblem:
         n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
         enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
         for channel, log in zip(self.channels, self.log):
-            s2, padded = float(np.exp(2.0 * log)), channel.padded(n)
+            s2 = float(np.exp(2.0 * log))
+            padded = np.pad(channel.by_state, (0, n - len(channel.by_state)))  # zeros for the integrals
             enter += self.fraction * np.outer(channel.torque, channel.torque) / s2
             seen += self.fraction * s2 * np.outer(padded, padded)
             price += self.fraction * s2 * np.outer(channel.by_input, channel.by_input)
@@ -386,7 +383,7 @@ def _balanced(problem: RobustProblem, design: LinearDesign) -> RobustProblem:
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ design.gain + channel.padded(len(loop))
+        z = channel.by_input @ design.gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return replace(problem, log=log).covering()
 
