@@ -362,19 +362,15 @@ def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMo
 
 
 def scheduled(
-    setup: LoopSetup,
-    plan: Plan,
-    limits: MarginLimits,
-    another: Callable[[np.ndarray], Law] | None,
-    most: int = MOST_LAWS,
+    setup: LoopSetup, plan: Plan, limits: MarginLimits, another: Callable[[np.ndarray], Law] | None
 ) -> tuple[Law, AlongMove]:
-    """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
+    """The law, or a schedule with laws at the worst poses of a move, until the margins hold or it has `MOST_LAWS`.
 
     `another` designs a law at a pose (n,); None adds none. A law that does not help is not added.
     """
     law, along = setup.law, margins_along(setup, plan, limits)
     laws = [law]
-    while another is not None and along.share > 1.0 and len(laws) < most:
+    while another is not None and along.share > 1.0 and len(laws) < MOST_LAWS:
         try:
             laws.append(another(along.poses[along.worst_pose]))
             schedule = Schedule(laws)

@@ -1,13 +1,9 @@
 """The proved step as a criterion of a design: weights and degree for the largest one, or for the smallest proved gain.
 
-Candidates are laws of the preset robust, and for the nominal robot of damped too, over bandwidths, dampings, γ/γ* and
-degrees of V. Of each, a step without a jump of the input is run on the nominal robot, for its largest input, and
-`sampled_gain` says which γ is worth a proof, for the robot's own penalty and command: the same d and z for all
-candidates. They are proved in order, the best first, until one is.
-
-`prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances to the z of
-`measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common quadratic V
-(`flexhinf.certify.box`), of others a multiple of the law's own; its level holds the step of every robot.
+`search_proved_step` tries candidates as docs/design.md, "The preset `proved`", says; for the nominal robot those of the
+preset damped too. `prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances
+to the z of `measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common
+quadratic V (`flexhinf.certify.box`), of others a multiple of the law's own; its level holds the step of every robot.
 """
 
 from __future__ import annotations
@@ -24,7 +20,6 @@ import numpy as np
 from flexhinf.certify import Certificate, box, cells, claim, proof, starts
 from flexhinf.certify.certificate import path_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
-from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
@@ -214,31 +209,6 @@ class ProvedLaw(BoxProof):
     design_problem: DesignProblem  # Whose solution the law is; its γ is the law's
     peak_effort: float = np.inf  # Largest |u| of the step on the nominal robot
     candidates: int = 1  # Laws within the limit whose inequality no sample refused
-
-
-def proved_law(
-    robot: Robot,
-    s: Specification,
-    goal: np.ndarray,
-    start: np.ndarray,
-    admits: Callable[[ProvedLaw], str],
-    progress: Callable[[str], None],
-) -> ProvedLaw:
-    """The law of the preset proved: the smallest proved gain of the step within the largest input, for all tolerances.
-
-    The true state is fed back; `admits` may refuse a law for what it does with the estimator. A robot that states no
-    tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
-    """
-    stated = {
-        "bandwidths": None if s.bandwidth is None else (1.0,), "dampings": None if s.damping is None else (s.damping,),
-        "degrees": s.degrees, "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),
-    }  # fmt: skip
-    settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
-    return search_proved_step(
-        robot, goal.tolist(), float((goal - start)[0]), effort_limit=float(joint_limits(robot, s).effort[0]),
-        tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds, specification=s, admits=admits,
-        progress=progress, **settings,
-    )  # fmt: skip
 
 
 def _check(robot: Robot, s: Specification) -> None:

@@ -173,7 +173,9 @@ class Response:
         rows = []
         for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
             position, u = self.positions[:, k], self.inputs[:, k]
-            shape = metrics.step_metrics(self.run.time, position, metrics.StepShape(float(begin), float(end), 0.0))
+            shape = metrics.step_metrics(
+                self.run.time, position, metrics.StepShape(float(begin), float(end), 0.0)
+            )
             rows.append({
                 "joint": name, **(shape if begin != end else {}),
                 "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
@@ -213,7 +215,9 @@ class LoadResponse:
         columns = zip(run.joints, self.load, run.positions.T, run.goal, self.reference_step)
         return [
             {"joint": name, "load": float(load)}
-            | metrics.load_metrics(run.run.time, position, command=float(goal), step=float(step), start=self.at)
+            | metrics.load_metrics(
+                run.run.time, position, command=float(goal), step=float(step), start=self.at
+            )
             for name, load, position, goal, step in columns
         ]
 

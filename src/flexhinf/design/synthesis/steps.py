@@ -368,10 +368,28 @@ class _Steps(Task):
     def proved(self) -> Synthesis:
         """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
 
-        The search is about the law with the true state fed back; noise levels are found for it as for other laws.
+        The search is about the law with the true state fed back; noise levels are found for it as for other laws. A
+        robot that states no tolerances is nominal. What the specification states is not searched for.
         """
-        proved = proved_step.proved_law(
-            self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress
+        robot, s = self.robot, self.s
+        stated = {
+            "bandwidths": None if s.bandwidth is None else (1.0,),
+            "dampings": None if s.damping is None else (s.damping,),
+            "degrees": s.degrees,
+            "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),
+        }
+        settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
+        proved = proved_step.search_proved_step(
+            robot,
+            self.goal.tolist(),
+            float((self.goal - self.start)[0]),
+            specification=s,
+            effort_limit=float(responses.joint_limits(robot, s).effort[0]),
+            tolerances=1.0 if robot.uncertain else 0.0,
+            most_seconds=s.proof_seconds,
+            admits=self.keeps_effort,
+            progress=self.progress,
+            **settings,
         )
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise, rays = self.noise_search(problem), by_step.rays_of(len(law.state_names), self.s.rays)
