@@ -71,10 +71,11 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
     problem, attained, failure = synthesis.problem, None, ""
-    if (
-        proved is not None and proved.certificate is not None
-    ):  # the penalty whose gain is proved, and its region
-        problem, level = proved.problem, proved.inner_level
+    if proved is not None and proved.certificate is not None:
+        problem, level = (
+            proved.problem,
+            proved.inner_level,
+        )  # the penalty whose gain is proved, and its region
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         attained, failure = _attained(problem, law, s, level, STEPS * duration)
     terms: tuple[BudgetTerm, ...] = ()
