@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import analysis
-from flexhinf.analysis import modes
+from flexhinf.analysis import modes, sampled_controller
 from flexhinf.design import checks, requirements as required, responses
 from flexhinf.design.loop_setup import LoopSetup, with_derived
 from flexhinf.errors import FlexhinfError
@@ -214,7 +214,7 @@ class LawEvaluation:
     def needed_states(self) -> tuple[str, ...]:
         """States, and integrals, that the law depends on, at random deviations."""
         law = self.setup.linear_law
-        _, slopes = analysis.sampled_controller.LawRows(law)(
+        _, slopes = sampled_controller.LawRows(law)(
             np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names)))
         )
         size = np.abs(slopes).max(axis=(0, 1))

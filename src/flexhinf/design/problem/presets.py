@@ -362,7 +362,7 @@ def choose(
                 if s.damping is not None or not refused.reached or turn == YIELDS:
                     raise
                 begun, tried = None, replace(s, damping=refused.reached)
-    return _without_channels(robot, goal, s, preset, *_stated(robot, goal, s))
+    return _without_channels(robot, goal, s, preset, _stated(robot, goal, s))
 
 
 def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> GeneralisedPlant:
@@ -374,11 +374,11 @@ def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> Genera
 
 
 def _without_channels(
-    robot: Robot, goal: np.ndarray, s: Specification, preset: str, penalty: Penalty, *sources: str
+    robot: Robot, goal: np.ndarray, s: Specification, preset: str, stated: tuple[Penalty, str, str]
 ) -> DesignProblem:
-    problem = nominal_problem(robot, goal, s, penalty)
+    problem = nominal_problem(robot, goal, s, stated[0])
     star = smallest_gamma(problem)
-    return DesignProblem(preset, penalty, *sources, problem, problem, star, s.gamma_ratio * star)
+    return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star)
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
@@ -444,7 +444,7 @@ def _searched(
     result, family = widened(few, nominal, near)
     weights, source = result.chosen.weights, f"found for {target.text}"
     if preset == "damped":
-        problem = _without_channels(robot, goal, s, preset, scales.penalty(*weights), source, "ours")
+        problem = _without_channels(robot, goal, s, preset, (scales.penalty(*weights), source, "ours"))
         return replace(problem, target=target, search=result)
     tolerances, corners = tolerance_channels(robot, [goal, start]), acting_corners(robot, goal, base())
     first = find_scalings(nominal(*weights), family.torques, tolerances, s.gamma_ratio)
