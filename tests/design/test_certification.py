@@ -134,10 +134,12 @@ def test_what_no_degree_could_mend_ends_the_proofs_for_all_tolerances(
     def unsettled(*_: Any) -> Any:
         raise NumericalFailure("The run does not settle.", "V is 1 after 9 s")
 
-    monkeypatch.setattr(certification, "sampled_box", unsettled)
+    monkeypatch.setattr(certification.proved_step, "sampled_box", unsettled)
     assert found(ASKED)[0].reason  # of this degree
-    monkeypatch.setattr(certification, "sampled_box", lambda *_: None)
-    monkeypatch.setattr(certification, "prove_box", lambda *_, **__: SimpleNamespace(certificate=CUBIC))
+    monkeypatch.setattr(certification.proved_step, "sampled_box", lambda *_: None)
+    monkeypatch.setattr(
+        certification.proved_step, "prove_box", lambda *_, **__: SimpleNamespace(certificate=CUBIC)
+    )
     monkeypatch.setattr(certification.starts, "proved_steps", unsettled)
     with pytest.raises(NumericalFailure, match="does not settle"):
         found(ASKED)

@@ -94,14 +94,27 @@ def test_more_than_one_joint_is_refused() -> None:
         synthesise(robot, asked, lambda text: None)
 
 
+class Searched(Exception):
+    """The search was called."""
+
+
 def test_what_is_stated_is_not_searched_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict = {}
-    monkeypatch.setattr(proved_step, "search_proved_step", lambda *given, **settings: asked.update(settings))
+
+    def search(*given: Any, **settings: Any) -> Any:
+        asked.update(settings)
+        raise Searched
+
+    monkeypatch.setattr(proved_step, "search_proved_step", search)
 
     def searched(**fields: Any) -> dict:
         asked.clear()
-        s = Specification(preset="proved", peak_effort=30.0, **fields)
-        proved_step.proved_law(ARM, s, np.array([np.pi]), np.array([0.0]), lambda law: "", lambda text: None)
+        with pytest.raises(Searched):
+            synthesise(
+                ARM,
+                Specification(preset="proved", pose=(np.pi,), start=(0.0,), peak_effort=30.0, **fields),
+                print,
+            )
         return {name: asked.get(name) for name in ("bandwidths", "dampings", "degrees", "ratios")}
 
     nothing = dict.fromkeys(("bandwidths", "dampings", "degrees", "ratios"))

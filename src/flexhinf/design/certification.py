@@ -21,22 +21,13 @@ from flexhinf.analysis import Attained, BudgetTerm, budget_terms, worst_disturba
 from flexhinf.certify import Certificate, cells, claim, starts
 from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify, check_decay
+from flexhinf.design import proved_step
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import measured_problem, preset_of
-from flexhinf.design.proved_step import (
-    BoxProof,
-    NotWithinTolerances,
-    Ranges,
-    about_text,
-    common_box,
-    prove_box,
-    reason_of,
-    sampled_box,
-)
 from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
-from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
@@ -55,10 +46,9 @@ class Attenuation:
     # The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
     # of the preset proved, with the true state fed back; None if none was searched for, or the search failed
     attained: Attained | None
-    # Of the step; the level is infinite where there is no region. Empty where the step diverges, where it starts
-    # outside the region, and with more than `MOST_SEARCHED` states where there is no region: each term takes a compiled
-    # loop of its own. Empty for the preset proved: where parameters are uncertain the proved V is not the one whose
-    # gradient is the law
+    # Of the step; the level is infinite where there is no region. Empty where the step diverges or starts outside the
+    # region, with more than `MOST_SEARCHED` states and no region (each term takes a compiled loop), and for the preset
+    # proved: where parameters are uncertain the proved V is not the one whose gradient is the law
     budget: tuple[BudgetTerm, ...]
     failure: str = ""  # Why the search for a disturbance failed; empty where it did not
 
@@ -81,10 +71,11 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
     problem, attained, failure = synthesis.problem, None, ""
-    if (
-        proved is not None and proved.certificate is not None
-    ):  # the penalty whose gain is proved, and its region
-        problem, level = proved.problem, proved.inner_level
+    if proved is not None and proved.certificate is not None:
+        problem, level = (
+            proved.problem,
+            proved.inner_level,
+        )  # the penalty whose gain is proved, and its region
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         attained, failure = _attained(problem, law, s, level, STEPS * duration)
     terms: tuple[BudgetTerm, ...] = ()
@@ -163,7 +154,7 @@ class CertifiedDegree:
     reason: str
     cpu_seconds: float
     # The subject of the certificate, where it is for all robots within the tolerances
-    box: BoxProof | None = None
+    box: proved_step.BoxProof | None = None
 
 
 def certify_design(
@@ -194,12 +185,12 @@ def certify_design(
             SAMPLED_ADVICE.format("a design with degrees = (2,), damping = 0.3 and rays = 50"),
         )
     check_decay(decay)
-    if tolerances and not robot.uncertain:
-        raise InvalidInput(
-            f"The robot {robot.name!r} states no tolerances.",
-            "expected parameters with a tolerance, got none",
-            "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
-        )
+    refuse_if(
+        tolerances and not robot.uncertain,
+        f"The robot {robot.name!r} states no tolerances.",
+        "expected parameters with a tolerance, got none",
+        "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
+    )
     synthesis, proofs = synthesise(robot, s, progress), []
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.problem.plant)
@@ -211,13 +202,15 @@ def certify_design(
             if boxed is not None:
                 if box is None:
                     law, ranges = boxed
-                    own = sampled_box(replace(law, solution=choice.solution), ranges)
-                    box = prove_box(robot, own, ranges, seconds=BOX_SECONDS, threads=threads, progress=share)
+                    own = proved_step.sampled_box(replace(law, solution=choice.solution), ranges)
+                    box = proved_step.prove_box(
+                        robot, own, ranges, seconds=BOX_SECONDS, threads=threads, progress=share
+                    )
                 certificate = box.certificate
             elif (margin := choice.solution.checked_margin(gamma, penalty)).definite:
                 certificate = certify(
                     choice.solution, gamma, penalty, decay=decay, observer=observer, threads=threads, progress=share,
-                    about=about_text(robot, synthesis.goal, choice.degree),
+                    about=proved_step.about_text(robot, synthesis.goal, choice.degree),
                 )  # fmt: skip
             else:
                 reason = margin.reason()
@@ -225,16 +218,18 @@ def certify_design(
         except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
             if (certificate is not None) if boxed else isinstance(error, InvalidInput):
                 raise  # a step that is proved settles
-            reason = reason_of(error) if boxed else error.found
+            reason = proved_step.reason_of(error) if boxed else error.found
         seconds, used = time.process_time() - began, choice is synthesis.chosen
         proofs.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
     return tuple(proofs)
 
 
-def _step_law(robot: Robot, s: Specification, synthesis: Synthesis) -> tuple[BoxProof, Ranges]:
+def _step_law(
+    robot: Robot, s: Specification, synthesis: Synthesis
+) -> tuple[proved_step.BoxProof, proved_step.Ranges]:
     """The chosen law with the design's step and the z and d of `measured_problem`; and the ranges of the tolerances."""
     problem, step = measured_problem(robot, synthesis.goal, s), float((synthesis.goal - synthesis.start)[0])
-    law = BoxProof(solution=synthesis.solution, problem=problem, step=step)
+    law = proved_step.BoxProof(solution=synthesis.solution, problem=problem, step=step)
     return law, parameter_ranges(robot, problem.plant)
 
 
@@ -249,7 +244,7 @@ def proved(
     reason = wanted[0].reason if wanted else "it was not solved"
     what = "the degree that the design uses" if degree is None else f"degree {degree}"
     if tolerances:
-        raise NotWithinTolerances(
+        raise proved_step.NotWithinTolerances(
             f"expected a gain that can be proved of {what}, got: {reason}",
             f"{others[-1]}, which is proved" if others else "--preset proved, or --degrees 2",
         )
@@ -312,7 +307,7 @@ class DesignProof:
     cpu_seconds: float = 0.0
     # The step for all robots within the tolerances, with another V and for the z of `measured_problem`; None where
     # that is not proved (`box_reason` says why), and for the preset proved, whose `certificate` is that
-    box: BoxProof | None = None
+    box: proved_step.BoxProof | None = None
     box_reason: str = ""
 
     @property
@@ -391,7 +386,7 @@ def prove_design(
             certificate = certify(
                 synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
                 checked_penalty(s, synthesis.problem.plant), level,
-                about=about_text(robot, synthesis.goal, chosen.degree),
+                about=proved_step.about_text(robot, synthesis.goal, chosen.degree),
                 progress=cells.time_limit(left / 2.0 if levels else left),
             )  # fmt: skip
         except cells.OutOfTime:
@@ -420,9 +415,11 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
         return replace(proof, box_reason=reason)
     (law, ranges), left = _step_law(robot, s, synthesis), max(s.proof_seconds - proof.cpu_seconds, 0.0)
     try:
-        return replace(proof, box=prove_box(robot, common_box(law, ranges), ranges, seconds=left))
+        return replace(
+            proof, box=proved_step.prove_box(robot, proved_step.common_box(law, ranges), ranges, seconds=left)
+        )
     except (InvalidInput, NumericalFailure) as error:
-        return replace(proof, box_reason=reason_of(error))
+        return replace(proof, box_reason=proved_step.reason_of(error))
 
 
 def _refused(s: Specification, synthesis: Synthesis) -> str:

@@ -1,21 +1,18 @@
 """Checks of the running loop beyond its step: impulses, a long run at rest, poses along a move, payloads.
 
-Impulse: an impulse of torque on a link makes its velocity jump, by M⁻¹ at the goal. So a run begins at the goal with
-that velocity; neither law nor estimator knows of it. Without measurement noise, which would hide what is left of the
-decay.
+Impulse: it makes a link's velocity jump, by M⁻¹ at the goal. So a run begins at the goal with that velocity; neither
+law nor estimator knows of it. Without measurement noise, which would hide what is left of the decay.
 
-Limit cycle: a joint that dry friction holds beside the command stays there until the integral of the error has broken
-it loose; it passes the command, and sticks on the other side. No linear metric shows that. The remedy is a dead zone
-of the integrals as wide as the cycle: docs/design.md has its cost, and what else was measured.
+Limit cycle: no linear metric shows what dry friction does at rest, see docs/design.md. The remedy is a dead zone of the
+integrals as wide as the cycle.
 
 Along a move: in error coordinates the law's gain is the same everywhere, and the robot is not: its inertia and the
 estimator's stationary gain change with the pose. At each pose the loop is that of a robot at rest there: velocities
 along the move, and the change from one law to another, are not in it.
 
-Payload: a law and its estimator know the payload's nominal mass. Here the true robot has the masses at the ends of
-their ranges: it makes the step in equilibrium with them, and, at rest at the goal, has a load step: the weight
-beyond the model's acts on all links at once (as constant torques; the inertia is in the step). No estimator has
-a payload among its states: integral action compensates the unmodelled weight.
+Payload: the true robot has the masses at the ends of their ranges, law and estimator the nominal ones. It makes the
+step in equilibrium with them, and, at rest at the goal, has a load step: the weight beyond the model's acts on all
+links at once (as constant torques; the inertia is in the step). Integral action compensates the unmodelled weight.
 """
 
 from __future__ import annotations
@@ -28,38 +25,14 @@ import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
 from flexhinf.analysis.modes import JointScales
+from flexhinf.design import requirements as required
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.plans import has_integrals
-from flexhinf.design.requirements import (
-    REQUIREMENTS,
-    Requirement,
-    limit_requirements,
-    of_several,
-    step_requirements,
-)
-from flexhinf.design.responses import (
-    JointLimits,
-    LoadResponse,
-    Plan,
-    Response,
-    Scenario,
-    Worst,
-    default_load,
-    worst_of,
-)
+from flexhinf.design.responses import JointLimits, LoadResponse, Plan, Response, Scenario, default_load
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Schedule
-from flexhinf.loop.simulation.metrics import (
-    FITS,
-    SETTLING_BAND,
-    LimitCycle,
-    Oscillation,
-    RingDown,
-    limit_cycle,
-    ring_down as fit_ring_down,
-    tail_of,
-)
+from flexhinf.loop.simulation import metrics
 from flexhinf.plant import Law, Parameters, sub_steps
 from flexhinf.robot import Robot, Weighing, arm, elastic, weigh_payload
 
@@ -89,8 +62,7 @@ class ImpulseRuns:
     responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
     impulses: np.ndarray  # (n,), N·m·s or N·s
     # Oscillations of each run, in velocities and input of its own joint; None where one diverged
-    ring_down: RingDown | None
-    delay: int  # Of the inputs, samples
+    ring_down: metrics.RingDown | None
 
     @property
     def diverged(self) -> bool:
@@ -109,23 +81,24 @@ class ImpulseRuns:
             return self.ring_down.worst
         return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
 
-    def requirement(self, s: Specification, damping: float) -> Requirement:
+    def requirement(self, s: Specification, damping: float) -> required.Requirement:
         """The requirement that the running loop after an impulse is as damped as every oscillation must be."""
-        where = (
-            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise"
+        return required.REQUIREMENTS["ring_down"].judge(
+            s,
+            damping,
+            self.damping,
+            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
+            joint=required.of_several(self.responses[0].joints, self.worst),
         )
-        joint = of_several(self.responses[0].joints, self.worst)
-        return REQUIREMENTS["ring_down"].judge(s, damping, self.damping, where, joint=joint)
 
     @property
     def exponential(self) -> bool:
         """Whether the runs are decaying oscillations, as those of a linear loop."""
-        return self.ring_down is not None and self.ring_down.error <= FITS
+        return self.ring_down is not None and self.ring_down.error <= metrics.FITS
 
-    def least_damped(self, joint: int) -> Oscillation | None:
+    def least_damped(self, joint: int) -> metrics.Oscillation | None:
         """Least damped oscillation of the run with the impulse on a joint; None where nothing oscillates."""
-        oscillations = () if self.ring_down is None else self.ring_down.oscillations[joint]
-        return oscillations[0] if oscillations else None
+        return next(iter(self.ring_down.oscillations[joint]), None) if self.ring_down else None
 
     def velocity(self, joint: int) -> np.ndarray:
         """Velocity (N,) of the link with the impulse, over its peak."""
@@ -164,29 +137,24 @@ def impulse_runs(
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
-    delay = round(setup.specification.delay / period)
-    diverged = any(run.diverged_at is not None for run in runs)
-    return ImpulseRuns(runs, impulses, None if diverged else _ring_down(runs, state, held, delay), delay)
-
-
-def _ring_down(responses: Sequence[Response], state: np.ndarray, held: np.ndarray, delay: int) -> RingDown:
-    """Oscillations fitted to all that the loop stores (state, estimate, last inputs, the newest last), as deviations
-    from the `state` (N,) and the inputs `held` (m,) at rest."""
-    runs, first = [], responses[0].run
-    for signals in (response.run.signals for response in responses):
+    if any(run.diverged_at is not None for run in runs):
+        return ImpulseRuns(runs, impulses, None)
+    # The fit has all that the loop stores, as deviations from rest: state, estimate, last inputs, the newest last.
+    stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
+    for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - held
-        lags, none = range(min(delay, MOST_LAGS), 0, -1), np.zeros((MOST_LAGS, inputs.shape[1]))
+        none = np.zeros((MOST_LAGS, inputs.shape[1]))
         before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
         believed = signals.get("estimate", signals["state"][:, :0])
         estimate = believed - state[: believed.shape[1]]
-        runs.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
-    n, count, states = len(responses), runs[0].shape[1], first.names["state"]
+        stored.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
+    n, count, states = len(runs), stored[0].shape[1], runs[0].run.names["state"]
     motors = [name.replace("link_", "motor_") for name in states[n : 2 * n]]
     watched = [
         [n + joint, count - n + joint, *([states.index(name)] if name in states else [])]
         for joint, name in enumerate(motors)
     ]
-    return fit_ring_down(runs, watched, first.settings["period"])
+    return ImpulseRuns(runs, impulses, metrics.ring_down(stored, watched, runs[0].run.settings["period"]))
 
 
 # A long run at rest with dry friction --------------------------------------------------------------------
@@ -227,10 +195,10 @@ class LimitCycleCheck:
     tried: LimitCycleCheck | None = None
 
     @cached_property
-    def cycles(self) -> tuple[LimitCycle, ...]:
+    def cycles(self) -> tuple[metrics.LimitCycle, ...]:
         """Motion of each link position in the last half of the run; none where the run diverged."""
         diverged, time = self.response.diverged_at is not None, self.response.run.time
-        return () if diverged else tuple(limit_cycle(time, q) for q in self.response.positions.T)
+        return () if diverged else tuple(metrics.limit_cycle(time, q) for q in self.response.positions.T)
 
     @property
     def errors(self) -> np.ndarray:
@@ -258,12 +226,12 @@ class LimitCycleCheck:
         """Whether any joint oscillates."""
         return bool(self.oscillating)
 
-    def requirement(self, units: Sequence[str]) -> Requirement:
+    def requirement(self, units: Sequence[str]) -> required.Requirement:
         """The requirement that dry friction causes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
-        return REQUIREMENTS["limit_cycle"].judge(
+        return required.REQUIREMENTS["limit_cycle"].judge(
             None, self.limit, self.amplitudes[worst], "long run at rest, nominal robot with dry friction, no noise",
-            unit=units[worst], joint=of_several(self.response.joints, worst),
+            unit=units[worst], joint=required.of_several(self.response.joints, worst),
         )  # fmt: skip
 
 
@@ -331,12 +299,13 @@ class MarginLimits:
         """Share of each limit that is used: above 1 it is exceeded."""
         if not at_pose.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
-        damping = self.damping / at_pose.damping if self.damping and at_pose.damping > 0.0 else np.inf
-        return {
+        shares = {
             "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
             "gain_margin": self.gain_margin / at_pose.gain_margin,
-            **({"damping": damping} if self.damping else {}),
         }
+        if self.damping:
+            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
+        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,19 +362,15 @@ def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMo
 
 
 def scheduled(
-    setup: LoopSetup,
-    plan: Plan,
-    limits: MarginLimits,
-    another: Callable[[np.ndarray], Law] | None,
-    most: int = MOST_LAWS,
+    setup: LoopSetup, plan: Plan, limits: MarginLimits, another: Callable[[np.ndarray], Law] | None
 ) -> tuple[Law, AlongMove]:
-    """The law, or a schedule with laws at the worst poses of a move, until the margins hold or there are `most` laws.
+    """The law, or a schedule with laws at the worst poses of a move, until the margins hold or it has `MOST_LAWS`.
 
     `another` designs a law at a pose (n,); None adds none. A law that does not help is not added.
     """
     law, along = setup.law, margins_along(setup, plan, limits)
     laws = [law]
-    while another is not None and along.share > 1.0 and len(laws) < most:
+    while another is not None and along.share > 1.0 and len(laws) < MOST_LAWS:
         try:
             laws.append(another(along.poses[along.worst_pose]))
             schedule = Schedule(laws)
@@ -418,7 +383,7 @@ def scheduled(
     return law, along
 
 
-def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
+def along_requirements(s: Specification, along: AlongMove) -> list[required.Requirement]:
     """Peak sensitivity, gain margin and, where it is required, damping at the worst pose along a move."""
     laws = f", {along.count} laws" if along.count > 1 else ""
     where = f"running loop at {len(along.times)} poses along the move{laws}"
@@ -430,7 +395,7 @@ def along_requirements(s: Specification, along: AlongMove) -> list[Requirement]:
     # the pose at which each is nearest to its limit, or furthest beyond it
     worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}
     return [
-        REQUIREMENTS[name].judge(
+        required.REQUIREMENTS[name].judge(
             s, limit, getattr(along.margins[worst[name]], name), where, at=float(along.times[worst[name]]),
             criterion="worst pose; linearised about the robot at rest there",
         )
@@ -451,11 +416,6 @@ class PayloadEvaluation:
     step: Response  # From start to goal, with the payload
     # The weight beyond the model's as constant torques; None where the model carries as much or more
     load_step: LoadResponse | None
-    # After the load step, zero without one: the largest deviation of a link, rad or m; the time until all links are
-    # back within 2 % of their step, s, infinite where one is not in the run; the largest deviation in its last tenth
-    deflection: Worst
-    recovery: Worst
-    remaining: Worst
     margins: Margins  # Of the running loop about the goal, with the payload
 
     @property
@@ -469,7 +429,7 @@ class PayloadEvaluation:
         if self.step.diverged_at is not None:
             return None
         try:
-            return weigh_payload(self.robot, self.step.goal, tail_of(self.step.inputs).mean(axis=0))
+            return weigh_payload(self.robot, self.step.goal, metrics.tail_of(self.step.inputs).mean(axis=0))
         except InvalidInput:
             return None
 
@@ -482,7 +442,6 @@ def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluati
 def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, float]) -> PayloadEvaluation:
     """The step and the load step with these masses (kg, by the robot's parameters) in the true robot."""
     robot, load_step = setup.robot, None
-    deflection = recovery = remaining = Worst(0.0, "")
     true = robot.plant_parameters({**robot.nominal, **masses})
     step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
@@ -491,37 +450,35 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
             for p in (robot.plant_parameters(), true)
         )
         load_step = setup.load_response(-(held - nominal), runs.load_duration, runs.sub_steps)
-        keys = ("peak_deviation", "recovery_time_s", "remaining_error")
-        deflection, recovery, remaining = (worst_of(load_step.metrics, key) for key in keys)
     running = margins(setup.equilibrium_loop(values=true))
-    return PayloadEvaluation(robot, masses, step, load_step, deflection, recovery, remaining, running)
+    return PayloadEvaluation(robot, masses, step, load_step, running)
 
 
 def payload_requirements(
     s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
-) -> list[Requirement]:
+) -> list[required.Requirement]:
     """Requirements with a payload: of the step, on the deflection after the load step, and on damping.
 
     `damping`: required with the model's payload; with others the loop must not ring.
     """
     name = f"with {load.mass:.3g} kg of payload"
-    lines = step_requirements(s, limits, load.step, f"the step {name}")
+    lines = required.step_requirements(s, limits, load.step, f"the step {name}")
     if damping is not None:
         lines.append(
-            REQUIREMENTS["damping"].judge(
+            required.REQUIREMENTS["damping"].judge(
                 None, min(RINGS, damping), load.margins.damping, f"running loop at the goal {name}",
                 criterion="smallest damping ratio; below 0.1 a loop rings",
             )
         )  # fmt: skip
     if load.load_step is None:
         return lines
-    where, joint = f"gripping {load.mass:.3g} kg at the goal", load.remaining.joint
-    k = limits.joints.index(joint) if joint else 0
+    where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.load_step.remaining
+    k = limits.joints.index(remaining.joint) if remaining.joint else 0
     return [
         *lines,
-        REQUIREMENTS["load_step"].judge(
-            None, SETTLING_BAND * float(load.load_step.reference_step[k]), load.remaining.value, where,
-            unit=limits.position_units[k], joint=of_several(limits.joints, joint),
+        required.REQUIREMENTS["load_step"].judge(
+            None, metrics.SETTLING_BAND * float(load.load_step.reference_step[k]), remaining.value, where,
+            unit=limits.position_units[k], joint=required.of_several(limits.joints, remaining.joint),
         ),
-        *limit_requirements(limits, load.load_step.response, where, always=False),
+        *required.limit_requirements(limits, load.load_step.response, where, always=False),
     ]  # fmt: skip

@@ -12,26 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import (
-    EquilibriumLoop,
-    FrequencyResponse,
-    GrowthRates,
-    Margins,
-    ProcessNoise,
-    ToleranceCorners,
-    frequency_response,
-    growth_rates,
-    margins,
-    sampled_controller,
-    standard_noises,
-    tolerance_corners,
-)
-from flexhinf.analysis.modes import (
-    Mode,
-    modes_of,
-    sampled_modes,
-    stiffness_and_inertia,
-)
+from flexhinf import analysis
+from flexhinf.analysis import modes, sampled_controller
 from flexhinf.design import checks, requirements as required, responses
 from flexhinf.design.loop_setup import LoopSetup, with_derived
 from flexhinf.errors import FlexhinfError
@@ -133,14 +115,14 @@ class LawEvaluation:
 
     # The linear loop ----------------------------------------------------------------------------------------
     @cached_property
-    def loop(self) -> EquilibriumLoop:
+    def loop(self) -> analysis.EquilibriumLoop:
         """The running loop about the goal: sampled, with estimator and delay."""
         return self.setup.equilibrium_loop()
 
     @cached_property
-    def margins(self) -> Margins:
+    def margins(self) -> analysis.Margins:
         """Margins of the running loop. Raises `FlexhinfError` if it has no equilibrium."""
-        return margins(self.loop)
+        return analysis.margins(self.loop)
 
     @cached_property
     def linear_failure(self) -> str:
@@ -152,21 +134,19 @@ class LawEvaluation:
         return ""
 
     @cached_property
-    def state_margins(self) -> Margins:
+    def state_margins(self) -> analysis.Margins:
         """Margins with the true state fed back: those of the law without its estimator."""
-        return (
-            self.margins
-            if self.loop.filter is None
-            else margins(self.setup.equilibrium_loop(estimated=False))
-        )
+        if self.loop.filter is None:
+            return self.margins
+        return analysis.margins(self.setup.equilibrium_loop(estimated=False))
 
     @cached_property
-    def frequency_response(self) -> FrequencyResponse:
+    def frequency_response(self) -> analysis.FrequencyResponse:
         """Frequency response of the running loop."""
-        return frequency_response(self.loop)
+        return analysis.frequency_response(self.loop)
 
     @cached_property
-    def corners(self) -> ToleranceCorners | None:
+    def corners(self) -> analysis.ToleranceCorners | None:
         """Corners of the tolerances in the running loop; None for a robot that states none."""
         robot = self.setup.robot
         if not robot.uncertain:
@@ -174,32 +154,32 @@ class LawEvaluation:
         noises = []
         if self.other_noise and self.loop.tunable:  # the directions in which the estimator may be retuned
             variance = float(np.diag(self.loop.filter.measurement_noise).min())
-            forms = dict.fromkeys(noise.form for noise in standard_noises(self.loop))
+            forms = dict.fromkeys(noise.form for noise in analysis.standard_noises(self.loop))
             ratios = next(ratios for most, ratios in RATIOS if self.loop.states <= most)
-            noises = [ProcessNoise(form, ratio * variance) for form in forms for ratio in ratios]
-        return tolerance_corners(self.loop, robot.corner, robot.uncertain, tuple(noises))
+            noises = [analysis.ProcessNoise(form, ratio * variance) for form in forms for ratio in ratios]
+        return analysis.tolerance_corners(self.loop, robot.corner, robot.uncertain, tuple(noises))
 
     @cached_property
-    def state_corners(self) -> GrowthRates | None:
+    def state_corners(self) -> analysis.GrowthRates | None:
         """Stability of the same corners under state feedback."""
         if self.corners is None or self.loop.filter is None:
             return None
-        return growth_rates(self.setup.equilibrium_loop(estimated=False), self.corners.population)[0]
+        return analysis.growth_rates(self.setup.equilibrium_loop(estimated=False), self.corners.population)[0]
 
     # Modes --------------------------------------------------------------------------------------------------
     @cached_property
     def energy(self) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness (n,) and inertia (2n, 2n) at the goal, by which modes are named."""
-        return stiffness_and_inertia(self.setup.model, self.setup.goal_equilibrium)
+        return modes.stiffness_and_inertia(self.setup.model, self.setup.goal_equilibrium)
 
     @cached_property
-    def open_modes(self) -> tuple[Mode, ...]:
+    def open_modes(self) -> tuple[modes.Mode, ...]:
         """Modes of the uncontrolled robot at the goal."""
         a = self.setup.model.linearise(*self.setup.goal_equilibrium)[0]
-        return modes_of(a, self.setup.joints, *self.energy)
+        return modes.modes_of(a, self.setup.joints, *self.energy)
 
     @cached_property
-    def estimator_modes(self) -> tuple[Mode, ...]:
+    def estimator_modes(self) -> tuple[modes.Mode, ...]:
         """Modes of the estimation error, with the filter's stationary gain; none without estimator, or without noise.
 
         e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With
@@ -214,13 +194,13 @@ class LawEvaluation:
         sampled = expm(a * filter.period)
         gain = stationary_gain((sampled, c), filter.process_noise, filter.measurement_noise)
         error = sampled @ (np.eye(len(a)) - gain @ c)
-        return sampled_modes(*np.linalg.eig(error), filter.period, self.setup.joints, *self.energy)
+        return modes.sampled_modes(*np.linalg.eig(error), filter.period, self.setup.joints, *self.energy)
 
     @cached_property
-    def running_modes(self) -> tuple[Mode, ...]:
+    def running_modes(self) -> tuple[modes.Mode, ...]:
         """Modes of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
-        return sampled_modes(*linear.running.modes(), linear.period, self.setup.joints, *self.energy)
+        return modes.sampled_modes(*linear.running.modes(), linear.period, self.setup.joints, *self.energy)
 
     @property
     def least_damped_joint(self) -> str:
@@ -244,18 +224,18 @@ class LawEvaluation:
     @cached_property
     def worst(self) -> Mapping[str, responses.Worst]:
         """Worst value of all joints and its joint, for metrics that joints have, by the keys of `metrics`."""
-        step, load, move = self.step, self.load_response.metrics, self.move.metrics
+        step, load, move = self.step, self.load_response, self.move
         return {
             "step_overshoot_percent": step.overshoot,
             "step_settling_s": step.settling,
             "step_peak_input": step.peak,
             "step_remaining": step.remaining,
-            "load_deviation": responses.worst_of(load, "peak_deviation"),
-            "load_recovery_s": responses.worst_of(load, "recovery_time_s"),
-            "load_remaining": responses.worst_of(load, "remaining_error"),
-            "move_error": responses.worst_of(move, "largest_error"),
-            "move_remaining": responses.worst_of(move, "final_error"),
-            "move_peak_input": responses.worst_of(move, "peak_input"),
+            "load_deviation": load.deflection,
+            "load_recovery_s": load.recovery,
+            "load_remaining": load.remaining,
+            "move_error": move.largest,
+            "move_remaining": move.remaining,
+            "move_peak_input": move.peak,
         }
 
     @cached_property

@@ -369,10 +369,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         if not s.compare_rigid:
             return None
         degree = synthesis.chosen.degree if len(synthesis.problem.state_names) <= RIGID_STATES else 2
-        return compare_rigid(
-            synthesis.problem, setup.true_plant, degree, s, evaluation.energy, setup.equilibrium(setup.start),
-            setup.goal, scenario.step_duration, setup.limits.saturated,
-        )  # fmt: skip
+        return compare_rigid(evaluation, synthesis.problem, degree)
 
     with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
         on_rigid = beside.submit(runs)
@@ -494,12 +491,13 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
     s, states = specification, 5 * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    degrees = by_step.synthesis_stages(states, s.degrees, s.rays)
+    solved, rays = len(by_step.tried_degrees(states, s.degrees)), by_step.rays_of(states, s.rays)
+    degrees = solved + (solved > 1) + (rays > 0) * (1 if s.degrees is None else solved)
     # `proved` has about six candidates and a proof instead of degrees and their regions
     synthesis = (6 + 1 if preset == "proved" else degrees) + len(s.via) + limited
     if laws is not None:
         return 3 + synthesis + (5 if responses.sample_count(robot, states, s) else 4) * len(laws)
-    disturbance = certification.searches_disturbance(states, by_step.rays_of(states, s.rays))
+    disturbance = certification.searches_disturbance(states, rays)
     # `robust` adds channels, the weights of the whole loop, and their noise levels
     return 8 + synthesis + s.mujoco + 3 * (preset == "robust") + disturbance
 

@@ -1,13 +1,9 @@
 """The proved step as a criterion of a design: weights and degree for the largest one, or for the smallest proved gain.
 
-Candidates are laws of the preset robust, and for the nominal robot of damped too, over bandwidths, dampings, γ/γ* and
-degrees of V. Of each, a step without a jump of the input is run on the nominal robot, for its largest input, and
-`sampled_gain` says which γ is worth a proof, for the robot's own penalty and command: the same d and z for all
-candidates. They are proved in order, the best first, until one is.
-
-`prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances to the z of
-`measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common quadratic V
-(`flexhinf.certify.box`), of others a multiple of the law's own; its level holds the step of every robot.
+`search_proved_step` tries candidates as docs/design.md, "The preset `proved`", says; for the nominal robot those of the
+preset damped too. `prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances
+to the z of `measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common
+quadratic V (`flexhinf.certify.box`), of others a multiple of the law's own; its level holds the step of every robot.
 """
 
 from __future__ import annotations
@@ -24,9 +20,8 @@ import numpy as np
 from flexhinf.certify import Certificate, box, cells, claim, proof, starts
 from flexhinf.certify.certificate import path_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
-from flexhinf.design.responses import joint_limits
 from flexhinf.design.specification import FIELDS, Specification
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot
@@ -211,36 +206,9 @@ class ProvedLaw(BoxProof):
     """Result of a search for a law that can be proved, with the proof."""
 
     bandwidth: np.ndarray  # rad/s
-    damping: float
-    ratio: float  # γ/γ* of the law's own design
     design_problem: DesignProblem  # Whose solution the law is; its γ is the law's
     peak_effort: float = np.inf  # Largest |u| of the step on the nominal robot
     candidates: int = 1  # Laws within the limit whose inequality no sample refused
-
-
-def proved_law(
-    robot: Robot,
-    s: Specification,
-    goal: np.ndarray,
-    start: np.ndarray,
-    admits: Callable[[ProvedLaw], str],
-    progress: Callable[[str], None],
-) -> ProvedLaw:
-    """The law of the preset proved: the smallest proved gain of the step within the largest input, for all tolerances.
-
-    The true state is fed back; `admits` may refuse a law for what it does with the estimator. A robot that states no
-    tolerances is nominal. What the specification states of bandwidth, damping, degrees and γ/γ* is not searched for.
-    """
-    stated = {
-        "bandwidths": None if s.bandwidth is None else (1.0,), "dampings": None if s.damping is None else (s.damping,),
-        "degrees": s.degrees, "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),
-    }  # fmt: skip
-    settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
-    return search_proved_step(
-        robot, goal.tolist(), float((goal - start)[0]), effort_limit=float(joint_limits(robot, s).effort[0]),
-        tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds, specification=s, admits=admits,
-        progress=progress, **settings,
-    )  # fmt: skip
 
 
 def _check(robot: Robot, s: Specification) -> None:
@@ -251,18 +219,18 @@ def _check(robot: Robot, s: Specification) -> None:
                 f"expected {why}, got {name}={value!r}",
                 f"leave out `{name}`, or preset='robust'",
             )
-    if not s.proof_seconds:
-        raise InvalidInput(
-            "preset='proved' needs time for a proof.",
-            "expected seconds of CPU time that one proof may take, got proof_seconds=0",
-            "proof_seconds=20",
-        )
-    if len(robot.joint_names) != 1:
-        raise InvalidInput(
-            "A step is proved for robots of one joint.",
-            f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}",
-            "preset='robust'",
-        )
+    refuse_if(
+        not s.proof_seconds,
+        "preset='proved' needs time for a proof.",
+        "expected seconds of CPU time that one proof may take, got proof_seconds=0",
+        "proof_seconds=20",
+    )
+    refuse_if(
+        len(robot.joint_names) != 1,
+        "A step is proved for robots of one joint.",
+        f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}",
+        "preset='robust'",
+    )
 
 
 def search_proved_step(
@@ -302,7 +270,8 @@ def search_proved_step(
     """
     base = specification or Specification()
     _check(robot, base)
-    measured = measured_problem(robot, np.asarray(goal, dtype=float), base)
+    pose = np.asarray(goal, dtype=float)
+    start, measured = pose - (np.pi / 2 if step is None else step), measured_problem(robot, pose, base)
     ranges = box.parameter_ranges(robot, measured.plant, tolerances) if tolerances else {}
     candidates: list[ProvedLaw] = []
     reasons: list[str] = []
@@ -312,14 +281,28 @@ def search_proved_step(
             f"candidates: {preset}, {factor:g} times its bandwidth, damping {damping or 'of the preset'}"
         )
         try:
-            s = replace(base, preset=preset, damping=damping)
-            for candidate in _laws(robot, goal, step, factor, s, ratios, degrees, measured):
-                try:
-                    candidates.append(_within(candidate, ranges, step, effort_limit))
-                except FlexhinfError as error:
-                    reasons.append(reason_of(error))
+            s = replace(base, preset=preset, damping=damping, pose=tuple(pose), start=tuple(start))
+            chosen = choose(robot, pose, start, s)
+            assert chosen.target is not None
+            bandwidth = factor * chosen.target.bandwidth
+            if factor != 1.0:
+                chosen = choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
+            levels = [ratio * chosen.gamma_star for ratio in ratios]
+            laws = [
+                (solve_hji(chosen.problem, gamma, degree), gamma) for gamma in levels for degree in degrees
+            ]
         except FlexhinfError as error:  # no weights for this bandwidth and damping
             reasons.append(reason_of(error))
+            continue
+        for solution, gamma in laws:
+            law = ProvedLaw(
+                solution=solution, problem=measured, step=np.nan if step is None else step, bandwidth=bandwidth,
+                design_problem=replace(chosen, gamma=gamma),
+            )  # fmt: skip
+            try:
+                candidates.append(_within(law, ranges, step, effort_limit))
+            except FlexhinfError as error:
+                reasons.append(reason_of(error))
     candidates.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
     slow_enough = np.inf  # rad/s: what is as fast as a law that was left out is left out too
     for candidate in candidates:
@@ -348,35 +331,6 @@ def search_proved_step(
         "a larger `peak_effort`, a smaller step, smaller tolerances, another bandwidth or damping, or longer "
         "`proof_seconds`",
     )
-
-
-def _laws(
-    robot: Robot,
-    goal: Any,
-    step: float | None,
-    factor: float,
-    s: Specification,
-    ratios: Any,
-    degrees: Any,
-    measured: GeneralisedPlant,
-) -> list[ProvedLaw]:
-    pose = np.asarray(goal, dtype=float)
-    start = pose - (np.pi / 2 if step is None else step)
-    s = replace(s, pose=tuple(pose), start=tuple(start))
-    first = chosen = choose(robot, pose, start, s)
-    assert first.target is not None
-    bandwidth = factor * first.target.bandwidth
-    if factor != 1.0:
-        chosen = choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
-    return [
-        ProvedLaw(
-            solution=solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), problem=measured,
-            step=np.nan if step is None else step, bandwidth=bandwidth, damping=first.target.damping, ratio=ratio,
-            design_problem=replace(chosen, gamma=ratio * chosen.gamma_star),
-        )
-        for ratio in ratios
-        for degree in degrees
-    ]  # fmt: skip
 
 
 def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float) -> ProvedLaw:

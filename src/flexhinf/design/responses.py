@@ -18,13 +18,7 @@ import numpy as np
 
 from flexhinf.design.specification import FIELDS, Specification, SpecificationError
 from flexhinf.loop import Signal, Trajectory
-from flexhinf.loop.simulation.metrics import (
-    StepShape,
-    load_metrics,
-    steady_state_error,
-    step_metrics,
-    tail_of,
-)
+from flexhinf.loop.simulation import metrics
 from flexhinf.robot import Robot, elastic, kinematics, signals
 
 #: Default step: rad for a joint that turns, m for one that slides.
@@ -179,12 +173,14 @@ class Response:
         rows = []
         for k, (name, begin, end) in enumerate(zip(self.joints, self.start, self.goal)):
             position, u = self.positions[:, k], self.inputs[:, k]
-            shape = step_metrics(self.run.time, position, StepShape(float(begin), float(end), 0.0))
+            shape = metrics.step_metrics(
+                self.run.time, position, metrics.StepShape(float(begin), float(end), 0.0)
+            )
             rows.append({
                 "joint": name, **(shape if begin != end else {}),
-                "steady_state_error": steady_state_error(position, np.full(len(position), end)),
+                "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
                 "peak_input": float(np.abs(u).max()), "peak_speed": float(np.abs(self.velocities[:, k]).max()),
-                "input_noise": float(tail_of(u).std()),
+                "input_noise": float(metrics.tail_of(u).std()),
             })  # fmt: skip
         return rows
 
@@ -219,9 +215,15 @@ class LoadResponse:
         columns = zip(run.joints, self.load, run.positions.T, run.goal, self.reference_step)
         return [
             {"joint": name, "load": float(load)}
-            | load_metrics(run.run.time, position, command=float(goal), step=float(step), start=self.at)
+            | metrics.load_metrics(
+                run.run.time, position, command=float(goal), step=float(step), start=self.at
+            )
             for name, load, position, goal, step in columns
         ]
+
+    deflection = _worst("peak_deviation", "Largest deviation of a link, rad or m.")
+    recovery = _worst("recovery_time_s", "Slowest return to within 2 % of the reference step, s.")
+    remaining = _worst("remaining_error", "Largest deviation in the last tenth of the run, rad or m.")
 
 
 class Plan(Signal, Protocol):
@@ -271,10 +273,14 @@ class Move:
             {
                 "joint": row["joint"], "largest_error": float(np.abs(position - planned).max()),
                 "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
-                "peak_speed": row["peak_speed"], "final_error": steady_state_error(position, planned),
+                "peak_speed": row["peak_speed"], "final_error": metrics.steady_state_error(position, planned),
             }
             for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
         ]  # fmt: skip
+
+    largest = _worst("largest_error", "Largest error behind the plan, rad or m.")
+    remaining = _worst("final_error", "Largest error in the last tenth of the run, rad or m.")
+    peak = _worst("peak_input", "Largest |input| of all motors.")
 
 
 def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.modes import Mode, modes_of
+from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.responses import Response
-from flexhinf.design.specification import Specification
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
@@ -165,33 +165,25 @@ class RigidComparison:
 
 
 def compare_rigid(
-    problem: GeneralisedPlant,
-    true_plant: Plant,
-    degree: int,
-    specification: Specification,
-    energy: tuple[np.ndarray, np.ndarray],
-    start: tuple[np.ndarray, np.ndarray],
-    goal: np.ndarray,
-    duration: float,
-    saturation: np.ndarray | None = None,
+    evaluation: LawEvaluation, problem: GeneralisedPlant, degree: int
 ) -> RigidComparison | None:
     """Design the same specification on the rigid model, and close the loop round the elastic robot.
 
-    The rigid law is fed the true state of one side, without estimator or noise: more than it would have.
+    `evaluation`: of the design's own law, for its loop and its step. The rigid law is fed the true state of one side,
+    without estimator or noise: more than it would have. None where there is no `rigid_problem`.
     """
-    rigid = rigid_problem(problem)
-    if rigid is None:
+    rigid, setup, scenario = rigid_problem(problem), evaluation.setup, evaluation.scenario
+    if rigid is None or scenario is None:
         return None
-    solution = solve_hji(rigid, gamma=specification.gamma_ratio * smallest_gamma(rigid), degree=degree)
-    names = problem.plant.states[: len(goal)]
-    joints = [name.removeprefix("link_position").lstrip("_") or "joint" for name in names]
-    loops: list[Any] = []
+    s, goal, loops = setup.specification, setup.goal, []
+    solution = solve_hji(rigid, gamma=s.gamma_ratio * smallest_gamma(rigid), degree=degree)
+    x, u = setup.equilibrium(setup.start)
     for side in SIDES:
         law = RigidLaw(solution, problem, side)
-        x, u = start
-        run = Loop(true_plant, Controller(law, None, specification.period, saturation, start="bumpless")).run(
-            duration=duration, initial_state=x, initial_input=u, seed=specification.seed
+        controller = Controller(law, None, s.period, setup.limits.saturated, start="bumpless")
+        run = Loop(setup.true_plant, controller).run(
+            duration=scenario.step_duration, initial_state=x, initial_input=u, seed=s.seed
         )
-        response = Response(run, goal, x[: len(goal)], tuple(joints))
-        loops.append(RigidLoop(side, modes_of(law.closed_loop(), joints, *energy), response))
+        response = Response(run, goal, x[: len(goal)], setup.joints)
+        loops.append(RigidLoop(side, modes_of(law.closed_loop(), setup.joints, *evaluation.energy), response))
     return RigidComparison(solution.gamma, degree, tuple(loops))

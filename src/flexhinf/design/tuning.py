@@ -1,24 +1,13 @@
 """Laws of a comparison: the one criterion that all are tuned for and judged by, the limits that all keep, the search.
 
-Criterion: the geometric mean of four ratios to the design as it is, each of the same run for all laws: the largest
-deviation of a link under the load, the settling time of the step as the controller is deployed, the largest error in
-following the jerk-limited reference, and the largest error that remains at the end of any of the three. The design has
-1; less is better. A law that keeps 47 mrad for ever, where the design keeps 0.1, loses by it, and what it does
-otherwise still counts. These runs are those of the nominal robot without measurement noise, so that no seed has a part
-in the criterion: noise counts as a limit. A deviation or an error that no sensor shows counts as one that it just
-shows: behind an exact feedforward a robot that is the model leaves errors of microradians, of sampling and rounding.
+docs/design.md, "Is it better than what I have?", has the criterion, the limits and the three rounds with their reasons.
+In short: the geometric mean of four ratios to the design as it is, of runs of the nominal robot without measurement
+noise, so that no seed has a part in it; each limit is that of the specification or what the design itself has,
+whichever is wider. A candidate whose loop cannot be linearised, diverges, or does not settle is not feasible.
 
-Limits: peak sensitivity, gain margin and damping of the sampled loop with its estimator, and the measurement noise
-that reaches the motor, each at most the limit of the specification or what the design itself has, whichever is wider;
-and the one that the user chooses to share: the peak input of that step, the bandwidth, or nothing. A candidate whose
-loop cannot be linearised, diverges, or does not settle is not feasible.
-
-All laws are tuned alike over all their parameters, with the sensors that their proponents would choose, in three
-rounds: each for itself; then once more from the best of its own and of the laws that it contains, those with fewer
-parameters first; and from the values of the best other laws in all parameters that both have. So the order in which
-they are listed does not matter; a law that contains another one (nonlinear H∞ the nonlinear LQR, torque feedback a PD)
-does not end behind it, nor nonlinear H∞ behind the design's own law; and weights that one search came upon serve every
-law that has such weights. Costs settle into several local minima: without the last round the order was that of luck.
+The rounds: each law for itself; then once more from the best of its own and of the laws that it contains, those with
+fewer parameters first; and from the values of the best other laws in all parameters that both have. Costs settle into
+several local minima: without the last round the order was that of luck.
 """
 
 from __future__ import annotations
@@ -44,7 +33,7 @@ from flexhinf.design.laws import (
 )
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation
 from flexhinf.design.requirements import peak_option
-from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 
 #: Runs of the criterion, by the metric that is infinite where one diverged.
 RUNS = {
@@ -148,13 +137,13 @@ def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
     unstable = not evaluation.linear_failure and not evaluation.margins.stable
     lost = ["its linear loop is unstable at the goal"] if unstable else []
     lost += [f"{run} diverges" for name, run in RUNS.items() if math.isinf(getattr(own, name))]
-    if lost:
-        raise InvalidInput(
-            "The design's own law is unstable or diverges, so no law can be measured by it.",
-            f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
-            "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
-            "start nearer to the goal; `flexhinf design` shows the loop alone",
-        )
+    refuse_if(
+        lost,
+        "The design's own law is unstable or diverges, so no law can be measured by it.",
+        f"expected a stable loop whose runs stay finite, got: {'; '.join(lost)}",
+        "`process_noise` and the other options of the estimator as they are by default, a smaller `load`, or a "
+        "start nearer to the goal; `flexhinf design` shows the loop alone",
+    )
     return own
 
 
@@ -208,16 +197,16 @@ class Criterion:
     @property
     def measure(self) -> str:
         """Text of the measure that is minimised."""
+        hidden = (
+            f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
+            "counts as that."
+        )
         return (
             "Every law, nl-hinf among them, is tuned over all its parameters for the smallest geometric mean of four "
             "ratios to the design as it is: largest deviation under the load, settling time of the step as the "
             "controller is deployed, largest error behind the jerk-limited reference, and largest error that remains "
             "at the end of these three runs, which are those of the nominal robot without measurement noise."
-        ) + (
-            f" A deviation or an error below {1e3 * self.resolution:.3g} mrad or mm, which a sensor does not show, "
-            "counts as that."
-            if self.resolution
-            else ""
+            f"{hidden if self.resolution else ''}"
         )
 
     def ratios(self, metrics: LawMetrics) -> dict[str, float]:
@@ -291,12 +280,12 @@ def criterion_for(
         "bandwidth": wider("bandwidth", "bandwidth of the slowest joint", "rad/s"),
         "none": (),
     }[mode]
-    if mode != "none" and not shared:
-        raise InvalidInput(
-            f"There is no {mode} that the laws could share.",
-            "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
-            "--tune none, a start nearer to the goal (--start), or another design",
-        )
+    refuse_if(
+        mode != "none" and not shared,
+        f"There is no {mode} that the laws could share.",
+        "expected one in the specification, or a design whose step does not diverge and whose loop is stable",
+        "--tune none, a start nearer to the goal (--start), or another design",
+    )
     linear = (
         *wider("peak_sensitivity", "peak sensitivity", ""),
         *wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
@@ -308,10 +297,8 @@ def criterion_for(
 
 def check_mode(mode: str, advice: str) -> None:
     """Refuse what is none of `MODES`."""
-    if mode not in MODES:
-        raise InvalidInput(
-            "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice
-        )
+    found = f"expected {', '.join(MODES)}, got {mode!r}"
+    refuse_if(mode not in MODES, "There is no such way to tune.", found, advice)
 
 
 def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
@@ -375,14 +362,10 @@ class TunedLaw:
     @property
     def failure(self) -> str:
         """Why the law is not compared: no candidate keeps every limit; empty for a law that does."""
-        return (
-            ""
-            if self.feasible
-            else (
-                f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary; "
-                f"the nearest: {self.reason}"
-            )
+        text = (
+            f"none of {self.candidates} tunings keeps every limit, and figures of another would be arbitrary"
         )
+        return "" if self.feasible else f"{text}; the nearest: {self.reason}"
 
     @property
     def name(self) -> str:
@@ -414,7 +397,6 @@ class Tuner:
     own: LawEvaluation  # of the design's own law: its loop, and the scenario of all laws
     criterion: Criterion
     same_sensors: bool = False  # all laws measure what the design measures
-    seed: int = 0  # of the searches' samples; the same for all laws
 
     def tune_all(
         self,
@@ -516,11 +498,8 @@ class Tuner:
         others: Sequence[TunedLaw] = (),
         exchange: bool = False,
     ) -> TunedLaw:
-        start, limits, (first, samples, simplex, degree) = (
-            self._free(kind),
-            self.factory.bounds(kind),
-            self._budget,
-        )
+        start, limits = self._free(kind), self.factory.bounds(kind)
+        first, samples, simplex, degree = self._budget
         begin = start if before is None else dict(before.best.parameters)
         starts = []
         for law in others:  # which law is this one with parameters that make no difference?
@@ -540,7 +519,7 @@ class Tuner:
 
         bounds, count = {name: limits[name] for name in start}, len(start)
         samples, simplex = (first, 0) if before is None else (0 if exchange else samples, simplex)
-        tuning = tune(judge, begin, bounds, samples * count, simplex * count, self.seed, others=starts)
+        tuning = tune(judge, begin, bounds, samples * count, simplex * count, others=starts)
         known = self._own_candidate(kind) if before is None else before.candidates
         candidates = (*known, *tuning.candidates)
         tuning = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
@@ -559,10 +538,8 @@ class Tuner:
             )
         results = (c.judgement.result for c in candidates)
         tried = tuple(m for m in results if isinstance(m, LawMetrics) and not math.isnan(m.load_deviation))
-        evaluation = self.evaluation(kind, sensors, best.parameters)
-        return TunedLaw(
-            kind, evaluation, judged.result, judged.cost, best.feasible, judged.reason, tried, tuning
-        )
+        evaluation, cost, reason = self.evaluation(kind, sensors, best.parameters), judged.cost, judged.reason
+        return TunedLaw(kind, evaluation, judged.result, cost, best.feasible, reason, tried, tuning)
 
     def evaluation(
         self, kind: LawKind, sensors: tuple[str, ...], values: Mapping[str, float], degree: int | None = None

@@ -20,7 +20,7 @@ from typing import IO, TYPE_CHECKING, Any, cast
 import numpy as np
 
 from flexhinf.design.deployed_run import DeployedRun
-from flexhinf.design.responses import Move, worst_of
+from flexhinf.design.responses import Move
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
 from flexhinf.files import write_file
@@ -127,7 +127,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
 
     effort = named(f"{number(response.peak.value, 3)} {units.effort}", response.peak.joint)
     if prepared.plan is not None:
-        worst = worst_of(Move.along(prepared.plan, response).metrics, "largest_error")
+        worst = Move.along(prepared.plan, response).largest
         error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
         return f"{text} The move was followed within {named(error, worst.joint)} and needed at most {effort}."
     settling, overshoot = response.settling, response.overshoot

@@ -19,7 +19,6 @@ from flexhinf.design.problem.weights import (
     LinearFamily,
     LinearProblem,
     RobustProblem,
-    Scalings,
     find_scalings,
 )
 from flexhinf.errors import NoFeasibleGamma
@@ -36,7 +35,6 @@ class Case:
 
     family: LinearFamily
     game: RobustProblem
-    scalings: Scalings
     gamma: float
     robust: LinearDesign
     nominal: LinearDesign
@@ -47,7 +45,7 @@ class Case:
 
     def loop(self, gain: np.ndarray, deltas: np.ndarray, share: float | None = None) -> np.ndarray:
         """A + B K + Σ Δ t (c + e K), of a share of the tolerances."""
-        g, share = self.game.nominal, self.scalings.fraction if share is None else share
+        g, share = self.game.nominal, self.game.fraction if share is None else share
         a = g.a + g.b2 @ gain
         for delta, channel in zip(deltas, self.channels):
             seen = np.append(channel.by_state, np.zeros(len(a) - len(channel.by_state)))
@@ -92,12 +90,11 @@ def _case(robot: Any, frequency: float, damping_weight: float, torques: bool = F
     family, scales = LinearFamily.of(robot, goal), JointScales.of(robot.plant(), robot.operating_point(goal))
     rows = scales.rows(np.full(len(goal), frequency * scales.held), damping_weight)
     nominal = LinearProblem.of(family, rows, not torques, np.eye(2 * len(goal)) if torques else None)
-    game = RobustProblem(nominal, family.torques, channels(robot, [goal]))
-    scalings = find_scalings(game, RATIO)
-    star = game.gamma_star(scalings, 1e-6)
-    design = game.scaled(RATIO * star, scalings).design(RATIO * star, star)
+    game = find_scalings(nominal, family.torques, channels(robot, [goal]), RATIO)
+    star = game.gamma_star(1e-6)
+    design = game.design(RATIO * star, star)
     lowest = nominal.gamma_star()
-    return Case(family, game, scalings, RATIO * star, design, nominal.design(RATIO * lowest, lowest))
+    return Case(family, game, RATIO * star, design, nominal.design(RATIO * lowest, lowest))
 
 
 #: Robot, factor of its tolerances, target frequency over the lowest vibration, damping weight, whether torques disturb.
@@ -167,7 +164,7 @@ def test_the_gain_made_without_channels_exceeds_that_level_somewhere(
 def test_the_robots_corners_themselves_attain_the_level(case_of: Callable[[str], Case], name: str) -> None:
     """A(p), B(p) of the family, all parameters at their ends at once; the channels cover them but for products."""
     case = case_of(name)
-    assert case.scalings.fraction == 1.0
+    assert case.game.fraction == 1.0
     gain = case.robust.gain
     for a, b in zip(case.family.a, case.family.b):
         assert case.norm(gain, a + b @ gain) <= case.gamma * (1.0 + 1e-9)
@@ -178,20 +175,20 @@ def test_where_the_whole_tolerances_are_too_much_a_part_is_covered_and_told(
     case_of: Callable[[str], Case], name: str
 ) -> None:
     case = case_of(name)
-    share = case.scalings.fraction
+    share = case.game.fraction
     assert LEAST_FRACTION <= share < 1.0
     highest = 1e4 * case.game.nominal.gamma_star()
-    assert case.game.feasible(highest, case.scalings)
-    assert not case.game.feasible(highest, replace(case.scalings, fraction=1.0))
-    assert not case.game.feasible(highest, replace(case.scalings, fraction=share / 0.9 + 0.021))
+    assert case.game.feasible(highest)
+    assert not replace(case.game, fraction=1.0).feasible(highest)
+    assert not replace(case.game, fraction=share / 0.9 + 0.021).feasible(highest)
 
 
 @pytest.mark.parametrize("name", ["paper", "cart", "seven links"])
 def test_gamma_star_is_the_edge_of_what_has_a_solution(case_of: Callable[[str], Case], name: str) -> None:
     case = case_of(name)
     star = case.gamma / RATIO
-    assert case.game.feasible(1.0001 * star, case.scalings)
-    assert not case.game.feasible(0.999 * star, case.scalings)
+    assert case.game.feasible(1.0001 * star)
+    assert not case.game.feasible(0.999 * star)
     assert star > case.game.nominal.gamma_star()
 
 
@@ -201,11 +198,11 @@ def test_gamma_star_is_the_edge_of_what_has_a_solution(case_of: Callable[[str], 
 def test_the_channels_together_are_the_sum_of_each(case_of: Callable[[str], Case], name: str) -> None:
     case = case_of(name)
     rng = np.random.default_rng(0)
-    scalings = Scalings(rng.normal(size=len(case.channels)), 0.37)
-    enter, seen, price = case.game.parts(scalings)
+    scaled = replace(case.game, log=rng.normal(size=len(case.channels)), fraction=0.37)
+    enter, seen, price = scaled.parts
     n, m = len(case.game.nominal.a), case.game.nominal.b2.shape[1]
     wanted = [np.zeros((len(enter), len(enter))), np.zeros((n, n)), np.zeros((m, m))]
-    for channel, log in zip(case.channels, scalings.log):
+    for channel, log in zip(case.channels, scaled.log):
         s, root = np.exp(log), np.sqrt(0.37)
         g = root * channel.torque / s
         z = root * s * np.append(channel.by_state, np.zeros(n - len(channel.by_state)))
@@ -224,19 +221,21 @@ def test_the_scalings_cannot_be_bettered_by_a_factor_for_a_quantity(
     case = case_of(name)
     groups = [channel.group for channel in case.channels]
     star = case.gamma / RATIO
-    assert not case.game.feasible(100.0 * star, Scalings(np.zeros(len(groups))))  # s = 1 would not do
+    assert not replace(case.game, log=np.zeros(len(groups)), fraction=1.0).feasible(
+        100.0 * star
+    )  # s = 1 would not do
     for group in dict.fromkeys(groups):
         here = np.array([g == group for g in groups])
         for factor in (0.7, 1.4):
-            moved = replace(case.scalings, log=case.scalings.log + np.log(factor) * here)
-            assert case.game.gamma_star(moved) > 0.99 * star
+            moved = replace(case.game, log=case.game.log + np.log(factor) * here)
+            assert moved.gamma_star() > 0.99 * star
 
 
 def test_tolerances_that_no_gain_bears_are_refused(case_of: Callable[[str], Case]) -> None:
     case = case_of("paper")
     huge = tuple(replace(c, torque=300.0 * c.torque) for c in case.channels)
-    game = RobustProblem(case.game.nominal, case.game.torques, huge)
+    game = replace(case.game, channels=huge, log=np.zeros(len(huge)))
     with pytest.raises(NoFeasibleGamma, match="part"):
-        find_scalings(game, RATIO)
+        find_scalings(game.nominal, game.torques, huge, RATIO)
     with pytest.raises(NoFeasibleGamma, match="whole"):
-        game.gamma_star(Scalings(np.zeros(len(huge))))
+        game.gamma_star()

@@ -12,22 +12,15 @@ given     the penalty of the specification
 Without a preset: `given` with weights; `damped` with a bandwidth or a damping, or where the robot states no penalty of
 its own; otherwise `paper`.
 
-Tolerances as disturbances: each uncertain parameter becomes a channel (Shen & Tamura 1995).
+Tolerances as disturbances [shen1995]: a parameter p in p0 ± δ changes the linear part, each robot at its own
+equilibrium, by torques w = Δ (T_x x + T_u u), |Δ| ≤ 1, at links and motors. Split into rank-one parts, each is a torque
+t w' driven by a signal z_Δ = c x or z_Δ = e u; for the stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change
+bends, as with 1/R, a part is as long as towards the end where more changes, so that |Δ| ≤ 1 holds at both. Constant
+terms, such as the weight of a payload, are left to the integral.
 
-A parameter p in p0 ± δ changes the accelerations; seen as torques at links and motors the change is, on the linear
-part,
-
-    w = Δ (T_x x + T_u u),   |Δ| ≤ 1,
-
-with T taken between the ends of the interval, the robot at its own equilibrium at each of them. Split into rank-one
-parts, each is a torque t w' driven by a signal z_Δ = c x or z_Δ = e u that is seen through the unknown Δ: for the
-stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change bends, as with 1/R, a part is as long as towards the
-end where more changes, so that |Δ| ≤ 1 holds at both. Constant terms, such as the weight of a payload, are left
-to the integral.
-
-A channel covers its tolerance alone. At a corner of the tolerances products of them act, such as m·g·l and k_t/R, and a
-robot there changes by a little more than the sum of its channels. So the linear part of the dissipation inequality is
-checked at the corners themselves, and the tolerances of the channels are enlarged step by step until it holds there.
+A channel covers its tolerance alone, and at a corner products of them act, such as m·g·l and k_t/R. So the linear part
+of the dissipation inequality is checked at the corners themselves, and the tolerances of the channels are enlarged step
+by step until it holds there.
 """
 
 from __future__ import annotations
@@ -35,7 +28,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +40,6 @@ from flexhinf.design.problem.weights import (
     LinearFamily,
     LinearProblem,
     RobustProblem,
-    Scalings,
     SearchResult,
     TargetBehaviour,
     behaviour_of,
@@ -55,7 +47,7 @@ from flexhinf.design.problem.weights import (
     search,
 )
 from flexhinf.design.specification import RINGS, Specification
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.hinf import linear_law, smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
@@ -69,8 +61,6 @@ ROUNDING = 1e-10
 
 #: Factors by which the tolerances are enlarged, one after the other, until the inequality holds at the corners.
 ENLARGED = (1.0, 1.05, 1.1, 1.15, 1.2, 1.3)
-
-Design = TypeVar("Design")
 
 
 def _linearised(robot: Robot, plant: Any, signs: dict[str, float], pose: np.ndarray) -> np.ndarray:
@@ -136,18 +126,18 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
     )
 
 
-def enlarge_tolerances(
-    first: Design, design_at: Callable[[float], Design], failing: Callable[[Design], int]
-) -> Design:
-    """The first design with enlarged tolerances whose inequality holds at every corner; `first` if there is none.
+def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignProblem:
+    """The problem of the least of `ENLARGED` whose inequality holds at every corner; of the first if none does."""
 
-    `first` is of the tolerances as they are; `design_at` makes the design of a factor of them, and may raise where the
-    larger tolerances are out of reach; `failing` counts the corners that break the inequality of a design.
-    """
+    def failing(problem: DesignProblem) -> bool:
+        assert problem.robustness is not None
+        return problem.robustness.failing_corners > 0
+
+    first = problem_at(ENLARGED[0])
     for factor in ENLARGED[1:] if failing(first) else ():
         try:
-            larger = design_at(factor)
-        except FlexhinfError:  # out of reach: the page says how many corners the first design leaves
+            larger = problem_at(factor)
+        except FlexhinfError:  # out of reach: the page says how many corners the first problem leaves
             break
         if not failing(larger):
             return larger
@@ -270,20 +260,15 @@ class ToleranceChannels:
     scales: modes.JointScales
     family: LinearFamily
     torques: np.ndarray | None  # (2 joints, k), which torques at links and motors are physical disturbances
-    tolerances: tuple[Channel, ...]
-    scalings: Scalings  # with the fraction of the tolerances for which there is a solution
+    first: RobustProblem  # of other weights, with the scalings and the largest fraction that the channels can cover
     corners: LinearCorners  # at which the inequality of the linear part is checked
     enlarged: float = 1.0  # factor of all tolerances, so that their products are covered too
 
-    def linear(self, target_frequency: np.ndarray, damping: np.ndarray) -> RobustProblem:
-        """The linear problem of the weights for ω (n,) and ζ (n,)."""
+    def linear(self, target_frequency: np.ndarray, damping: np.ndarray, fraction: float) -> RobustProblem:
+        """The linear problem of the weights for ω (n,) and ζ (n,), with a fraction of what the channels can cover."""
         rows = self.scales.rows(target_frequency, damping)
         nominal = LinearProblem.of(self.family, rows, command_of(self.s) is not None, self.torques)
-        return RobustProblem(nominal, self.family.torques, self.tolerances)
-
-    def scaled(self, fraction: float) -> Scalings:
-        """Scalings for a fraction of the largest tolerances that the channels can cover."""
-        return replace(self.scalings, fraction=fraction * self.enlarged * self.scalings.fraction)
+        return replace(self.first, nominal=nominal, fraction=fraction * self.enlarged * self.first.fraction)
 
     def problem(
         self, target_frequency: np.ndarray, damping: np.ndarray, fraction: float, accuracy: float = 1e-6
@@ -293,9 +278,9 @@ class ToleranceChannels:
         Raises `NoFeasibleGamma` if no level does.
         """
         robot, goal, weights = self.family.robot, self.family.goal, (target_frequency, damping)
-        linear, scalings, base = self.linear(*weights), self.scaled(fraction), self.scales.penalty(*weights)
-        star = linear.gamma_star(scalings, accuracy)
-        gamma, (enter, seen, price) = self.s.gamma_ratio * star, linear.parts(scalings)
+        linear, base = self.linear(*weights, fraction), self.scales.penalty(*weights)
+        star = linear.gamma_star(accuracy)
+        gamma, (enter, seen, price) = self.s.gamma_ratio * star, linear.parts
         nominal = nominal_problem(robot, goal, self.s, base)
         physical = (nominal.disturbances or ()) if self.s.disturbances is not None else ()
         problem = with_channels(nominal.plant, gamma * enter).with_objective(
@@ -307,37 +292,26 @@ class ToleranceChannels:
         )
         return DesignProblem("robust", base, "", "ours", problem, nominal, star, gamma, channels=self)
 
-    def design(
-        self, problem: DesignProblem, target_frequency: np.ndarray, damping: np.ndarray, fraction: float
-    ) -> LinearDesign:
-        """The linear law of a `problem` of these weights and this fraction."""
-        linear = self.linear(target_frequency, damping).scaled(problem.gamma, self.scaled(fraction))
-        return linear.design(problem.gamma, problem.gamma_star)
-
-    def checked(
-        self,
-        problem: DesignProblem,
-        fraction: float,
-        target: TargetBehaviour,
-        result: SearchResult,
-        source: str,
-    ) -> DesignProblem:
+    def checked(self, problem: DesignProblem, result: SearchResult, fraction: float) -> DesignProblem:
         """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
-        weights, scalings = result.chosen.weights, self.scaled(fraction)
-        nominal, law = self.linear(*weights).nominal, linear_law(problem.problem, problem.gamma)
+        linear, law = (
+            self.linear(*result.chosen.weights, fraction),
+            linear_law(problem.problem, problem.gamma),
+        )
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
         check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
-        plain, own = nominal.design_at(self.s.gamma_ratio), self.design(problem, *weights, fraction)
+        nominal = linear.nominal
+        plain, own = nominal.design_at(self.s.gamma_ratio), linear.design(problem.gamma, problem.gamma_star)
         by_quantity: dict[str, list[float]] = {}
-        for channel, log in zip(self.tolerances, scalings.log):
+        for channel, log in zip(linear.channels, linear.log):
             by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
         robustness = Robustness(
-            scalings.fraction / self.enlarged, len(self.tolerances), problem.gamma_star, plain.gamma_star,
+            linear.fraction / self.enlarged, len(linear.channels), problem.gamma_star, plain.gamma_star,
             nominal.attained(plain.gain), nominal.attained(own.gain),
             {group: (min(each), max(each)) for group, each in by_quantity.items()}, self.enlarged,
             check.count, check.failing, check.complete,
         )  # fmt: skip
-        return replace(problem, source=source, target=target, search=result, robustness=robustness)
+        return replace(problem, search=result, robustness=robustness)
 
 
 # From a specification to its problem --------------------------------------------------------------------
@@ -354,11 +328,8 @@ def preset_of(robot: Robot, s: Specification) -> str:
         (paper and behaviour, f"preset='paper' and {behaviour}", "preset='damped'"),
         (paper and s.penalty is not None, "preset='paper' and `penalty`", "leave out `preset`"),
     ):
-        if contradicts:
-            other = "a behaviour for which weights are found, or the preset paper; got both"
-            raise InvalidInput(
-                f"{both} contradict each other.", f"expected either weights, or {other}", advice
-            )
+        expected = "expected either weights, or a behaviour for which weights are found, or the preset paper; got both"
+        refuse_if(contradicts, f"{both} contradict each other.", expected, advice)
     default = "damped" if behaviour or (robot.penalty is None and s.effort is None) else "paper"
     return s.preset or ("given" if s.penalty is not None else default)
 
@@ -403,17 +374,11 @@ def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> Genera
 
 
 def _without_channels(
-    robot: Robot,
-    goal: np.ndarray,
-    s: Specification,
-    preset: str,
-    stated: tuple[Penalty, str, str],
-    target: TargetBehaviour | None = None,
-    result: SearchResult | None = None,
+    robot: Robot, goal: np.ndarray, s: Specification, preset: str, stated: tuple[Penalty, str, str]
 ) -> DesignProblem:
     problem = nominal_problem(robot, goal, s, stated[0])
     star = smallest_gamma(problem)
-    return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star, target, result)
+    return DesignProblem(preset, *stated, problem, problem, star, s.gamma_ratio * star)
 
 
 def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, str, str]:
@@ -461,51 +426,37 @@ def _searched(
         rows = scales.rows(target_frequency, damping)
         return LinearProblem.of(few, rows, command_of(s) is not None, torques)
 
-    def synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
-        return nominal(target_frequency, damping).design_at(s.gamma_ratio)
+    def widened(
+        family: LinearFamily,
+        problem_of: Callable[..., LinearProblem | RobustProblem],
+        begun: SearchResult | None,
+    ) -> tuple[SearchResult, LinearFamily]:
+        """Search weights for a family, then for the family with the worst of many corners added; and that family."""
 
-    result, family = _widened(few, target, few, synthesis, scales.held, near)
+        def synthesis(*weights: np.ndarray) -> LinearDesign:
+            return problem_of(*weights).design_at(s.gamma_ratio)
+
+        start = begun and begun.chosen
+        if len(family.a) == 1:
+            return search(target, family, synthesis, scales.held, near=start), family
+        result = begun or search(target, family, synthesis, scales.held, each=False)
+        worst = sorted(set(behaviour_of(few.many, result.chosen.design.gain).worst))
+        a, b = np.concatenate([family.a, few.many.a[worst]]), np.concatenate([family.b, few.many.b[worst]])
+        wider = replace(family, a=a, b=b)
+        return search(target, wider, synthesis, scales.held, near=start), wider
+
+    result, family = widened(few, nominal, near)
     weights, source = result.chosen.weights, f"found for {target.text}"
     if preset == "damped":
-        stated = scales.penalty(*weights), source, "ours"
-        return _without_channels(robot, goal, s, preset, stated, target, result)
+        problem = _without_channels(robot, goal, s, preset, (scales.penalty(*weights), source, "ours"))
+        return replace(problem, target=target, search=result)
     tolerances, corners = tolerance_channels(robot, [goal, start]), acting_corners(robot, goal, base())
-    scalings = find_scalings(RobustProblem(nominal(*weights), family.torques, tolerances), s.gamma_ratio)
+    first = find_scalings(nominal(*weights), family.torques, tolerances, s.gamma_ratio)
 
     def robust_problem(factor: float) -> DesignProblem:
-        larger = ToleranceChannels(s, scales, family, torques, tolerances, scalings, corners, factor)
+        larger = ToleranceChannels(s, scales, family, torques, first, corners, factor)
+        result, _ = widened(family, partial(larger.linear, fraction=1.0), None)
+        problem = larger.checked(larger.problem(*result.chosen.weights, 1.0), result, 1.0)
+        return replace(problem, source=f"{source}, beside the channels of the tolerances", target=target)
 
-        def robust_synthesis(target_frequency: np.ndarray, damping: np.ndarray) -> LinearDesign:
-            return larger.linear(target_frequency, damping).design(s.gamma_ratio, larger.scaled(1.0))
-
-        result, _ = _widened(few, target, family, robust_synthesis, scales.held)
-        problem = larger.problem(*result.chosen.weights, 1.0)
-        return larger.checked(
-            problem, 1.0, target, result, f"{source}, beside the channels of the tolerances"
-        )
-
-    def failing(problem: DesignProblem) -> int:
-        assert problem.robustness is not None
-        return problem.robustness.failing_corners
-
-    first = robust_problem(1.0)
-    return first if scalings.fraction < 1.0 else enlarge_tolerances(first, robust_problem, failing)
-
-
-def _widened(
-    few: LinearFamily,
-    target: TargetBehaviour,
-    family: LinearFamily,
-    synthesis: Any,
-    held: float,
-    near: SearchResult | None = None,
-) -> tuple[SearchResult, LinearFamily]:
-    """Search weights for a family, then for the family with the worst of many corners added; and that family."""
-    start = None if near is None else near.chosen
-    if len(family.a) == 1:
-        return search(target, family, synthesis, held, near=start), family
-    result = search(target, family, synthesis, held, each=False) if near is None else near
-    worst = sorted(set(behaviour_of(few.many, result.chosen.design.gain).worst))
-    a, b = np.concatenate([family.a, few.many.a[worst]]), np.concatenate([family.b, few.many.b[worst]])
-    wider = replace(family, a=a, b=b)
-    return search(target, wider, synthesis, held, near=start), wider
+    return robust_problem(1.0) if first.fraction < 1.0 else enlarge_tolerances(robust_problem)

@@ -3,31 +3,23 @@
 A search asks for many gains. What does not change with the gain is computed once here: ẋ = A x + B u + G d of every
 member, the integrals of the tracking errors appended, deviations from each member's own equilibrium.
 
-Weights for a behaviour come of two nested searches. Inside, for a given damping weight ζ, each joint's target frequency
-ω is multiplied by the ratio of the required to the found bandwidth until all bandwidths fit. Outside, ζ grows from 0 by
-a constant factor until the oscillations are damped as required, and is then bisected to the smallest value that does.
-One ζ damps most vibrations more than required, the light links' above all, and the motors that do it amplify the
-estimator's noise; so at the end the ζ of each joint is lowered to what its own vibration needs. All members of the
-family count: the nominal robot and corners of its tolerances.
+Weights for a behaviour come of two nested searches over ω and ζ, see docs/design.md. One ζ damps most vibrations more
+than required, the light links' above all, and the motors that do it amplify the estimator's noise; so at the end the ζ
+of each joint is lowered to what its own vibration needs. All members of the family count: the nominal robot and corners
+of its tolerances.
 
-The preset `robust` covers tolerances with constant scalings. Channel i of the tolerances enters with g_i/s_i and is
-seen through s_i z_i. If
-
-    V_x f + ½ |h|² + ½ Σ s_i² |z_i|² + ½ V_x (g1 g1ᵀ/γ² + Σ g_i g_iᵀ/s_i² − g2 R2⁻¹ g2ᵀ) V_xᵀ = 0
-
-has a solution, then V̇ ≤ ½ γ²|d|² − ½|z|² for every |Δ_i| ≤ 1, as w_i = Δ_i z_i costs no more than it is seen
-[shen1995]. The Δ-channels do not scale with γ: in a problem of one level γ they enter with γ g_i/s_i. The s_i are found
-on the linear part, one for each channel: what enters is balanced with what is seen, first in the nominal loop, then a
-few times in the loop that came of it; a simplex search over one factor for each quantity (all stiffnesses share one)
-ends it. Where no γ does for the whole tolerances, the largest fraction of them is searched for and reported.
+The preset `robust` covers tolerances with constant scalings s_i, by the inequality of docs/design.md [shen1995].
+Channel i enters with g_i/s_i and is seen through s_i z_i. The channels do not scale with γ: in a problem of one level γ
+they enter with γ g_i/s_i. The s_i are found on the linear part, one for each channel: what enters is balanced with what
+is seen, first in the nominal loop, then a few times in the loop that came of it; a simplex search over one factor for
+each quantity (all stiffnesses share one) ends it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -148,24 +140,17 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
     residues = vectors[:, :joints].transpose(0, 2, 1) * np.linalg.solve(vectors, command)  # (N, mode, joint)
     low, high = 0.02 * np.abs(values).min(), 5.0 * np.abs(values).max()
     frequencies = np.geomspace(low, high, max(2, int(PER_DECADE * np.log10(high / low))))
-    response = np.empty((len(loops), len(frequencies), joints))
+    limit, logs, crossings = np.sqrt(0.5), np.log(frequencies), np.zeros((len(loops), joints))
     for k, member in enumerate(residues):
-        response[k] = np.abs((1.0 / (1j * frequencies[:, None] - values[k])) @ member)
-    return np.column_stack([_crossing(frequencies, response[:, :, j]) for j in range(joints)])
-
-
-def _crossing(frequencies: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """Where each row falls below 1/√2, interpolated in log scales; 0 for one that begins below."""
-    limit, logs, crossings = np.sqrt(0.5), np.log(frequencies), []
-    for row in response:
-        below = np.flatnonzero(row < limit)
-        if not len(below) or below[0] == 0:
-            crossings.append(0.0 if len(below) else frequencies[-1])
-            continue
-        k = below[0]
-        fraction = np.log(row[k - 1] / limit) / np.log(row[k - 1] / row[k])
-        crossings.append(float(np.exp(logs[k - 1] + fraction * (logs[k] - logs[k - 1]))))
-    return np.array(crossings)
+        response = np.abs((1.0 / (1j * frequencies[:, None] - values[k])) @ member)
+        for joint, row in enumerate(response.T):
+            below = np.flatnonzero(row < limit)
+            if not len(below):
+                crossings[k, joint] = frequencies[-1]
+            elif (i := below[0]) > 0:  # interpolated in log scales; 0 where it begins below
+                fraction = np.log(row[i - 1] / limit) / np.log(row[i - 1] / row[i])
+                crossings[k, joint] = np.exp(logs[i - 1] + fraction * (logs[i] - logs[i - 1]))
+    return crossings
 
 
 # The H∞ gain of the nominal robot -----------------------------------------------------------------------
@@ -242,10 +227,6 @@ class Channel:
         """Quantity, and what drives it."""
         return self.quantity, "input" if np.any(self.by_input) else "state"
 
-    def padded(self, n: int) -> np.ndarray:
-        """c (n,) with zeros for the integrals."""
-        return np.pad(self.by_state, (0, n - len(self.by_state)))
-
 
 #: Largest level that is tried, relative to that of the nominal problem.
 LARGEST_LEVEL = 1e4
@@ -258,80 +239,78 @@ BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
 
 
 @dataclass(frozen=True, eq=False)
-class Scalings:
-    """Scalings of the channels, and the fraction of the tolerances that the channels stand for."""
-
-    log: np.ndarray  # log s of each channel
-    fraction: float = 1.0
-
-
-@dataclass(frozen=True, eq=False)
 class RobustProblem:
-    """A nominal problem with the channels of the tolerances; torques enter by `torques` (n, 2 joints)."""
+    """A nominal problem with the scaled channels of the tolerances, or of a fraction of them."""
 
     nominal: LinearProblem
-    torques: np.ndarray
+    torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter
     channels: tuple[Channel, ...]
+    log: np.ndarray  # log s of each channel
+    fraction: float = 1.0  # of the tolerances, that the channels stand for
 
-    def parts(self, scalings: Scalings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    @cached_property
+    def parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(L, F, E): torques L w (2 joints, k), rows F x (l, n) and price uᵀ E u of all channels together.
 
         L Lᵀ = Σ t tᵀ/s², FᵀF = Σ s² c cᵀ, E = Σ s² e eᵀ, each times the fraction.
         """
         n, m, two = len(self.nominal.a), self.nominal.b2.shape[1], self.torques.shape[1]
         enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
-        for channel, log in zip(self.channels, scalings.log):
-            s2, padded = float(np.exp(2.0 * log)), channel.padded(n)
-            enter += scalings.fraction * np.outer(channel.torque, channel.torque) / s2
-            seen += scalings.fraction * s2 * np.outer(padded, padded)
-            price += scalings.fraction * s2 * np.outer(channel.by_input, channel.by_input)
+        for channel, log in zip(self.channels, self.log):
+            s2 = float(np.exp(2.0 * log))
+            padded = np.pad(channel.by_state, (0, n - len(channel.by_state)))  # zeros for the integrals
+            enter += self.fraction * np.outer(channel.torque, channel.torque) / s2
+            seen += self.fraction * s2 * np.outer(padded, padded)
+            price += self.fraction * s2 * np.outer(channel.by_input, channel.by_input)
         return _root(enter), _root(seen).T, price
 
-    def scaled(
-        self, gamma: float, scalings: Scalings, parts: tuple[np.ndarray, ...] | None = None
-    ) -> LinearProblem:
-        """The problem of one level γ, its Δ-channels entering with γ L; `parts` where they are known."""
-        (enter, seen, price), g = parts or self.parts(scalings), self.nominal
+    def scaled(self, gamma: float) -> LinearProblem:
+        """The problem of one level γ, its Δ-channels entering with γ L."""
+        (enter, seen, price), g = self.parts, self.nominal
         b1 = np.hstack([g.b1, gamma * self.torques @ enter])
         return LinearProblem(g.a, b1, g.b2, np.vstack([g.c, seen]), g.r2 + price)
 
-    def feasible(self, gamma: float, scalings: Scalings, parts: tuple[np.ndarray, ...] | None = None) -> bool:
+    def feasible(self, gamma: float) -> bool:
         """Whether the problem of this level has a solution."""
-        return is_feasible(self.scaled(gamma, scalings, parts).linear_part(), gamma)
+        return is_feasible(self.scaled(gamma).linear_part(), gamma)
 
-    def gamma_star(self, scalings: Scalings, relative: float = ROUGH) -> float:
+    def gamma_star(self, relative: float = ROUGH) -> float:
         """Smallest γ for every robot within the fraction of the tolerances.
 
         Raises `NoFeasibleGamma` if there is none.
         """
-        low, parts = self.nominal.gamma_star(), self.parts(scalings)
+        low = self.nominal.gamma_star()
         high = LARGEST_LEVEL * low
-        if not self.feasible(high, scalings, parts):
+        if not self.feasible(high):
             raise NoFeasibleGamma(
                 "No attenuation level holds for the whole tolerances.",
-                f"no solution even at gamma = {high:.3g}, with {100 * scalings.fraction:.3g} % of the tolerances",
+                f"no solution even at gamma = {high:.3g}, with {100 * self.fraction:.3g} % of the tolerances",
                 "tighter tolerances in the robot's file, or the preset damped",
             )
         while high > (1.0 + relative) * low:
             middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if self.feasible(middle, scalings, parts) else (middle, high)
+            low, high = (low, middle) if self.feasible(middle) else (middle, high)
         return high
 
-    def design(self, ratio: float, scalings: Scalings) -> LinearDesign:
-        """The gain at `ratio` times the smallest level."""
-        star = self.gamma_star(scalings)
-        return self.scaled(ratio * star, scalings).design(ratio * star, star)
+    def design(self, gamma: float, gamma_star: float) -> LinearDesign:
+        """The gain at a level."""
+        return self.scaled(gamma).design(gamma, gamma_star)
 
-    def fraction(self, scalings: Scalings) -> float:
-        """The largest fraction of the tolerances for which some level has a solution, within `FRACTION_WIDTH`."""
+    def design_at(self, ratio: float) -> LinearDesign:
+        """The gain at `ratio` times the smallest level."""
+        star = self.gamma_star()
+        return self.design(ratio * star, star)
+
+    def covering(self) -> RobustProblem:
+        """With the largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH`."""
         level, low, high = LARGEST_LEVEL * self.nominal.gamma_star(), 0.0, 1.0
-        if self.feasible(level, replace(scalings, fraction=high)):
-            return high
+        if (whole := replace(self, fraction=high)).feasible(level):
+            return whole
         while high - low > FRACTION_WIDTH:
             middle = 0.5 * (low + high)
-            fits = self.feasible(level, replace(scalings, fraction=middle))
+            fits = replace(self, fraction=middle).feasible(level)
             low, high = (middle, high) if fits else (low, middle)
-        return low
+        return replace(self, fraction=low)
 
 
 def _root(matrix: np.ndarray) -> np.ndarray:
@@ -341,46 +320,49 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors[:, kept] * np.sqrt(values[kept])
 
 
-def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
-    """Scalings for a problem, found as the head of this file says.
+def find_scalings(
+    nominal: LinearProblem, torques: np.ndarray, channels: tuple[Channel, ...], ratio: float
+) -> RobustProblem:
+    """The problem with scalings of its channels, found as the head of this file says.
 
     `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
     `LEAST_FRACTION` of the tolerances can be covered.
     """
     from scipy.optimize import minimize
 
-    def better(scalings: Scalings, other: Scalings) -> bool:
-        if scalings.fraction < 1.0 or other.fraction < 1.0:
-            return scalings.fraction > other.fraction
-        return problem.gamma_star(scalings) < problem.gamma_star(other)
+    def better(problem: RobustProblem, other: RobustProblem) -> bool:
+        if problem.fraction < 1.0 or other.fraction < 1.0:
+            return problem.fraction > other.fraction
+        return problem.gamma_star() < other.gamma_star()
 
-    best = _balanced(problem, problem.nominal.design_at(ratio))
+    first = RobustProblem(nominal, torques, channels, np.zeros(len(channels)))
+    best = _balanced(first, nominal.design_at(ratio))
     for _ in range(BALANCES):
         if best.fraction < LEAST_FRACTION:
             break
         within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
-        again = _balanced(problem, problem.design(ratio, within))
+        again = _balanced(first, within.design_at(ratio))
         if not better(again, best):
             break
         best = again
-    if len(problem.nominal.a) <= MOST_STATES:  # a simplex search over one factor for each quantity
-        start, groups = best, list(dict.fromkeys(channel.group for channel in problem.channels))
-        places = np.array([groups.index(channel.group) for channel in problem.channels])
+    if len(nominal.a) <= MOST_STATES:  # a simplex search over one factor for each quantity
+        start, groups = best, list(dict.fromkeys(channel.group for channel in channels))
+        places = np.array([groups.index(channel.group) for channel in channels])
 
-        def moved(factors: np.ndarray) -> Scalings:
+        def moved(factors: np.ndarray) -> RobustProblem:
             return replace(start, log=start.log + factors[places])
 
         def cost(factors: np.ndarray) -> float:
             if start.fraction < 1.0:
-                return -problem.fraction(moved(factors))
+                return -moved(factors).covering().fraction
             try:
-                return float(np.log(problem.gamma_star(moved(factors))))
+                return float(np.log(moved(factors).gamma_star()))
             except (NoFeasibleGamma, NumericalFailure):
                 return np.inf
 
         options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
-        end = moved(minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x)
-        end = replace(end, fraction=problem.fraction(end))
+        factors = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x
+        end = moved(factors).covering()
         best = end if better(end, start) else start
     if best.fraction < LEAST_FRACTION:
         raise NoFeasibleGamma(
@@ -391,9 +373,9 @@ def find_scalings(problem: RobustProblem, ratio: float) -> Scalings:
     return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
 
 
-def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
-    """s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost; and the fraction
-    of the tolerances that is covered so."""
+def _balanced(problem: RobustProblem, design: LinearDesign) -> RobustProblem:
+    """With s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost; and with the
+    fraction of the tolerances that is covered so."""
     from scipy.linalg import solve_continuous_lyapunov
 
     loop, p = problem.nominal.a + problem.nominal.b2 @ design.gain, design.p
@@ -401,9 +383,9 @@ def _balanced(problem: RobustProblem, design: LinearDesign) -> Scalings:
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ design.gain + channel.padded(len(loop))
+        z = channel.by_input @ design.gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
-    return Scalings(log, problem.fraction(Scalings(log)))
+    return replace(problem, log=log).covering()
 
 
 # Weights for a behaviour --------------------------------------------------------------------------------
@@ -500,15 +482,15 @@ def search(
     return SearchResult(chosen, tuple(attempt.tried))
 
 
+@dataclass
 class _Search:
-    def __init__(
-        self, target: TargetBehaviour, family: LinearFamily, synthesis: Any, fastest: float, start: np.ndarray
-    ) -> None:
-        self.target, self.family, self.synthesis = target, family, synthesis
-        self.fastest, self.start = fastest, start
-        self.tried: list[Candidate] = []
-        # Largest fraction of the required bandwidths that any stable loop had, in all joints at once.
-        self.reached = 0.0
+    target: TargetBehaviour
+    family: LinearFamily
+    synthesis: Callable[[np.ndarray, np.ndarray], LinearDesign]
+    fastest: float  # target frequency that is tried, rad/s
+    start: np.ndarray  # (n,), target frequencies
+    tried: list[Candidate] = field(default_factory=list)
+    reached: float = 0.0  # largest fraction of the bandwidths that any stable loop had, in all joints at once
 
     def fit(self, damping_weight: float | np.ndarray) -> Candidate | None:
         """The inner search: the candidate of a ζ, or None if no target frequencies give the bandwidth."""

@@ -1,15 +1,10 @@
 """Choices by the step of the running loop: the degree of V, and bandwidths that keep the limits of the joints.
 
-All degrees of a problem have the same linear part, and so the same bandwidth, margins and noise at the motors. They
-differ in a step that is so long that the plant is another one at its start. So several degrees are solved, and the
-step of the design itself decides, as it is deployed:
-
-1. It is run with the lowest degree. If the higher terms of the law would hardly change the input along it, the lowest
-   degree is used.
-2. Otherwise it is run with each degree. A higher one takes the place of a lower one if its step costs less, and keeps
-   the limits of the specification that the lower one keeps, also on a few robots within their tolerances.
-
-The study behind it is `benchmarks/degrees.py`; docs/degrees.md shows what it found.
+All degrees of a problem have the same linear part, and differ in a step that is so long that the plant is another one
+at its start. So the step decides, as it is deployed. If the higher terms of the law would hardly change the input along
+the step of the lowest degree, that one is used. Otherwise a higher one takes the place of a lower one if its step costs
+less, and keeps the limits of the specification that the lower one keeps, also on a few robots within their tolerances
+(docs/degrees.md).
 
 Limits of inputs and speeds: bandwidths are lowered, joint by joint, until the step of the nonlinear loop keeps them.
 """
@@ -100,12 +95,6 @@ def tried_degrees(states: int, stated: Sequence[int] | None) -> tuple[int, ...]:
 def rays_of(states: int, stated: int | None) -> int:
     """Rays in which a region is sampled: as stated, or fewer for more states."""
     return next((count for most, count in RAYS if states <= most), 0) if stated is None else stated
-
-
-def synthesis_stages(states: int, degrees: Sequence[int] | None, rays: int | None) -> int:
-    """How many steps of work the degrees are, for a progress bar: solutions, the choice, and sampled regions."""
-    count = len(tried_degrees(states, degrees))
-    return count + (count > 1) + (rays_of(states, rays) > 0) * (1 if degrees is None else count)
 
 
 def solve_degrees(
@@ -339,12 +328,10 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
 
 
 class _BandwidthSearch:
-    """Bandwidths whose step keeps the limits.
+    """Bandwidths whose step keeps the limits (2, n) of its peaks: inputs (V, N·m or N) and speeds (rad/s or m/s).
 
-    Peaks (2, n) of a step are its largest inputs (V, N·m or N) and speeds (rad/s or m/s), infinite where it diverged;
-    `limits` (2, n) are theirs. While bandwidths are tried only the nominal robot is run. What sampled ones took `more`
-    than it in the last step that was run on all of them is added, and the bandwidth that is found is confirmed by
-    another such step.
+    While bandwidths are tried only the nominal robot is run. What sampled ones took `more` than it in the last step
+    that was run on all of them is added, and the bandwidth that is found is confirmed by another such step.
     """
 
     def __init__(

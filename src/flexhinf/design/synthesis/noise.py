@@ -1,11 +1,9 @@
 """Noise levels of the estimator, searched for on the running loop.
 
-The running loop has the poles of the law and those of the estimation error, and the least damped of both rings. With
-the true state fed back the law has wide margins and the damping that its weights were searched for; how much of both is
-left depends on R^v alone (R^n is the sensors'). A filter that takes the link's and the motor's motion for undisturbed
-hardly corrects a vibration, and its error rings as the spring itself does. For a joint of inertias M and J, whose
-vibration has the frequency ω_v and is seen by a position with variance R, noise of variance q per sample on a velocity
-gives the error's vibration the damping
+The running loop has the poles of the law and those of the estimation error, and the least damped of both rings; how
+much of the law's margins and damping is left depends on R^v alone (R^n is the sensors'). For a joint of inertias M and
+J, whose vibration has the frequency ω_v and is seen by a position with variance R, noise of variance q per sample on a
+velocity gives the error's vibration the damping
 
     ζ = sin(½ atan(ρ/ω_v²)),   ρ = a √(q/R) / T,
 
@@ -18,13 +16,10 @@ to each joint's vibration, and the same speed of all joints; each with several r
 levels. From the best of them the levels of single joints are moved one after the other.
 
 What is searched for is the least noise at the motors (the geometric mean, since motors differ in size) for which every
-limit is kept: peak sensitivity, gain margin, damping where one is required, a load compliance of at most `COMPLIANCE`
-times that of the law fed the true state, a noise of at most `MOST_NOISE` of what each motor gives, and no unstable
-corner of the tolerances. The default levels are kept where they keep all of it. Where the limits cannot be kept
-together, those levels are taken that miss them least. A limit that the law itself misses with the true state, or that
-all levels of the families miss, counts only as far as a little short of the best of them, and a damping that is far out
-of reach only as far as `RINGS`, so that no noise is paid for it in vain. The candidates that no other one betters in
-noise, damping and compliance at once are the trade-off that the report shows.
+limit is kept, see docs/design.md. The default levels are kept where they keep all of it. Where the limits cannot be
+kept together, those levels are taken that miss them least. A limit that the law itself misses with the true state, or
+that all levels of the families miss, counts only as far as a little short of the best of them, and a damping that is
+far out of reach only as far as `RINGS`, so that no noise is paid for it in vain.
 """
 
 from __future__ import annotations

@@ -1,18 +1,11 @@
 """From a specification to a law: weights, noise levels of the estimator, V of several degrees, laws at other poses.
 
-The preset `robust` searches weights and noise levels for the tolerances on the whole loop with its estimator: the
-channels of the tolerances see the law alone; with the true state fed back they bound its gain, and with the estimator
-in the loop they may make it worse. From the weights of the preset `damped` with its noise levels, and from those whose
-channels cover all tolerances, factors are searched (the scalings of a μ-synthesis, with the fraction of the tolerances
-that the channels stand for) on
-
-    ω and ζ of all joints, the noise levels of links and of motors, the fraction of the tolerances in the channels
-
-for the largest factor of all tolerances up to which no corner of them is unstable, under these conditions: the worst
-overshoot of the corners is at most that with `damped`, and clearly less where a candidate has that too; peak
-sensitivity, gain margin, damping, bandwidth, and the joints' limits in the step are kept, or missed by no more than
-with `damped`; and each motor has at most `NOISE` times its noise. `damped` itself is the first candidate, so by this
-criterion the outcome cannot be worse.
+The preset `robust` searches the whole loop with its estimator for the largest factor of all tolerances up to which no
+corner of them is unstable: docs/design.md has the five factors that are searched (the scalings of a μ-synthesis, with
+the fraction of the tolerances that the channels stand for) and the conditions. It begins with the weights of the preset
+`damped` and with those whose channels cover all tolerances: the channels see the law alone, and with the estimator in
+the loop they may make it worse. `damped` itself is the first candidate, so by this criterion the outcome cannot be
+worse.
 
 A candidate is computed at few corners: those that are nearest to instability or overshoot most. One that would be the
 best is computed at all, and those that it fails on join them.
@@ -36,7 +29,7 @@ from flexhinf.design.specification import RINGS, TOLERANCE, Specification, Speci
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
@@ -156,14 +149,15 @@ class _WholeLoop:
         outcome = WholeLoopSearch(own, best, *factors, fraction=fraction, count=self.count, corner=corner)
         if best is own:
             return replace(own.solved, preset="robust"), self.levels, outcome
-        design = self.channels.design(best.solved, *weights)
+        design = self.channels.linear(*weights).design(best.solved.gamma, best.solved.gamma_star)
         chosen = Candidate(frequency, damping, design, behaviour_of(self.channels.family, design.gain))
         result = SearchResult(chosen, (*self.damped.candidates, chosen))
         source = (
             f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
             f"{own.scale:.3g} with the preset damped"
         )
-        return self.channels.checked(best.solved, fraction, self.target, result, source), best.levels, outcome
+        problem = self.channels.checked(best.solved, result, fraction)
+        return replace(problem, source=source, target=self.target), best.levels, outcome
 
     def best(self) -> LoopCandidate:
         """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
@@ -309,13 +303,9 @@ class Synthesis:
     chosen: DegreeChoice  # the degree that is used
     rays: int  # rays in which regions were sampled
     law: Law  # the chosen solution, or a schedule with those of other poses
-    along: checks.AlongMove | None = (
-        None  # margins of the running loop along the stated move; None without one
-    )
+    along: checks.AlongMove | None = None  # margins of the running loop along the stated move
     robust: WholeLoopSearch | None = None  # of weights and noise levels for the tolerances; preset robust
-    proved: proved_step.ProvedLaw | None = (
-        None  # the law with its certificate for all tolerances; preset proved
-    )
+    proved: proved_step.ProvedLaw | None = None  # with its certificate for all tolerances; preset proved
 
     @property
     def solution(self) -> HJISolution:
@@ -378,10 +368,28 @@ class _Steps(Task):
     def proved(self) -> Synthesis:
         """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
 
-        The search is about the law with the true state fed back; noise levels are found for it as for other laws.
+        The search is about the law with the true state fed back; noise levels are found for it as for other laws. A
+        robot that states no tolerances is nominal. What the specification states is not searched for.
         """
-        proved = proved_step.proved_law(
-            self.robot, self.s, self.goal, self.start, self.keeps_effort, self.progress
+        robot, s = self.robot, self.s
+        stated = {
+            "bandwidths": None if s.bandwidth is None else (1.0,),
+            "dampings": None if s.damping is None else (s.damping,),
+            "degrees": s.degrees,
+            "ratios": None if s.gamma_ratio == Specification().gamma_ratio else (s.gamma_ratio,),
+        }
+        settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
+        proved = proved_step.search_proved_step(
+            robot,
+            self.goal.tolist(),
+            float((self.goal - self.start)[0]),
+            specification=s,
+            effort_limit=float(responses.joint_limits(robot, s).effort[0]),
+            tolerances=1.0 if robot.uncertain else 0.0,
+            most_seconds=s.proof_seconds,
+            admits=self.keeps_effort,
+            progress=self.progress,
+            **settings,
         )
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise, rays = self.noise_search(problem), by_step.rays_of(len(law.state_names), self.s.rays)
@@ -514,12 +522,12 @@ class _Steps(Task):
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
     """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
-    if not np.any(goal != start):
-        raise InvalidInput(
-            "There is nothing to move: the step starts at its goal.",
-            f"expected another start than {goal.tolist()}",
-            "another `start` or `pose`",
-        )
+    refuse_if(
+        not np.any(goal != start),
+        "There is nothing to move: the step starts at its goal.",
+        f"expected another start than {goal.tolist()}",
+        "another `start` or `pose`",
+    )
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)

@@ -140,9 +140,10 @@ def payload(design: Design) -> Blocks:
         *((f"{number(case.mass, 3)} kg", case.step, case.margins, case) for case in design.payloads),
     ):
         used = limits.input_use(step).value if limits.limits_peak else step.peak_input
+        load = case and case.load_step
         load_step: list[float | None] = (
-            [scale * case.deflection.value, case.recovery.value, scale * case.remaining.value]
-            if case is not None and case.load_step is not None
+            [scale * load.deflection.value, load.recovery.value, scale * load.remaining.value]
+            if load
             else [None, None, None]
         )
         metrics = [step.overshoot.value, step.settling.value, used, *load_step, m.damping, m.peak_sensitivity]
@@ -188,14 +189,14 @@ def payload_text(design: Design) -> str:
     if case.step.diverged_at is not None:
         return f"{text} diverges."
     text += f" overshoots by {number(case.step.overshoot.value, 2)} %"
-    if case.load_step is None:
+    if (load := case.load_step) is None:
         return f"{text}."
     back = (
-        f"and is back within 2 % of its step after {number(case.recovery.value, 2)} s"
-        if np.isfinite(case.recovery.value)
+        f"and is back within 2 % of its step after {number(load.recovery.value, 2)} s"
+        if np.isfinite(load.recovery.value)
         else "and is not back within 2 % of its step in the run"
     )
-    sags = f"{units.small_text(case.deflection.value, 2)}{in_joint(case.deflection.joint, design.robot.joint_names)}"
+    sags = f"{units.small_text(load.deflection.value, 2)}{in_joint(load.deflection.joint, design.robot.joint_names)}"
     return f"{text}; gripping it the robot sags by {sags} {back}."
 
 
