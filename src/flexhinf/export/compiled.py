@@ -42,11 +42,8 @@ def compile_controller(
         On which it runs: PCs since about 2015, also older ones (ten times slower), or those that have all that this one
         has. The bits are the same. The file states the instructions it needs, and is refused where they are missing.
 
-    Raises
-    ------
-    InvalidInput
-        As `export_c`; for another choice of processors; or there is no C compiler (``CC``, cc, gcc, clang), or it
-        fails.
+    Raises InvalidInput: as `export_c`; for another choice of processors; or there is no C compiler (``CC``, cc, gcc,
+    clang), or it fails.
     """
     from flexhinf.export.controller_c import code_of, fill, template
 
@@ -165,28 +162,14 @@ class CompiledController:
 
     A step never raises for a bad measurement: the output is held instead, see `code` and docs/deployment.md.
 
-    Parameters
-    ----------
-    path : path
-        Of the shared library. Its code is run: load only what you trust.
+    `path` is that of the shared library. Its code is run: load only what you trust.
 
-    Attributes
-    ----------
-    period : float
-        s.
-    measured, commanded, inputs, states : tuple of str
-        Names of the elements of y, r, u and the estimate.
-    digest : str
-        Of the C of which it was compiled.
-    code : str
-        How the last step ended: "OK", "PREDICTED", "BAD_MEASUREMENT", …
-    estimate : (n,) array
-        Of the last step; zero before the first.
+    `period` is in s; `measured`, `commanded`, `inputs` and `states` name the elements of y, r, u and the estimate;
+    `digest` is that of the C of which it was compiled; `code` says how the last step ended ("OK", "PREDICTED",
+    "BAD_MEASUREMENT", …), and `estimate` (n,) is that of the last step, zero before the first.
 
-    Raises
-    ------
-    InvalidInput
-        If this is no such library, is one of another machine, or needs instructions that this processor lacks.
+    Raises InvalidInput: if this is no such library, is one of another machine, or needs instructions that this
+    processor lacks.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -244,12 +227,8 @@ class CompiledController:
 
         Without a command the last one is kept (that of the operating point at first).
 
-        Raises
-        ------
-        InvalidInput
-            If y or the command does not have the right size.
-        ControllerInUse
-            If another thread is inside a step.
+        Raises InvalidInput: if y or the command does not have the right size. ControllerInUse: if another thread is
+        inside a step.
         """
         if self._busy:
             raise ControllerInUse
@@ -280,10 +259,7 @@ class CompiledController:
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget; the estimate starts at `state` (n,) and the input before the first sample is `input` (m,), if given.
 
-        Raises
-        ------
-        InvalidInput
-            If they do not fit, or this controller's estimate cannot be set.
+        Raises InvalidInput: if they do not fit, or this controller's estimate cannot be set.
         """
         refuse_if(
             state is not None and not self._starts_anywhere,
@@ -389,9 +365,7 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
     without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than
     PCs have the first two in common. Raises InvalidInput: for another word.
     """
-    otherwise = (
-        "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one"
-    )
+    otherwise = "portable: PCs since about 2015; any: older ones too, slowly; native: those like this one"
     one_of("There is no such choice of processors.", processor, ("portable", "any", "native"), otherwise)
     pc = platform.machine() in X86
     if processor == "native":

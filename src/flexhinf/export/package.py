@@ -68,17 +68,10 @@ def export_c(
     force : bool
         Write into a folder that is not empty: files of the same names are replaced, others stay.
 
-    Returns
-    -------
-    pathlib.Path
-        The folder.
+    Returns the folder.
 
-    Raises
-    ------
-    InvalidInput
-        If the name is none for C, the type is unknown, the folder is not empty, or numbers or law do not fit the type.
-    Unsupported
-        If law or estimator need an operation that has no form in C.
+    Raises InvalidInput: if the name is none for C, the type is unknown, the folder is not empty, or numbers or law do
+    not fit the type. Unsupported: if law or estimator need an operation that has no form in C.
     """
     target = checked_folder(folder, force)
     write_files(target, controller_files(controller, name, real))
@@ -130,9 +123,7 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
     )
     code = code_of(controller, "controller", real)
     whole, constants = cortex_m4_bytes(code) if flash else None, code.constants * code.real.bytes
-    kind, where = (
-        ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
-    )
+    kind, where = ("constants", "") if whole is None else ("code and constants", ", compiled for Cortex-M4F")
     rows = (
         ("--flash", flash, f"{kind} need", constants if whole is None else whole, where,
          "--degrees 2 at the design, --real float"),
@@ -203,10 +194,7 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     """
     most = TOLERANCE[code.real.name]
     if code.real.name == "double":
-        return (
-            most,
-            f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without",
-        )
+        return most, f"the simulation's bits with fused multiply-adds, else {most:.0e} of the largest value"
     fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
     vector = "the test vector allows"
     if fused is None or plain is None:
@@ -250,8 +238,7 @@ def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
 
     def rows(values: np.ndarray) -> str:
         texts = [
-            ["(@NAME@_real)NAN" if np.isnan(v) else constant(float(v), code.real) for v in row]
-            for row in values
+            ["(@NAME@_real)NAN" if v != v else constant(float(v), code.real) for v in row] for row in values
         ]
         return ",\n".join(f"    {{{', '.join(row)}}}" for row in texts)
 

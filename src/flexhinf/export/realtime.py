@@ -46,15 +46,8 @@ PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "p99.99": 99.99, "max": 
 
 
 class MissedSpan(NamedTuple):
-    """Missed deadlines one after the other.
-
-    Attributes
-    ----------
-    begin : float
-        Time of the first sample, s.
-    worst : float
-        By how much the latest input of them came after its deadline, s.
-    """
+    """Missed deadlines one after the other: time of the first sample, s, their number, and by how much the latest input
+    of them came after its deadline, s."""
 
     begin: float
     samples: int
@@ -69,27 +62,12 @@ class Timing:
     out: after a delay they are made one after the other until the schedule is met again, as late as they then are. A
     run that is not in real time is due when it gets there: its lateness is zero.
 
-    Attributes
-    ----------
-    real_time : bool
-        Whether the samples waited for the clock.
-    time : (N,)
-        Of the run.
-    woken : (N,)
-        Lateness: when the sample began.
-    computed : (N,)
-        How long the controller's step took.
-    ready : (N,)
-        When the input was there.
-    over : (N,)
-        When the simulated robot had made its step and everything was recorded.
-    elapsed : float
-        From the beginning of the first sample to the end of the last one.
-    missed, overrun : (N,)
-        Whether the input was not there before the next sample was due, and whether the sample ended after that, the
-        simulation of the robot included.
-    slowness : float
-        Elapsed time over the time of the run: 1 in real time.
+    `real_time`: whether the samples waited for the clock. Of each sample, (N,): `time` in the run; `woken`, lateness,
+    when it began; `computed`, how long the controller's step took; `ready`, when the input was there; `over`, when the
+    simulated robot had made its step and everything was recorded; `missed`, whether the input was not there before the
+    next sample was due, and `overrun`, whether the sample ended after that, the simulation of the robot included.
+    `elapsed`: from the beginning of the first sample to the end of the last one; `slowness`: that over the time of the
+    run, 1 in real time.
     """
 
     period: float
@@ -146,22 +124,10 @@ _SET_TIMER_SLACK, _SLACK_NS = 29, 1
 class RealTimeRun:
     """Result of a run in real time.
 
-    Attributes
-    ----------
-    trajectory : Trajectory
-        As of `Loop.run`; up to where it was stopped.
-    timing : Timing
-        Of the same samples.
-    codes : (N,) array of int
-        How each step ended; 0 is "OK".
-    began : int
-        When the first sample was due, ns since 1970.
-    input_range : ((m,), (m,))
-        Lower and upper limits of the inputs, infinite where there are none.
-    stopped : int or None
-        The signal that ended the run before its time; 0 where `watch` did; None for a run that came to its end.
-    scheduling : tuple of str
-        What the system permitted, in sentences.
+    `trajectory` is as of `Loop.run`, up to where it was stopped, and `timing` of the same samples; `codes` (N,) say how
+    each step ended, 0 is "OK"; `began`: when the first sample was due, ns since 1970; `input_range`: lower and upper
+    limits (m,) of the inputs, infinite where there are none; `stopped`: the signal that ended the run before its time,
+    0 where `watch` did, None for a run that came to its end; `scheduling`: what the system permitted, in sentences.
     """
 
     trajectory: Trajectory
@@ -217,11 +183,8 @@ def run_realtime(
     watch : callable, optional
         Called after a sample every `watch_every` seconds of the run, for a view; False ends the run.
 
-    Raises
-    ------
-    InvalidInput
-        As `Loop.run`; for a plant that does not integrate itself, a library of another controller, or a priority or a
-        core that there is not.
+    Raises InvalidInput: as `Loop.run`; for a plant that does not integrate itself, a library of another controller, or
+    a priority or a core that there is not.
     """
     for what, number, (low, high), advice in (
         ("real-time priority", priority, PRIORITIES, "80: above everything but the kernel's own threads"),
@@ -261,7 +224,6 @@ def run_realtime(
 
 
 def _check_library(library: CompiledController, controller: Any) -> None:
-    """Refuse a library of another controller: by its signals and its period, then by all that its inputs depend on."""
     own = {
         "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
         "inputs": tuple(controller.law.input_names), "states": controller.states,
@@ -522,11 +484,8 @@ def _write_mcap(run: RealTimeRun, name: str) -> None:
         channels = dict[str, int]()
         for kind, group in columns.items():
             properties = {c.name: {"type": "number", "description": c.unit or "no unit"} for c in group}
-            schema = writer.register_schema(
-                f"flexhinf.{kind}",
-                "jsonschema",
-                json.dumps({"type": "object", "properties": properties}).encode(),
-            )
+            text = json.dumps({"type": "object", "properties": properties}).encode()
+            schema = writer.register_schema(f"flexhinf.{kind}", "jsonschema", text)
             channels[kind] = writer.register_channel(f"/{kind}", "json", schema)
         for k, at in enumerate(run.trajectory.time.tolist()):
             moment = run.began + round(1e9 * at)
@@ -581,9 +540,7 @@ def check_place(path: Path, what: str) -> Path:
             pass
     except (OSError, ValueError) as error:
         found = f"{path}: {getattr(error, 'strerror', None) or error}"
-        raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
-        ) from error
+        raise InvalidInput(f"The {what} cannot be written.", found, "a folder that can be written") from error
     return path
 
 

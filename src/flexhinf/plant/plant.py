@@ -175,9 +175,7 @@ class GeneralisedPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, R2 and operating point, for ``repr``."""
-        point = [
-            f"{name} = {value:.4g}" for name, value in zip(self.plant.states, self._equilibrium[0]) if value
-        ]
+        point = [f"{name} = {x:.4g}" for name, x in zip(self.plant.states, self._equilibrium[0]) if x]
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
@@ -187,13 +185,9 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
@@ -290,10 +284,7 @@ class GeneralisedPlant(Summarised):
         outputs, values = self._traced_fields.call([x]), self._traced_fields.call([np.zeros(x.numel())])
         depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
         varying = [output for varies, output in zip(depends, outputs) if varies]
-        kept = tuple(
-            None if varies else np.asarray(value, dtype=float).ravel()
-            for varies, value in zip(depends, values)
-        )
+        kept = tuple(None if varies else np.asarray(v, float).ravel() for varies, v in zip(depends, values))
         return ca.Function("varying_fields", [x], varying, {"cse": True}), kept
 
     @property

@@ -294,12 +294,9 @@ class PolynomialPlant(Summarised):
                 f"one name per {kind}, in the order of {letter}",
             )
             distinct(f"The {kind}", names[-1])
-            what, advice = (
-                f"The operating point does not fit the plant's {kind}s.",
-                "leave it out for the origin",
-            )
+            what = f"The operating point does not fit the plant's {kind}s."
             point = np.zeros(count) if point is None else point
-            points.append(checked_array(what, point, (count,), f"{count} finite numbers", advice))
+            points.append(checked_array(what, point, (count,), f"{count} finite numbers", "zeros"))
         distinct("Of states and inputs, the name", (*names[0], *names[1]))
         parts = {
             "f_parts": checked_parts("f", dict(f), n, (n,), 1),
@@ -338,23 +335,17 @@ class PolynomialPlant(Summarised):
             "f=[A, F2], g1=[B1], g2=[B2], h=[C]",
         )
         n = np.shape(f[0])[0] if np.ndim(f[0]) == 2 or hasattr(f[0], "tocoo") else 0
-        refuse_if(
-            n == 0, "f has no linear part.", f"expected f[0] of shape (n, n), got {value_text(f[0])}", "f=[A]"
-        )
+        refuse_if(n == 0, "f has no linear part.", f"expected f[0] (n, n), got {value_text(f[0])}", "f=[A]")
 
         def fields(matrices: Sequence[Any]) -> dict[int, np.ndarray]:
             columns = np.shape(matrices[0])[1] if len(np.shape(matrices[0])) == 2 else 1
             parts = {}
             for k, matrix in enumerate(matrices):
                 full = matrix.toarray() if hasattr(matrix, "toarray") else np.atleast_2d(real_array(matrix))
-                parts[k] = np.stack(
-                    [from_kronecker(full[:, j::columns], n, k) for j in range(columns)], axis=1
-                )
+                parts[k] = np.stack([from_kronecker(full[:, j::columns], n, k) for j in range(columns)], 1)
             return parts
 
-        flow, output = (
-            {k: from_kronecker(matrix, n, k) for k, matrix in enumerate(matrices, 1)} for matrices in (f, h)
-        )
+        flow, output = ({k: from_kronecker(m, n, k) for k, m in enumerate(terms, 1)} for terms in (f, h))
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -384,13 +375,8 @@ class PolynomialPlant(Summarised):
         parts = {name: getattr(self, f"{name}_parts") for name in last}
         if all(max(parts[name]) <= highest for name, highest in last.items()):
             return self
-        kept = {
-            name: {k: part for k, part in parts[name].items() if k <= highest}
-            for name, highest in last.items()
-        }
-        return PolynomialPlant.from_parts(
-            len(self.state_names), **kept, **{name: getattr(self, name) for name in OWN}
-        )
+        kept = {name: {k: part for k, part in parts[name].items() if k <= top} for name, top in last.items()}
+        return PolynomialPlant.from_parts(self.size[0], **kept, **{name: getattr(self, name) for name in OWN})
 
     @property
     def input_matrix_is_constant(self) -> bool:
