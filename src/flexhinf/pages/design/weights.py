@@ -370,8 +370,8 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
             groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
             groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
             for legend_name, candidates, style in groups:
-                points = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
-                lines.append(Line(*points, legend_name, {"color": color, "linestyle": "none", **style}))
+                noise, value = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
+                lines.append(Line(noise, value, legend_name, {"color": color, "linestyle": "none", **style}))
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
