@@ -239,7 +239,7 @@ class Tree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = self.names
-        refuse_if(not names, "There are no joints.", "expected one at least", "a joint for each link")
+        refuse_if(not names, "There are no joints.", "expected some, got none", "a joint for each link")
         distinct("The joint", names)
         for place, joint in enumerate(self.joints):
             refuse_if(
