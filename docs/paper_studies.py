@@ -454,7 +454,7 @@ def main() -> None:
     setup = PaperSetup(PaperSettings())
     weight, error = tracking_weight(setup)
     print(f"tracks-sine: weight of x5 {weight}, largest error {math.degrees(error):.2f}°\n", flush=True)
-    study = ToleranceStudy.of(setup, setup.nonlinear)
+    study = ToleranceStudy(setup, setup.nonlinear)
     print(table(repair_costs(setup, find_repairs(setup, study))), "\n", flush=True)
     print(f"another design: {unstable_of(other_design(setup), 'corner')} corners unstable\n", flush=True)
     print(table(bounds_rows(setup)), "\n", flush=True)

@@ -94,7 +94,7 @@ def test_the_other_design_that_is_quoted(setup: PaperSetup) -> None:
 def test_the_repair_withstands_other_plants_and_is_the_smallest(
     setup: PaperSetup,
 ) -> None:
-    first, both = STUDIES["find_repairs"](setup, ToleranceStudy.of(setup, setup.nonlinear))
+    first, both = STUDIES["find_repairs"](setup, ToleranceStudy(setup, setup.nonlinear))
     assert first.scale < both.scale
     noises = [ProcessNoise(form, q) for form in (ALL_STATES, VELOCITIES) for q in (3e-8, 1e-7, 3e-5)]
     fastest = {

@@ -38,7 +38,7 @@ def made() -> tuple[DeployedRun, RealTimeRun]:
 
 
 def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
-    film = ArmFilm.of(*made)
+    film = ArmFilm(*made)
     assert film.factor > 1
     assert np.abs(film.factor * film.windup).max() <= module.WIDEST
     np.testing.assert_array_equal(film.limits, [9.0, 9.0])
@@ -114,12 +114,12 @@ def test_what_cannot_be_filmed_is_refused_first(
     signals = {"state": np.zeros((0, 8)), "input": np.zeros((0, 2))}
     empty: Any = SimpleNamespace(trajectory=replace(run.trajectory, time=np.zeros(0), signals=signals))
     with pytest.raises(InvalidInput, match="one sample"):
-        ArmFilm.of(prepared, empty)
+        ArmFilm(prepared, empty)
     # of a run that diverged what was finite
     diverged = run.trajectory.signals["input"].copy()
     diverged[20:] = np.nan
     broken = replace(run.trajectory, signals={**run.trajectory.signals, "input": diverged})
-    assert len(ArmFilm.of(prepared, replace(run, trajectory=broken)).time) == 20
+    assert len(ArmFilm(prepared, replace(run, trajectory=broken)).time) == 20
 
 
 def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,7 +132,7 @@ def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch
     s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.01)
     prepared = prepare_run(fh.Controller(law, ukf, 1e-3, start="bumpless"), (robot, s), robot, s)
     run = prepared.make(real_time=False)
-    film = ArmFilm.of(prepared, run)
+    film = ArmFilm(prepared, run)
     np.testing.assert_array_equal(film.windup[:, 0], 0.0)
     np.testing.assert_array_equal(film.motors[:, 1], run.trajectory.signal("state", "motor_position_elbow"))
     drawn: list[np.ndarray] = []

@@ -100,7 +100,7 @@ def test_options_are_code_once() -> None:
 
 def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> None:
     cart = robot_of("cart")
-    units = Units.of(cart.plant(), cart.joint_names, degrees=True)
+    units = Units(cart.plant(), cart.joint_names, degrees=True)
     assert (units.position, units.speed, units.angle, units.scale) == (
         "m or rad",
         "m/s or rad/s",
@@ -109,10 +109,10 @@ def test_units_of_joints_that_turn_and_slide(robot_of: Callable[[str], Any]) -> 
     )
     assert (units.load, units.spring, units.effort) == ("N or N·m",) * 3
     arm = robot_of("paper")
-    turned = Units.of(arm.plant(), arm.joint_names, degrees=True)
+    turned = Units(arm.plant(), arm.joint_names, degrees=True)
     assert (turned.angle, turned.rate, turned.effort) == ("°", "°/s", "V")
     assert turned.scale == pytest.approx(180.0 / math.pi)
-    assert Units.of(arm.plant(), arm.joint_names).small == ("mrad", 1e3)
+    assert Units(arm.plant(), arm.joint_names).small == ("mrad", 1e3)
 
 
 @pytest.mark.slow

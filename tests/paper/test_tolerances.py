@@ -24,7 +24,7 @@ STIFF = "stiffness +12 %"
 
 @pytest.fixture(scope="module")
 def study(setup: PaperSetup) -> ToleranceStudy:
-    return ToleranceStudy.of(setup, setup.nonlinear)
+    return ToleranceStudy(setup, setup.nonlinear)
 
 
 @pytest.mark.slow

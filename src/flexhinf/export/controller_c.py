@@ -262,9 +262,7 @@ class ControllerCode:
         if estimator is not None:
             with suppress(InvalidInput):
                 other = estimator.initial_at(np.asarray(estimator.initial[0], dtype=float) + 1e-3)
-                return all(
-                    np.array_equal(a, b) for a, b in zip(other[1:], estimator.initial[1:], strict=True)
-                )
+                return all(map(np.array_equal, other[1:], estimator.initial[1:]))
         return False
 
 

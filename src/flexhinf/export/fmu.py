@@ -57,21 +57,6 @@ class Variable:
     about: str = ""
 
 
-@dataclass(frozen=True)
-class Model:
-    """Contents of an FMU.
-
-    `period`: Smallest communication step, s; others are whole multiples. `variables`: Those of a kind in the order of
-    their references. `sources`: Files of C without the shell; GUID is still to be put in.
-    """
-
-    name: str
-    about: str
-    period: float
-    variables: tuple[Variable, ...]
-    sources: dict[str, str]
-
-
 def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str = "controller") -> Path:
     """Write a controller as an FMU for co-simulation (FMI 2.0).
 
@@ -86,14 +71,7 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
     name : str
         A C identifier.
 
-    Returns
-    -------
-    pathlib.Path
-
-    Raises
-    ------
-    InvalidInput
-        As `export_c`; or there is no C compiler (``CC``, cc, gcc, clang), or it fails.
+    Raises InvalidInput: as `export_c`; or there is no C compiler (``CC``, cc, gcc, clang), or it fails.
     """
     code = code_of(controller, name, "double")
     c, signals, units = code.controller, code.signals, code.units
@@ -134,9 +112,7 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
         STARTS=0 if belief is None else len(belief),
     )  # fmt: skip
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
-    return _write(
-        Model(code.name, f"sampled controller of {c.period:g} s", c.period, tuple(variables), sources), path
-    )
+    return _write(path, code.name, f"sampled controller of {c.period:g} s", c.period, variables, sources)
 
 
 def export_plant_fmu(
@@ -162,10 +138,7 @@ def export_plant_fmu(
     state, input : (n,) and (m,) arrays, optional
         Initial state, and the input until one is set; zero by default.
 
-    Raises
-    ------
-    InvalidInput
-        As `export_fmu`; or the plant is too fast for the period.
+    Raises InvalidInput: as `export_fmu`; or the plant is too fast for the period.
     """
     start, acting = _start(state, plant.states, "state"), _start(input, plant.inputs, "input")
     name, period = checked_identifier(name), checked_period(period)
@@ -199,7 +172,7 @@ def export_plant_fmu(
         START=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
     )  # fmt: skip
     about = f"plant in {steps} steps per {period:g} s"
-    return _write(Model(name, about, period, tuple(variables), {f"{name}_model.h": model}), path)
+    return _write(path, name, about, period, variables, {f"{name}_model.h": model})
 
 
 def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
@@ -214,7 +187,6 @@ def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
 
 
 def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> list[Variable]:
-    """Variables of rows (prefix, causality, names, first values, about)."""
     return [
         Variable(f"{prefix}.{name}", causality, float(value), unit(name), about=about)
         for prefix, causality, names, values, about in rows
@@ -223,63 +195,65 @@ def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> l
 
 
 def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> str:
-    """The call of a traced function without the arguments that have no elements."""
     kept = [text for k, text in enumerate(arguments) if function.numel_in(k)]
     return f"{name}({', '.join([*kept, result])});"
 
 
 # The archive ------------------------------------------------------------------------------------------
-def _write(model: Model, path: str | os.PathLike[str]) -> Path:
-    target = checked_path("The FMU", path)
+def _write(
+    path: str | os.PathLike[str], name: str, about: str, period: float, variables: Sequence[Variable],
+    sources: dict[str, str],
+) -> Path:  # fmt: skip
+    # period, s: smallest communication step, others are whole multiples; variables: those of a kind in the order of
+    # their references; sources: files of C without the shell
+    target, model = checked_path("The FMU", path), (name, about, period, variables, sources)
     guid = "{" + str(uuid.UUID(hashlib.sha256(repr(model).encode()).hexdigest()[:32])) + "}"
-    sources = {name: text.replace("@GUID@", guid) for name, text in model.sources.items()}
-    sources[f"{model.name}_fmi2.h"] = fill(template("fmi2.h"), model.name, DOUBLE)
-    sources[f"{model.name}_fmu.c"] = fill(template("fmu.c"), model.name, DOUBLE, VERSION=__version__)
+    own = [file for file in (f"{name}.c",) if file in sources]
+    text = _description(name, about, period, variables, [*own, f"{name}_fmu.c"], guid)
+    sources = {file: code.replace("@GUID@", guid) for file, code in sources.items()}
+    sources[f"{name}_fmi2.h"] = fill(template("fmi2.h"), name, DOUBLE)
+    sources[f"{name}_fmu.c"] = fill(template("fmu.c"), name, DOUBLE, VERSION=__version__)
     system = {"Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
     short, ending = system.get(platform.system(), ("linux", "so"))
     folder = short + ("64" if sys.maxsize > 2**32 else "32")
     files: dict[str, bytes] = {
-        "modelDescription.xml": description(model, guid).encode(),
-        **{f"sources/{name}": text.encode() for name, text in sources.items()},
-        f"binaries/{folder}/{model.name}.{ending}": shared_library(sources),
+        "modelDescription.xml": text.encode(),
+        **{f"sources/{file}": code.encode() for file, code in sources.items()},
+        f"binaries/{folder}/{name}.{ending}": shared_library(sources),
     }
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
-        for name, content in files.items():
-            packed.writestr(zipfile.ZipInfo(name, DATE), content, zipfile.ZIP_DEFLATED)
+        for file, content in files.items():
+            packed.writestr(zipfile.ZipInfo(file, DATE), content, zipfile.ZIP_DEFLATED)
     write_file(target, "FMU", lambda part: Path(part).write_bytes(archive.getvalue()))
     return target
 
 
-def description(model: Model, guid: str) -> str:
-    """The text of modelDescription.xml."""
-    own, references, variables = f"{model.name}.c", {"Real": 0, "Integer": 0, "Boolean": 0}, []
-    files = [*([own] if own in model.sources else []), f"{model.name}_fmu.c"]
-    for variable in model.variables:
+def _description(
+    name: str, about: str, period: float, variables: Sequence[Variable], files: Sequence[str], guid: str
+) -> str:
+    references, entries = {"Real": 0, "Integer": 0, "Boolean": 0}, []
+    for variable in variables:
         kind, parameter = variable.kind, variable.causality == "parameter"
-        start = {
-            "Real": repr(float(variable.start)),
-            "Integer": str(int(variable.start)),
-            "Boolean": str(bool(variable.start)).lower(),
-        }[kind]
+        start = str({"Real": float, "Integer": int, "Boolean": bool}[kind](variable.start)).lower()
         continuous = kind == "Real" and variable.causality == "input"
         variability = "fixed" if parameter else "continuous" if continuous else "discrete"
         initial = "" if variable.causality == "input" else ' initial="exact"'
         unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
-        about = f" description={quoteattr(variable.about)}" if variable.about else ""
-        variables.append(
+        stated = f" description={quoteattr(variable.about)}" if variable.about else ""
+        entries.append(
             f'    <ScalarVariable name={quoteattr(variable.name)} valueReference="{references[kind]}" '
-            f'causality="{variable.causality}" variability="{variability}"{initial}{about}>'
+            f'causality="{variable.causality}" variability="{variability}"{initial}{stated}>'
             f'<{kind} start="{start}"{unit}/></ScalarVariable>'
         )
         references[kind] += 1
-    units = sorted({variable.unit for variable in model.variables if variable.unit})
+    units = sorted({variable.unit for variable in variables if variable.unit})
     named = [f"    <Unit name={quoteattr(unit)}/>" for unit in units]
-    outputs = [k for k, variable in enumerate(model.variables, 1) if variable.causality == "output"]
+    outputs = [k for k, variable in enumerate(variables, 1) if variable.causality == "output"]
     return fill(
-        template("modelDescription.xml"), model.name, DOUBLE, GUID=guid, VERSION=__version__,
-        FILES="\n".join(f'      <File name="{name}"/>' for name in files), PERIOD=repr(model.period),
+        template("modelDescription.xml"), name, DOUBLE, GUID=guid, VERSION=__version__,
+        FILES="\n".join(f'      <File name="{name}"/>' for name in files), PERIOD=repr(period),
         UNITS="\n".join(["  <UnitDefinitions>", *named, "  </UnitDefinitions>", ""]) if units else "",
-        OUTPUTS="\n".join(f'      <Unknown index="{k}"/>' for k in outputs), ABOUT=quoteattr(model.about),
-        VARIABLES="\n".join(variables),
+        OUTPUTS="\n".join(f'      <Unknown index="{k}"/>' for k in outputs), ABOUT=quoteattr(about),
+        VARIABLES="\n".join(entries),
     )  # fmt: skip

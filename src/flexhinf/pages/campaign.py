@@ -93,12 +93,7 @@ def write_campaign(
 ) -> CampaignJudgement:
     """Write index.html beside the table, with the worst cases that are kept there; returns what the page says.
 
-    Parameters
-    ----------
-    run : callable, optional
-        Sample → its run, for a worst run whose signals are not kept.
-    plant_run : callable, optional
-        Worst case and one of its plants → the run of that plant.
+    `run` runs a sample again, for a worst run whose signals are not kept; `plant_run` one of a worst case's plants.
     """
     judged, journal = CampaignJudgement(table, tuple(requirements)), table.journal
     settings, cases, gains = journal.settings, stored_worsts(journal), stored_gains(journal)
@@ -227,11 +222,7 @@ def _failures(judged: CampaignJudgement) -> list[Any]:
         if status == DIVERGED:
             reasons = [f"diverged at {judged.column('diverged_at_s')[k]:g} s"]
         rows.append((k, ", ".join(reasons), unbroken(sample_changes(judged, k)), f"`{replay} {k}`"))
-    few = (
-        f" The {len(rows)} worst are listed; all are in samples.parquet."
-        if judged.failures > len(rows)
-        else ""
-    )
+    few = f" Listed: the {len(rows)} worst; samples.parquet has all." if judged.failures > len(rows) else ""
     return [
         Paragraph(
             f"{judged.failures} samples fail. The last column runs one again, in the folder above.{few}"

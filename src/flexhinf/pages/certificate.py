@@ -15,7 +15,7 @@ from flexhinf.certify.certificate import AUTHOR, common_unit, persistent_bound, 
 from flexhinf.certify.starts import Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
-from flexhinf.pages.design.region import RULES
+from flexhinf.pages.design.region import rule_text
 from flexhinf.pages.drawing import (
     DASHED,
     Line,
@@ -106,11 +106,8 @@ def certificate_page(
                 "check",
             ),
         ]
-    who = (
-        "all robots of the stated box of parameters"
-        if any(p.low < p.high for p in claim.parameters)
-        else "the nominal robot"
-    )
+    boxed = any(p.low < p.high for p in claim.parameters)
+    who = "all robots of the stated box of parameters" if boxed else "the nominal robot"
     channels = ", ".join(d.name.replace("_", " ") for d in claim.disturbances)
     fed = "the true state or the observer's estimates" if claim.observer else "the true state"
     reach = f", and steps of up to {_steps_text(claim)} stay" if claim.starts else ""
@@ -144,22 +141,18 @@ def _position(claim: Certificate) -> tuple[float, str]:
 
 def _angle(claim: Certificate, value: float) -> str:
     unit = claim.states[0].unit
-    return (
-        f"{at_least(float(np.degrees(value)), decimals=1)}°"
-        if unit == "rad"
-        else f"{at_least(value, 3)} {unit}"
-    )
+    return f"{at_least(np.degrees(value), decimals=1)}°" if unit == "rad" else f"{at_least(value, 3)} {unit}"
 
 
 def _steps_text(claim: Certificate) -> str:
-    return " or ".join(f"{_angle(claim, s.amplitude)} ({RULES.get(s.rule, s.rule)})" for s in claim.starts)
+    return " or ".join(f"{_angle(claim, s.amplitude)} ({rule_text(s)})" for s in claim.starts)
 
 
 def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
     effort, gain, sampled = claim.inputs[0].unit, claim.attained_gain, claim.sampled_level
     return [
         *(
-            KeyNumber("largest proved step", _angle(claim, s.amplitude), "", RULES.get(s.rule, s.rule))
+            KeyNumber("largest proved step", _angle(claim, s.amplitude), "", rule_text(s))
             for s in claim.starts
         ),
         KeyNumber(
@@ -173,7 +166,7 @@ def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
         *(
             KeyNumber(
                 f"{PEAKS.get(effort, 'peak input')}, simulated", number(float(step.peak_input.max()), 3), effort,
-                f"nominal robot, {RULES.get(step.rule, step.rule)}; not proved",
+                f"nominal robot, {rule_text(step)}; not proved",
             )
             for step in law.steps
         ),
@@ -227,15 +220,9 @@ def _starts(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
         return [Paragraph(f"{text}of each robot its own, without a jump of the input."), *blocks]
     lines = []
     for path, start, colour in zip(surface.paths, claim.starts, SERIES[2:]):
-        lines += [
-            (
-                scale * path[:, 0],
-                path[:, 1],
-                "-",
-                {"color": colour, "label": f"starts: {RULES.get(start.rule, start.rule)}"},
-            ),
-            (scale * path[-1, 0], path[-1, 1], "o", {"color": colour, "markersize": 5}),
-        ]
+        style, (end, high) = {"color": colour, "label": f"starts: {rule_text(start)}"}, path[-1]
+        lines.append((scale * path[:, 0], path[:, 1], "-", style))
+        lines.append((scale * end, high, "o", {"color": colour, "markersize": 5}))
     return [
         Paragraph(
             f"{text}with an integrator that the controller chooses. Where V is smallest the region reaches furthest, "
@@ -353,9 +340,7 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
         for run, colour in zip(runs, SERIES[2:]):
             few = thin(run.time)
             time, state = run.time[few], run.state[few]
-            axes[0].plot(
-                time, scale * state[:, 0], color=colour, label=f"starts: {RULES.get(run.rule, run.rule)}"
-            )
+            axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {rule_text(run)}")
             if runs is law.steps:
                 axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
                 axes[2].plot(time, value(state) / claim.level, color=colour)
@@ -381,7 +366,7 @@ def _budget(evidence: Evidence) -> list[Any]:
     also = "; an input that differs by v from the law takes ½∫vᵀR2v from the same budget."
     rows = [
         (
-            RULES.get(run.rule, run.rule), _angle(claim, run.amplitude), at_most(100.0 * start / claim.level, 3),
+            rule_text(run), _angle(claim, run.amplitude), at_most(100.0 * start / claim.level, 3),
             at_least(100.0 * (claim.level - start) / claim.level, 3),
             at_least(2.0 * (claim.level - start) / claim.gamma**2, 3),
         )
@@ -496,7 +481,7 @@ def _steps_table(law: CertifiedDegree, claim: Certificate) -> Table:
         ),
         [
             (
-                RULES.get(run.rule, run.rule), _angle(claim, run.amplitude), run.overshoot_percent,
+                rule_text(run), _angle(claim, run.amplitude), run.overshoot_percent,
                 *(", ".join(number(float(v), 3) for v in u) for u in (run.first_input, run.peak_input)),
             )
             for run in law.steps

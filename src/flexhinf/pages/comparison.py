@@ -78,10 +78,8 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     """The best nonlinear H∞ law tuned as the rivals are; the design itself where that keeps no limit or is worse."""
     design = comparison.own.tuned
     assert design is not None
-    return min(
-        [*(law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name)), design],
-        key=lambda law: law.cost,
-    )
+    tuned = (law for law in ranked(tuned_laws(comparison)) if is_hinf(law.name))
+    return min([*tuned, design], key=lambda law: law.cost)
 
 
 def called(law: TunedLaw) -> str:
@@ -211,9 +209,7 @@ def comparison_notes(comparison: Comparison) -> list[str]:
     if comparison.synthesis.chosen.degree == 2 and any(row.name == "hinf" for row in comparison.compared):
         notes.append("The design chose degree 2: it is a linear law, as hinf is.")
     if s.via:
-        notes.append(
-            "The design switches between laws of several poses; all else here is of the one at the goal."
-        )
+        notes.append("The design switches between laws of several poses; all else is of the one at the goal.")
     return notes
 
 
@@ -252,11 +248,8 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    rival, ours, metrics = (
-        best_rival(tuned_laws(comparison)),
-        ours_of(comparison),
-        {m.key: m for m in METRICS},
-    )
+    rival, ours = best_rival(tuned_laws(comparison)), ours_of(comparison)
+    metrics = {metric.key: metric for metric in METRICS}
     numbers = []
     for key in (
         "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
@@ -410,9 +403,7 @@ def cell(metric: LawMetric, value: float | None, comparison: Comparison) -> str:
         return number(round(value))
     if 0.0 < abs(value) < 1e-2:
         return number(value, 2)
-    return number(
-        value, decimals=min(max(2 - (0 if value == 0.0 else int(np.floor(np.log10(abs(value))))), 0), 3)
-    )
+    return number(value, decimals=int(np.clip(2 - np.floor(np.log10(abs(value) or 1.0)), 0, 3)))
 
 
 def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ...]:
@@ -420,9 +411,7 @@ def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ..
     known, best = [value for value in values if value is not None], [False for _ in values]
     if metric.better and len(known) > 1:
         top = min(known) if metric.better < 0 else max(known)
-        width = (
-            max(0.005 * abs(top), metric.least) if np.isfinite(top) else 0.0
-        )  # within which both are as good
+        width = max(0.005 * abs(top), metric.least) if np.isfinite(top) else 0.0  # both are as good
         best = [value is not None and (value == top or abs(value - top) <= width) for value in values]
     return tuple(tied and sum(best) < len(known) for tied in best)
 

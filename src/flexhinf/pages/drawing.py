@@ -153,9 +153,7 @@ def draw_figure(
                 axis.xaxis.set_minor_formatter(NullFormatter())
     if not columns:
         figure.align_ylabels(axes)
-    named = (
-        axis for axis, panel in zip(axes, parts) if sum(line.name is not None for line in panel.lines) > 1
-    )
+    named = (axis for axis, part in zip(axes, parts) if sum(line.name is not None for line in part.lines) > 1)
     if (first := next(named, None)) is not None:
         if columns:
             legend_above(figure, first, columns)
@@ -236,44 +234,29 @@ ESTIMATORS = {
 LISTED = 6
 
 
-@dataclass(frozen=True)
 class Units:
     """Units of link positions and velocities, torques on the links, torques of the springs, and inputs; "rad or m" with
-    joints that turn and joints that slide.
+    joints that turn and joints that slide; degrees only where every joint turns.
 
     Positions and velocities are shown in `angle` and `rate`, in degrees where the user gave these; times `scale` they
     are in these units. `small`: unit and factor of small deviations, thousandths or degrees.
     """
 
-    position: str
-    speed: str
-    load: str
-    spring: str
-    effort: str
-    degrees: bool
-    angle: str
-    rate: str
-    scale: float
-    small: tuple[str, float]
-
-    @staticmethod
-    def of(plant: Plant, joints: Sequence[str], degrees: bool = False) -> Units:
-        """Units of a plant with these joints; degrees only where every joint turns."""
-
+    def __init__(self, plant: Plant, joints: Sequence[str], degrees: bool = False) -> None:
         def units(names: Iterable[str]) -> str:
             return " or ".join(dict.fromkeys(plant.unit(name) for name in names))
 
-        position, load, spring = (
+        self.position, self.load, self.spring = (
             units(signal_names(kind, joints)) for kind in ("link_position", "link_torque", "joint_torque")
         )
-        speed = " or ".join(f"{each}/s" for each in position.split(" or "))
-        thousandths = " or ".join("mrad" if each == "rad" else "mm" for each in position.split(" or "))
-        display = (
-            (True, "°", "°/s", 180.0 / math.pi, ("°", 180.0 / math.pi))
-            if degrees and position == "rad"
-            else (False, position, speed, 1.0, (thousandths, 1e3))
-        )
-        return Units(position, speed, load, spring, units(plant.inputs), *display)
+        self.effort, parts = units(plant.inputs), self.position.split(" or ")
+        self.speed = " or ".join(f"{part}/s" for part in parts)
+        self.angle, self.rate, self.scale = self.position, self.speed, 1.0
+        self.small = " or ".join("mrad" if part == "rad" else "mm" for part in parts), 1e3
+        self.degrees = degrees and self.position == "rad"
+        if self.degrees:
+            self.angle, self.rate, self.scale = "°", "°/s", 180.0 / math.pi
+            self.small = "°", self.scale
 
     def small_text(self, value: float, digits: int) -> str:
         """A small deviation with its unit."""
@@ -283,7 +266,7 @@ class Units:
 
 def units_of(e: LawEvaluation) -> Units:
     """Units of the signals of one loop, angles as the user gave them."""
-    return Units.of(e.setup.model, e.setup.robot.joint_names, e.setup.specification.in_degrees)
+    return Units(e.setup.model, e.setup.robot.joint_names, e.setup.specification.in_degrees)
 
 
 def law_name(degree: int) -> str:
@@ -417,9 +400,10 @@ def note(text: str) -> Note:
 # Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
 def requirements(design: Design) -> Blocks:
     """Table of the requirements, those that are not met first, and of the inputs."""
+    units = units_of(design.evaluation)
     yield requirement_table(
         design.requirements,
-        units_of(design.evaluation).degrees,
+        units.degrees,
         f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
     )
     if design.design_problem.target is None:
@@ -433,9 +417,7 @@ def requirements(design: Design) -> Blocks:
             [100.0 * row["value"] / limit if known and np.isfinite(limit) else None] if limited else []
         )
         rows.append((row["what"], f"{number(row['value'], 3)} {row['unit']}" if known else "diverges", *more))
-    bound = (
-        f"; the limit is {effort_text(limits.effort)} {units_of(design.evaluation).effort}" if limited else ""
-    )
+    bound = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limited else ""
     yield Table(
         (
             "in", "input nearest its limit" if len(set(limits.effort.tolist())) > 1 else "largest input",

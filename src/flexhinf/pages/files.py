@@ -42,14 +42,8 @@ def design_files(
 ) -> dict[str, str | bytes]:
     """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
-    Parameters
-    ----------
-    command : sequence of str
-        Command that makes the report again; empty for a report that is written from Python.
-    warnings : sequence of str
-        Warnings about the robot's file.
-    beside : sequence of str
-        Names of files that the caller writes into the same folder: the page lists them.
+    `command` makes the report again (none for one that is written from Python), `warnings` are about the robot's file,
+    and `beside` names files that the caller writes into the same folder: the page lists them.
     """
     e, proof = design.evaluation, design.proof
     runs = {**_picked(e, RUNS), **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)}}

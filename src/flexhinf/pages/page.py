@@ -19,6 +19,7 @@ from flexhinf.design.responses import ROBOT
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
+from flexhinf.options import option_name
 from flexhinf.pages.design import frequency, law, region, runs, step, weights
 from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
@@ -83,14 +84,7 @@ def design_page(
 ) -> Page:
     """The page of a design with all its sections, settings and notes.
 
-    Parameters
-    ----------
-    command : sequence of str
-        Command that makes the report again.
-    warnings : sequence of str
-        Warnings about the robot's file.
-    files : sequence of str
-        Names of the files that stand beside the page.
+    `command` makes the report again, `warnings` are about the robot's file, and `files` stand beside the page.
     """
     robot, s, sections = design.robot, design.specification, []
     about = f"{robot.description.rstrip('.')}. " if robot.description else ""
@@ -325,21 +319,17 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Se
 
 
 def _source(s: Specification, name: str, otherwise: str = "") -> str:
-    option, value = f"--{name.replace('_', '-')}", getattr(s, name)
+    value = getattr(s, name)
     if otherwise and value is None:
         return otherwise
-    return (
-        f"{'default of' if not otherwise and value == getattr(Specification(), name) else 'option'} {option}"
-    )
+    default = not otherwise and value == getattr(Specification(), name)
+    return f"{'default of' if default else 'option'} {option_name(name)}"
 
 
 def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
-    proved, counted, degrees = (
-        synthesis.proved,
-        "for the number of states",
-        [c.degree for c in synthesis.choices],
-    )
+    proved, degrees = synthesis.proved, [c.degree for c in synthesis.choices]
+    counted = "for the number of states"
     checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
     last: Rows = [
         ("checked γ/γ*", s.checked_gamma_ratio, "", _source(s, "checked_gamma_ratio")),

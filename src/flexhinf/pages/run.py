@@ -12,7 +12,6 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, cast
@@ -36,7 +35,6 @@ from flexhinf.pages.drawing import (
     settling_text,
 )
 from flexhinf.report import GRID, INK, MUTED, SERIES, Column, Table, house_style, number
-from flexhinf.robot import Robot
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.signals import signal_names
 from flexhinf.validation import checked_path
@@ -73,7 +71,7 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     """Tables of the requirements, of the metrics of each joint, and of the times of the samples."""
     timing, tables = run.timing, list[Table]()
     if not run.trajectory.message and len(run.trajectory.time):
-        units = Units.of(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
+        units = Units(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
         if run.stopped is None:
             title = f"{prepared.robot.name}: what is required of this run (* our default)"
             tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
@@ -120,7 +118,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     if run.stopped is not None:
         return f"{text} Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
     response, several = prepared.response(run), len(prepared.robot.joint_names) > 1
-    units = Units.of(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
+    units = Units(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
 
     def named(text: str, joint: str) -> str:
         return f"{text} ({joint})" if several and joint else text
@@ -177,9 +175,7 @@ def run_notes(run: RealTimeRun) -> list[str]:
         more = f", and {len(spans) - LISTED} more places" if len(spans) > LISTED else ""
         notes.append(f"Missed deadlines: {', '.join(places)}{more}.")
     if spans and not run.scheduling:
-        notes.append(
-            "A real-time priority and a core of its own keep other programs off: --priority 80 --core 1."
-        )
+        notes.append("A real-time priority and an own core keep other programs off: --priority 80 --core 1.")
     return notes + [
         f"The controller's step ended with {run.code_names[int(code)]} in {int(np.sum(run.codes == code))} samples."
         for code in np.unique(run.codes)
@@ -205,14 +201,11 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 def write_film(prepared: DeployedRun, run: RealTimeRun, path: str | os.PathLike[str]) -> Path:
     """Write the film of a run, whole or not at all; its ending says the format.
 
-    Raises
-    ------
-    InvalidInput
-        As `check_film`; for a robot whose links have no length; if the encoder fails.
+    Raises InvalidInput: as `check_film`; for a robot whose links have no length; if the encoder fails.
     """
     path = check_film(path)
     rate, resolution = FORMATS[path.suffix]
-    film = ArmFilm.of(prepared, run)
+    film = ArmFilm(prepared, run)
 
     def write(name: str) -> None:
         pictures = frames(film, rate, resolution)
@@ -272,33 +265,17 @@ def magnification(windup: np.ndarray, slides: np.ndarray, size: float) -> int:
     return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
 
 
-@dataclass(frozen=True, eq=False)
 class ArmFilm:
-    """Data of a run for its film: times (N,) in s; positions (N, n) of links, motors (seen from the link side) and
-    command in rad or m; inputs (N, n) in `unit`, and their limits (n,), infinite where there are none."""
+    """Data of a run for its film; one without samples, or of links without a length, is refused with `InvalidInput`.
 
-    robot: Robot
-    title: str
-    time: np.ndarray
-    links: np.ndarray
-    motors: np.ndarray
-    command: np.ndarray
-    inputs: np.ndarray
-    limits: np.ndarray
-    unit: str
-    windup: np.ndarray  # motor minus link (N, n)
-    factor: int  # by which wind-ups are drawn larger
-    slides: np.ndarray  # whether each joint slides (n,)
-    extent: np.ndarray  # points of the arm (K, 3) at some poses of the run and at its commands
-    size: float  # of the space that the arm takes, m
-    plane: np.ndarray  # two directions (3, 2) to project on
-    names: tuple[str, str]  # of these
-    position_unit: str  # of what `shown` gives
+    `time` (N,) in s; positions (N, n) of `links`, `motors` (seen from the link side) and `command` in rad or m, and
+    `windup`, motor minus link, which is drawn `factor` times larger; `inputs` (N, n) in `unit`, and their `limits`
+    (n,), infinite where there are none. `extent`: points of the arm (K, 3) at some poses of the run and at its
+    commands; `size` of the space that it takes, m; `plane`: two directions (3, 2) to project on, and their `names`.
+    """
 
-    @staticmethod
-    def of(prepared: DeployedRun, run: RealTimeRun) -> ArmFilm:
-        """The film of a run; `InvalidInput` for one without samples, or a robot whose links have no length."""
-        robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
+    def __init__(self, prepared: DeployedRun, run: RealTimeRun) -> None:
+        self.robot, n, trajectory = prepared.robot, len(prepared.robot.joint_names), run.trajectory
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
@@ -307,29 +284,31 @@ class ArmFilm:
         commanded = trajectory.names.get("reference", ())
         columns = [
             trajectory.signal("reference", name) if name in commanded else np.full(len(state), goal)
-            for name, goal in zip(signal_names("link_position", robot.joint_names), prepared.goal)
+            for name, goal in zip(signal_names("link_position", self.robot.joint_names), prepared.goal)
         ]
-        links, command = state[kept, :n], np.stack(columns, axis=1)[kept]
-        motors = robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
+        self.title = f"{self.robot.name}: {'step' if prepared.plan is None else 'move'}"
+        self.time, self.links, self.inputs = trajectory.time[kept], state[kept, :n], inputs[kept]
+        self.command = np.stack(columns, axis=1)[kept]
+        self.motors = self.robot.layout.whole(state.T)[2 * n : 3 * n].T[kept]
+        self.windup, self.limits = self.motors - self.links, np.maximum(*np.abs(run.input_range))
+        self.unit = " or ".join(dict.fromkeys(trajectory.units["input"]))
+        self.slides = np.array(self.robot.links.slides, dtype=bool)
+        kinds = (("°", ~self.slides), ("mm", self.slides))
+        self.position_unit = " or ".join(unit for unit, there in kinds if there.any())
         rows = np.linspace(0, kept.stop - 1, min(kept.stop, 40)).astype(int)
-        extent = np.concatenate(
-            [line for pose in [*links[rows], *command[rows[[0, -1]]]] for line in skeleton(robot, pose)]
-        )
-        size, slides = float(np.ptp(extent, axis=0).max()), np.array(robot.links.slides, dtype=bool)
-        if size < 1e-9:
+        poses = [*self.links[rows], *self.command[rows[[0, -1]]]]
+        self.extent = np.concatenate([line for pose in poses for line in skeleton(self.robot, pose)])
+        self.size = float(np.ptp(self.extent, axis=0).max())
+        if self.size < 1e-9:
             raise InvalidInput(
                 "The arm cannot be drawn: its links have no length.",
-                f"expected a robot with joints or centres of mass apart, got {robot.name!r}",
+                f"expected a robot with joints or centres of mass apart, got {self.robot.name!r}",
                 "the run without --record",
             )
-        right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), extent, size)
-        return ArmFilm(
-            robot, f"{robot.name}: {'step' if prepared.plan is None else 'move'}", trajectory.time[kept], links, motors,
-            command, inputs[kept], np.maximum(*np.abs(run.input_range)),
-            " or ".join(dict.fromkeys(trajectory.units["input"])), motors - links,
-            magnification(motors - links, slides, size), slides, extent, size, np.column_stack([right, up]), names,
-            " or ".join(unit for unit, there in (("°", ~slides), ("mm", slides)) if there.any()),
-        )  # fmt: skip
+        self.factor = magnification(self.windup, self.slides, self.size)
+        down = np.asarray(self.robot.links.down, dtype=float)
+        right, up, self.names = viewing_plane(down, self.extent, self.size)
+        self.plane = np.column_stack([right, up])
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:
         """The links at a pose (n,), as lines on the picture."""
@@ -379,11 +358,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     slowness, speed = played / length if length else 1.0, "in real time"
     if abs(slowness - 1.0) >= 1e-6:
         speed = f"{number(max(slowness, 1.0 / slowness), 2)} times {'slower' if slowness > 1.0 else 'faster'}"
-    springs = (
-        f"wind-up of the springs drawn {film.factor} times larger"
-        if film.factor > 1
-        else "springs drawn as they are"
-    )
+    larger = f"{film.factor} times larger" if film.factor > 1 else "as it is"
     rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
     low, high = 0.10 + rows, 0.86
     middle = low + 0.42 * (high - low)
@@ -400,7 +375,14 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
         figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
         canvas = FigureCanvasAgg(figure)
         figure.text(0.035, 0.945, film.title, fontsize=17, weight="bold", va="center")
-        figure.text(0.035, 0.905, f"{springs}; played {speed}", fontsize=10.5, color=MUTED, va="center")
+        figure.text(
+            0.035,
+            0.905,
+            f"wind-up of the springs drawn {larger}; played {speed}",
+            fontsize=10.5,
+            color=MUTED,
+            va="center",
+        )
         clock = figure.text(0.965, 0.935, "", ha="right", va="center", family="DejaVu Sans Mono", fontsize=20)
         arm = _draw_arm(figure.add_axes(PLACE), film)
         above = figure.add_axes((0.575, middle + 0.045, 0.39, high - middle - 0.045))
@@ -470,9 +452,8 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
             motor.set_data(*points[1:].T)
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
-        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(
-            int
-        )  # of a second
+        begin = int(np.searchsorted(film.time, film.time[k] - 1.0))  # a second ago
+        past = np.linspace(begin, k, 24).astype(int)
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move

@@ -263,14 +263,7 @@ def _outcome(ukf: Scores, ekf: Scores) -> Outcome:
     close = abs(difference) <= half or abs(difference) < MATTERS
     verdict = "tie" if close else "better" if difference < 0.0 else "worse"
     verdict = verdict if math.isfinite(difference) else "unknown"
-    return Outcome(
-        pairs,
-        difference,
-        half,
-        (bias[0], bias[1]),
-        (nees[0], nees[1]),
-        verdict if math.isfinite(difference) else "unknown",
-    )
+    return Outcome(pairs, difference, half, (bias[0], bias[1]), (nees[0], nees[1]), verdict)
 
 
 def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:

@@ -79,10 +79,7 @@ class PaperSetup:
     `nonlinear` is NL-H∞, the paper's law (degree as set), `linear` L-H∞, the same problem with degree 2; `model` the
     plant that the estimators believe in, nominal and without coil; `true_plants` are by whether they have a coil.
 
-    Raises
-    ------
-    InfeasibleGamma
-        If γ is not above γ*.
+    Raises InfeasibleGamma: if γ is not above γ*.
     """
 
     def __init__(self, settings: PaperSettings) -> None:
@@ -97,9 +94,7 @@ class PaperSetup:
             solve_hji(self.problem, gamma=self.gamma, degree=degree) for degree in (settings.degree, 2)
         )
         self.model: Plant = self.arm.plant()
-        self.true_plants: dict[bool, Plant] = {
-            coil: self.arm.plant(inductance=coil) for coil in (False, True)
-        }
+        self.true_plants = {coil: self.arm.plant(inductance=coil) for coil in (False, True)}
         self._laws: dict[tuple[Any, ...], HJISolution] = {}
         self._runs: dict[str, dict[str, Trajectory]] = {}
 

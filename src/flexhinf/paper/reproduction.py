@@ -62,17 +62,8 @@ def reproduce(
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
-    Parameters
-    ----------
-    command : sequence of str
-        Command that makes the report again, for the report.
-    progress : callable, optional
-        Called with the name of each next stage, `STAGES` times in all.
-
-    Raises
-    ------
-    InfeasibleGamma
-        If γ is not above γ*.
+    `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all.
+    Raises InfeasibleGamma: if γ is not above γ*.
     """
     begin = progress or (lambda text: None)
     begin("synthesis")

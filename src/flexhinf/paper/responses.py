@@ -66,10 +66,8 @@ def step_text(run: Trajectory) -> str:
     if run.diverged_at is not None:
         return f"diverged at {run.diverged_at:.2f} s"
     m = run.metrics()
-    settling = m["settling_time_s"]
-    settled = (
-        f"does not settle in {STEP_DURATION:g} s" if settling is None else f"settles in {settling:.2f} s"
-    )
+    time = m["settling_time_s"]
+    settled = f"does not settle in {STEP_DURATION:g} s" if time is None else f"settles in {time:.2f} s"
     return (
         f"overshoot {m['overshoot_percent']:.2f} %, {settled}, "
         f"at most {math.degrees(m['steady_state_error']):.2g}° off at the end, peak {m['peak_input']:.1f} V"
@@ -106,10 +104,8 @@ def _beats_linear(setup: PaperSetup) -> Finding:
     table = _steps_table(rows, "The two laws of the same γ on the two steps.", "table-linear")
     if setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
         return Finding("not judged", SAME_LAW, table)
-    ours, linear = rows["90°", "NL-H∞"], rows["90°", "L-H∞"]
-    return Finding(
-        beats(ours, linear), f"On 90°, NL-H∞: {step_text(ours)}; L-H∞: {step_text(linear)}.", table
-    )
+    ours, rival = rows["90°", "NL-H∞"], rows["90°", "L-H∞"]
+    return Finding(beats(ours, rival), f"On 90°, NL-H∞: {step_text(ours)}; L-H∞: {step_text(rival)}.", table)
 
 
 def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
@@ -306,15 +302,12 @@ class GainRuns:
 
     def attained(self, disturbance: Signal) -> RunGain:
         """The gain under a disturbance, held between samples."""
-        attained, reach = (
-            self.search.runs.attained(np.asarray(disturbance(self.search.runs.times), dtype=float)[:, None]),
-            math.inf,
-        )
+        values = np.asarray(disturbance(self.search.runs.times), dtype=float)
+        attained, reach = self.search.runs.attained(values[:, None]), math.inf
         if not np.isinf(attained.gain):
             reach = float(np.abs(attained.trajectory.signals["state"][:, 0]).max())
-        return RunGain(
-            attained.gain, attained.energy, reach, reach <= math.pi
-        )  # judged up to the largest command
+        # judged up to the largest command
+        return RunGain(attained.gain, attained.energy, reach, reach <= math.pi)
 
     def searched(self) -> dict[str, RunGain]:
         """The worst disturbance found for each energy, each search begun from the last, up to where the loop

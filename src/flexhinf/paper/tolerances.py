@@ -15,7 +15,6 @@ import math
 import threading
 from collections.abc import Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -86,7 +85,6 @@ def growth_with(
             raise
 
 
-@dataclass(frozen=True, eq=False)
 class ToleranceStudy:
     """Growth rates of one law's loop with all plants of `PaperSetup.population`, by goal.
 
@@ -94,20 +92,15 @@ class ToleranceStudy:
     `true_state`: fed back; `swept`: over all forms and q, empty without an estimator.
     """
 
-    setup: PaperSetup
-    chosen: dict[float, GrowthRates]
-    true_state: dict[float, GrowthRates]
-    swept: dict[float, tuple[GrowthRates, ...]]
-
-    @staticmethod
-    def of(setup: PaperSetup, law: Law) -> ToleranceStudy:
-        """Compute the growth rates of every plant, at both goals, with every R^v."""
-        true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
-        if setup.settings.estimator == "none":
-            return ToleranceStudy(setup, true_state, true_state, dict.fromkeys(GOALS, ()))
-        rates = growth_with(setup, law, (None, *swept_noises()))
-        chosen, swept = {g: r[0] for g, r in rates.items()}, {g: r[1:] for g, r in rates.items()}
-        return ToleranceStudy(setup, chosen, true_state, swept)
+    def __init__(self, setup: PaperSetup, law: Law) -> None:
+        self.setup = setup
+        self.true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
+        self.chosen = self.true_state
+        self.swept: dict[float, tuple[GrowthRates, ...]] = dict.fromkeys(GOALS, ())
+        if setup.settings.estimator != "none":
+            rates = growth_with(setup, law, (None, *swept_noises()))
+            self.chosen = {g: r[0] for g, r in rates.items()}
+            self.swept = {g: r[1:] for g, r in rates.items()}
 
     @property
     def estimated(self) -> bool:
@@ -175,7 +168,7 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 
 # Tolerances ----------------------------------------------------------------------------------------------
 def _withstands_tolerances(setup: PaperSetup) -> Finding:
-    study = ToleranceStudy.of(setup, setup.nonlinear)
+    study = ToleranceStudy(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
     parts = []
     for goal, rates in chosen.items():
@@ -190,10 +183,7 @@ def _withstands_tolerances(setup: PaperSetup) -> Finding:
     )
     growth, grows = max(rates.fastest for rates in chosen.values()), ""
     if 0.0 <= growth < math.inf:
-        factors = [
-            f"{math.exp(min(growth * seconds, 50.0)):.2g} in {seconds:g} s"
-            for seconds in (STEP_DURATION, LONG)
-        ]
+        factors = [f"{math.exp(min(growth * t, 50.0)):.2g} in {t:g} s" for t in (STEP_DURATION, LONG)]
         grows = f" The fastest growth makes a factor of {' and of '.join(factors)}."
     return Finding(
         all(rates.unstable == 0 for rates in chosen.values()),

@@ -366,11 +366,8 @@ class Model(Summarised):
 
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
-        return tuple(
-            single
-            for name in checked_names("The signals", names)
-            for single in self.groups.get(name, (name,))
-        )
+        named = checked_names("The signals", names)
+        return tuple(single for name in named for single in self.groups.get(name, (name,)))
 
     @property
     def code_key(self) -> tuple[object, ...]:

@@ -194,9 +194,7 @@ class GeneralisedPlant(Summarised):
 
     def summary(self) -> dict[str, str]:
         """States, inputs, disturbances, R2 and operating point, for ``repr``."""
-        point = [
-            f"{name} = {value:.4g}" for name, value in zip(self.plant.states, self._equilibrium[0]) if value
-        ]
+        point = [f"{name} = {x:.4g}" for name, x in zip(self.plant.states, self._equilibrium[0]) if x]
         return {
             "states": names_text(self.state_names),
             "inputs": names_text(self.input_names),
@@ -309,10 +307,7 @@ class GeneralisedPlant(Summarised):
         outputs, values = self._traced_fields.call([x]), self._traced_fields.call([np.zeros(x.numel())])
         depends = [any(ca.which_depends(output, x, 1, True)) for output in outputs]
         varying = [output for varies, output in zip(depends, outputs) if varies]
-        kept = tuple(
-            None if varies else np.asarray(value, dtype=float).ravel()
-            for varies, value in zip(depends, values)
-        )
+        kept = tuple(None if varies else np.asarray(v, float).ravel() for varies, v in zip(depends, values))
         return ca.Function("varying_fields", [x], varying, {"cse": True}), kept
 
     @property

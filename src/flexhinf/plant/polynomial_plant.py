@@ -294,12 +294,9 @@ class PolynomialPlant(Summarised):
                     f"one name per {kind}, in the order of {letter}",
                 )
             distinct(f"The {kind}", names[-1])
-            what, advice = (
-                f"The operating point does not fit the plant's {kind}s.",
-                "leave it out for the origin",
-            )
+            what = f"The operating point does not fit the plant's {kind}s."
             point = np.zeros(count) if point is None else point
-            points.append(checked_array(what, point, (count,), f"{count} finite numbers", advice))
+            points.append(checked_array(what, point, (count,), f"{count} finite numbers", "none: the origin"))
         distinct("Of states and inputs, the name", (*names[0], *names[1]))
         parts = {
             "f_parts": checked_parts("f", dict(f), n, (n,), 1),
@@ -348,14 +345,10 @@ class PolynomialPlant(Summarised):
             parts = {}
             for k, matrix in enumerate(matrices):
                 full = matrix.toarray() if hasattr(matrix, "toarray") else np.atleast_2d(real_array(matrix))
-                parts[k] = np.stack(
-                    [from_kronecker(full[:, j::columns], n, k) for j in range(columns)], axis=1
-                )
+                parts[k] = np.stack([from_kronecker(full[:, j::columns], n, k) for j in range(columns)], 1)
             return parts
 
-        flow, output = (
-            {k: from_kronecker(matrix, n, k) for k, matrix in enumerate(matrices, 1)} for matrices in (f, h)
-        )
+        flow, output = ({k: from_kronecker(m, n, k) for k, m in enumerate(terms, 1)} for terms in (f, h))
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -385,13 +378,8 @@ class PolynomialPlant(Summarised):
         parts = {name: getattr(self, f"{name}_parts") for name in last}
         if all(max(parts[name]) <= highest for name, highest in last.items()):
             return self
-        kept = {
-            name: {k: part for k, part in parts[name].items() if k <= highest}
-            for name, highest in last.items()
-        }
-        return PolynomialPlant.from_parts(
-            len(self.state_names), **kept, **{name: getattr(self, name) for name in OWN}
-        )
+        kept = {name: {k: part for k, part in parts[name].items() if k <= top} for name, top in last.items()}
+        return PolynomialPlant.from_parts(self.size[0], **kept, **{name: getattr(self, name) for name in OWN})
 
     @property
     def input_matrix_is_constant(self) -> bool:

@@ -125,12 +125,8 @@ def scalar(value: object, decimals: int | None = None) -> str:
 def to_json(value: object) -> str:
     """Text of a JSON document; lists of numbers stay on one line, the order of keys is kept, NumPy's values are taken.
 
-    Raises
-    ------
-    NumericalFailure
-        A number is NaN or infinite; the message says which.
-    InvalidInput
-        A key is not text, or a value is of a kind that JSON does not have.
+    Raises NumericalFailure: a number is NaN or infinite; the message says which. InvalidInput: a key is not text, or a
+    value is of a kind that JSON does not have.
 
     Examples
     --------
@@ -151,9 +147,7 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
     if isinstance(value, Mapping):
         wrong = next((key for key in value if not isinstance(key, str)), "")
         if wrong != "":
-            raise InvalidInput(
-                "A key of a JSON object is text.", f"got {wrong!r} in {where}", repr(str(wrong))
-            )
+            raise InvalidInput("A key of JSON is text.", f"got {wrong!r} in {where}", repr(str(wrong)))
         lines = [
             f"{key}: {_json(each, (*place, name), indent)}"
             for key, (name, each) in zip(
@@ -173,10 +167,8 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
             "A number of the report is not finite.", f"{where} = {value}", "None, which is written as null"
         ) from error
     except TypeError as error:
-        got, kinds = (
-            f"got {type(value).__name__} at {where}",
-            "text, numbers, true, false, null, lists, mappings",
-        )
+        kinds = "text, numbers, true, false, null, lists, mappings"
+        got = f"got {type(value).__name__} at {where}"
         raise InvalidInput("JSON has no such value.", got, kinds) from error
 
 
@@ -203,9 +195,7 @@ class Block:
 def check_id(name: str) -> None:
     """Raise `InvalidInput` unless `name` can be an anchor: small letters, then digits and hyphens too."""
     if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
-        raise InvalidInput(
-            "An anchor has small letters, digits and hyphens only.", f"got {name!r}", "figure-03"
-        )
+        raise InvalidInput("An anchor has small letters, digits, hyphens.", f"got {name!r}", "figure-03")
 
 
 @dataclass(frozen=True)
@@ -277,18 +267,13 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
     set of names; the colours of `LIGHT` become variables of the style sheet, so that a drawing follows
     light and dark; its size is left to the page. Only markup is looked at: a joint may be called ``url(x)``.
 
-    Raises
-    ------
-    InvalidInput
-        `svg` is no drawing, or it could run a script or fetch something.
+    Raises InvalidInput: `svg` is no drawing, or it could run a script or fetch something.
     """
     drawing = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)  # with addresses in it
     root = re.search(r"<svg\b[^>]*>", drawing)
     view = re.search(r'\bviewBox="\S+\s+\S+\s+([\d.]+)\s[^"]*"', root.group()) if root else None
     if root is None or view is None or "</svg>" not in drawing:
-        raise InvalidInput(
-            "A figure is an SVG document with a viewBox.", f"got {svg[:40]!r} …", "figure_to_svg"
-        )
+        raise InvalidInput("A figure is an SVG document.", f"got {svg[:40]!r} …", "figure_to_svg")
     body = drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
     active = next(filter(None, map(_ACTIVE.search, _MARKUP.findall(body))), None)
     if active or "<![CDATA[" in body:
@@ -347,18 +332,10 @@ class Table(Block):
 
     Columns of numbers are right-aligned; None is shown as –.
 
-    Parameters
-    ----------
-    rows : sequence
-        Each a sequence of text, numbers, yes/no, None or `Cell`, as many as there are columns; or one text, the title
-        of the rows below it.
-    caption, id : str, optional
-        Above the table on a page; an anchor.
-    stacks : bool, optional
-        Whether a narrow screen shows each row as a list of its cells, for tables with sentences in them; other tables
-        scroll sideways in their frame.
-    title : str, optional
-        In a terminal, instead of the caption.
+    Each of the `rows` is a sequence of text, numbers, yes/no, None or `Cell`, as many as there are columns; or one
+    text, the title of the rows below it. The `caption` stands above the table on a page, whose anchor is `id`; in a
+    terminal the `title` does, if there is one. `stacks`: whether a narrow screen shows each row as a list of its cells,
+    for tables with sentences in them; other tables scroll sideways in their frame.
     """
 
     columns: Sequence[Column | str]
@@ -396,11 +373,8 @@ class Table(Block):
 
     def records(self) -> list[dict[str, object]]:
         """Rows as dictionaries by the names of the columns."""
-        return [
-            dict(zip([column.name for column in self.heads], row))
-            for row in self.rows
-            if not isinstance(row, str)
-        ]
+        names = [column.name for column in self.heads]
+        return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
 
     @cached_property
     def heads(self) -> list[Column]:
@@ -419,17 +393,11 @@ class Table(Block):
             numeric = bool(known) and all(isinstance(v, Real) and not isinstance(v, bool) for v in known)
             decimals = column.decimals
             if numeric and decimals is None:  # 4 digits for the largest number, where sizes are comparable
-                fractions = [
-                    abs(v) for v in known if not isinstance(v, Integral) and math.isfinite(v) and v != 0
-                ]
-                if fractions and max(fractions) < 1e4 * min(fractions) and 1e-3 <= max(fractions) < 1e6:
-                    decimals = max(0, 3 - math.floor(math.log10(max(fractions))))
-            texts = [
-                number(v, column.digits)
-                if numeric and column.digits and v is not None
-                else scalar(v, decimals)
-                for v in values
-            ]
+                sizes = [abs(v) for v in known if not isinstance(v, Integral) and math.isfinite(v) and v != 0]
+                if sizes and max(sizes) < 1e4 * min(sizes) and 1e-3 <= max(sizes) < 1e6:
+                    decimals = max(0, 3 - math.floor(math.log10(max(sizes))))
+            digits = column.digits if numeric else None
+            texts = [number(v, digits) if digits and v is not None else scalar(v, decimals) for v in values]
             written.append((numeric or column.right, texts))
         return written
 
@@ -561,9 +529,7 @@ class Provenance(Block):
 
 def versions(distribution: str = "flexhinf") -> dict[str, str]:
     """Versions of a distribution, of what it requires, of Python, and the kind of machine."""
-    required = (
-        line for line in metadata.requires(distribution) or () if "extra" not in line.partition(";")[2]
-    )
+    required = (r for r in metadata.requires(distribution) or () if "extra" not in r.partition(";")[2])
     names = (distribution, *(re.split(r"[^A-Za-z0-9._-]", line.strip(), maxsplit=1)[0] for line in required))
     return {
         **{name: metadata.version(name) for name in names},

@@ -193,10 +193,7 @@ def settling_band(axes: Axes, target: float, step: float, tolerance: float = 0.0
 def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
     """Draw many runs (R, N): at each time (N,), s, their extremes, the band that holds 90 % of them, the median.
 
-    Raises
-    ------
-    InvalidInput
-        `runs` does not have one column per time, or a number in it is not finite.
+    Raises InvalidInput: `runs` does not have one column per time, or a number in it is not finite.
     """
     runs = np.asarray(runs, dtype=float)
     if runs.ndim != 2 or not len(runs) or runs.shape[1] != len(time) or not np.isfinite(runs).all():

@@ -68,16 +68,9 @@ def check(path: str | os.PathLike[str]) -> Path:
 
     Nothing is changed, but for hidden left-overs of runs that were killed, which are cleared away.
 
-    Parameters
-    ----------
-    path : path
-        A folder that does not exist yet (nor need its parents), an empty one, or an earlier report as it was written:
-        without other files or folders in it, and none of its files changed.
-
-    Raises
-    ------
-    InvalidInput
-        `path` is a file, a folder that holds something else, the working folder, or cannot be written.
+    `path`: a folder that does not exist yet (nor need its parents), an empty one, or an earlier report as it was
+    written, without other files or folders in it, and none of its files changed.
+    Raises InvalidInput: `path` is a file, a folder that holds something else, the working folder, or cannot be written.
     """
     with _refusals(path) as target:
         if target.parent.is_dir():
@@ -112,27 +105,15 @@ def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
 def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:
     """Write a report's folder: `files` and the marker, and nothing else; an earlier report is replaced.
 
-    Interrupted, it leaves what was there before.
-
-    Parameters
-    ----------
-    path : path
-        As in `check`.
-    files : mapping
-        Relative path, with ``/`` between its parts, to content; text is written as UTF-8.
-
-    Raises
-    ------
-    InvalidInput
-        As `check`; or a file's name leaves the folder; or the system refuses to write (full disk, …).
+    Interrupted, it leaves what was there before. `path` as in `check`; `files` are contents by relative paths, with
+    ``/`` between their parts; text is written as UTF-8.
+    Raises InvalidInput: as `check`; or a file's name leaves the folder; or the system refuses to write (full disk, …).
     """
     contents: dict[str, bytes] = {}
     for name, content in files.items():
         pure, outside = PurePosixPath(name), "\\" in name or name == MARKER or not name.isprintable()
         if outside or not pure.parts or ".." in pure.parts or pure.is_absolute():
-            raise InvalidInput(
-                "A file of a report has a relative path in its folder.", f"got {name!r}", "figure_03.svg"
-            )
+            raise InvalidInput("A file of a report has a relative path.", f"got {name!r}", "figure_03.svg")
         contents[name] = content.encode("utf-8") if isinstance(content, str) else content
     marker = {
         "what": _WHAT,
@@ -157,7 +138,6 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
 
 
 def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
-    """Write everything beside the target, see that it is all there, and exchange the two."""
     fresh = _beside(target, "new")
     try:
         fresh.mkdir()
@@ -222,10 +202,7 @@ def _refuse_strangers(folder: Path, target: Path) -> None:
             digest = "" if path.is_symlink() else _digest(path)  # of a link the digest is no file's
             changed += [name] if digest != digests[name] else []
     if paths := strangers or changed:
-        what, hint = (
-            "Files of the report were changed since it was written",
-            "copy them elsewhere, delete the folder",
-        )
+        what, hint = "Files of the report were changed", "copy them elsewhere, delete the folder"
         if strangers:
             what, hint = "The report's folder holds files that are not of the report", "move them elsewhere"
         got = f"got {', '.join(map(repr, paths[:3]))}{' …' if len(paths) > 3 else ''} in {target}"

@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar, unit_html
 from flexhinf.report.figure import DARK, LIGHT
+from flexhinf.validation import one_of
 
 Verdict = Literal["holds", "fails", "ties", "not judged"]
 
@@ -54,7 +55,7 @@ class Claim(Block):
 
     def __post_init__(self) -> None:
         check_id(self.id)
-        _check_kind("claim", self.verdict, get_args(Verdict))
+        one_of("There is no such verdict.", self.verdict, get_args(Verdict))
 
     def as_dict(self) -> dict[str, Any]:
         """The claim as it stands in ``metrics.json``."""
@@ -86,13 +87,6 @@ class Claim(Block):
             f"<p>{badge(self.verdict)} {prose(self.evidence)}{seen}</p>", *(block.html() for block in self.blocks),
             "</article>",
         )))  # fmt: skip
-
-
-def _check_kind(what: str, kind: str, kinds: Sequence[str]) -> None:
-    if kind not in kinds:
-        raise InvalidInput(
-            f"A {what} is of {len(kinds)} kinds.", f"{', '.join(kinds)}; got {kind!r}", repr(kinds[0])
-        )
 
 
 @dataclass(frozen=True)
@@ -153,7 +147,9 @@ class Status:
     text: str
 
     def __post_init__(self) -> None:
-        _check_kind("status", self.kind, [kind for kind in _BADGES if kind not in get_args(Verdict)])
+        one_of(
+            "There is no such status.", self.kind, [kind for kind in _BADGES if kind not in get_args(Verdict)]
+        )
 
 
 @dataclass(frozen=True)
@@ -188,10 +184,8 @@ class Page:
     """A report: the request, in one or two sentences; the verdict, in one line; the sections; every setting;
     command, seed and versions; the numbers that matter; what is not met, not proved or risky.
 
-    Raises
-    ------
-    InvalidInput
-        Two parts of the page have the same anchor, or a claim points at a figure or at evidence that is not there.
+    Raises InvalidInput: two parts of the page have the same anchor, or a claim points at a figure or at evidence that
+    is not there.
     """
 
     title: str
@@ -214,9 +208,7 @@ class Page:
         }
         if lost := sorted(pointed - set(names)):
             what = "A claim points at a figure or at evidence that is not on the page."
-            raise InvalidInput(
-                what, f"not found: {', '.join(lost)}", "a Figure, or a Claim for each of the Claims"
-            )
+            raise InvalidInput(what, f"not found: {', '.join(lost)}", "a Figure, or a Claim for each")
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""

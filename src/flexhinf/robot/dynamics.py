@@ -102,7 +102,6 @@ def rotated_symmetric(r: Matrix, m: Matrix) -> Matrix:
 
 
 def _symmetric(entry: Callable[[int, int], Any]) -> Matrix:
-    """A symmetric matrix from its entries (i, j) with i ≥ j."""
     (a,), (b, c), (d, e, f) = ([entry(i, j) for j in range(i + 1)] for i in range(3))
     return ((a, b, d), (b, c, e), (d, e, f))
 
@@ -240,9 +239,7 @@ class Tree:
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
         names = self.names
-        refuse_if(
-            not names, "There are no joints.", "expected one at least, got none", "a joint for each link"
-        )
+        refuse_if(not names, "There are no joints.", "expected some, got none", "a joint for each link")
         distinct("The joint", names)
         for place, joint in enumerate(self.joints):
             refuse_if(
@@ -316,10 +313,8 @@ def bodies_of(tree: Tree, mass: Any, centre_of_mass: Any, inertia: Any) -> list[
             _transpose(joint.alignment), ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
         )
         mxx, myy, mzz = _times(moment[0], x), _times(moment[1], y), _times(moment[2], z)
-        b, c = (
-            _minus(b, _times(moment[0], y)),
-            _minus(c, _times(moment[0], z)),
-        )  # Steiner: I + m (cᵀc 1 − c cᵀ)
+        # Steiner: I + m (cᵀc 1 − c cᵀ)
+        b, c = _minus(b, _times(moment[0], y)), _minus(c, _times(moment[0], z))
         e = _minus(e, _times(moment[1], z))
         a, d, f = _plus(a, _plus(myy, mzz)), _plus(d, _plus(mxx, mzz)), _plus(f, _plus(mxx, myy))
         bodies.append(Body(mass[i], moment, ((a, b, c), (b, d, e), (c, e, f))))

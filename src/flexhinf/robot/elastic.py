@@ -115,9 +115,7 @@ class Sticking:
         velocity = x[3 * n : 4 * n]
         most = np.broadcast_to((step / p.motor_inertia) * dry_level(velocity, p, self.extras), velocity.shape)
         lost = np.array([clip(speed, -limit, limit) for speed, limit in zip(velocity, most)])
-        return np.concatenate(
-            [x[: 2 * n], x[2 * n : 3 * n] - (0.5 * step) * lost, velocity - lost, x[4 * n :]]
-        )
+        return np.concatenate([x[: 2 * n], x[2 * n : 3 * n] - 0.5 * step * lost, velocity - lost, x[4 * n :]])
 
 
 def stated_friction(parameters: Any) -> tuple[str, ...]:
@@ -164,11 +162,8 @@ def required_of_drive(
     one_of("The motors are driven in an unknown way.", drive, DRIVES, "'voltage'")
     required, count = [], len(joints)
     for joint in joints:
-        inertia = (
-            ("rotor_inertia", "gear_ratio")
-            if (per_joint("rotor_inertia", joint, count) in names)
-            else ("motor_inertia",)
-        )
+        geared = per_joint("rotor_inertia", joint, count) in names
+        inertia = ("rotor_inertia", "gear_ratio") if geared else ("motor_inertia",)
         quantities = (*(() if joint in rigid else ("stiffness",)), *inertia, "friction", *CONSTANTS[drive])
         required += [per_joint(quantity, joint, count) for quantity in quantities]
     return required
@@ -344,9 +339,7 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             named[names[0]] = named.pop("link_position")
         pose = dict(zip(names, default)) | named
     values = pose_values(pose, names, f"robot {robot!r}")
-    stated = (
-        list(pose.values()) if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, dtype=object))
-    )
+    stated = list(pose.values()) if isinstance(pose, Mapping) else np.atleast_1d(np.asarray(pose, object))
     for joint, limits, slides, value, text in zip(names, links.limits, links.slides, values, stated):
         low, high = limits or ((-np.inf, np.inf) if slides else (-TURN, TURN))
         if low <= value <= high:
@@ -356,9 +349,8 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             unit, size = text.unit, TURNING[text.unit.lower()]
         got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
         # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        degrees = (not isinstance(text, Stated) and not slides and abs(value) > TURN) and low <= np.deg2rad(
-            value
-        ) <= high
+        degrees = not (isinstance(text, Stated) or slides) and abs(value) > TURN
+        degrees = degrees and bool(low <= np.deg2rad(value) <= high)
         what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
         if limits is None:
             what = f"The pose turns joint {joint!r} by {got}, more than once around."
@@ -368,9 +360,8 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
                 f"{value:g}deg in commands and specifications, np.deg2rad({value:g}) elsewhere; or {advice}"
             )
         expected = f"{low / size:.6g} to {high / size:.6g} {unit}"
-        raise InvalidInput(
-            what, f"expected {expected}, got {got}{'; were degrees meant?' * bool(degrees)}", advice
-        )
+        got += "; were degrees meant?" if degrees else ""
+        raise InvalidInput(what, f"expected {expected}, got {got}", advice)
     return values
 
 

@@ -75,9 +75,8 @@ def check_reference(
     order = 4 if effort is not None else 1 if np.isfinite(fastest).any() else 0
     motion = motion_of(signals, times, order, names)
     low, high = position_ranges(robot)
-    for row, joint in np.argwhere((motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0]))[
-        :1
-    ].tolist():
+    outside = (motion[0] < low) | (motion[0] > high) | ~np.isfinite(motion[0])
+    for row, joint in np.argwhere(outside)[:1].tolist():
         raise InvalidInput(
             f"The reference leaves the limits of joint {robot.joint_names[joint]!r}.",
             f"expected {low[joint]:g} to {high[joint]:g} {'m' if robot.links.slides[joint] else 'rad'}, got "
@@ -213,11 +212,8 @@ def pose_at(
     rng, best = np.random.default_rng(0), None
     size = max(float(np.linalg.norm(at(begin) + wanted)), float(np.linalg.norm(wanted)), 1e-3)
     for start in range(1 + STARTS):
-        free = np.where(
-            np.isfinite(high - low),
-            rng.uniform(0.0, 1.0, n) * (high - low) + low,
-            rng.uniform(-np.pi, np.pi, n),
-        )
+        inside, around = rng.uniform(0.0, 1.0, n), rng.uniform(-np.pi, np.pi, n)
+        free = np.where(np.isfinite(high - low), inside * (high - low) + low, around)
         q = begin if start == 0 else np.clip(free, low, high)
         fit = least_squares(
             at, q, bounds=(low - 1e-12, high + 1e-12), xtol=1e-15, ftol=1e-15, gtol=1e-15, max_nfev=60
@@ -259,11 +255,8 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     lines = []
     for i in range(len(tree)):
         carried = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
-        lines.append(
-            np.array(
-                [places[i], *(carried or [places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)])]
-            )
-        )
+        end = places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)
+        lines.append(np.array([places[i], *(carried or [end])]))
     return tuple(lines)
 
 

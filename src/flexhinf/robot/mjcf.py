@@ -19,7 +19,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Frame
 from flexhinf.robot.dynamics import Placement
-from flexhinf.robot.urdf import MOST_LINKS, RigidArm, locked_joints, moved
+from flexhinf.robot.urdf import MOST_LINKS, RigidArm, check_count, locked_joints, moved
 from flexhinf.validation import HUGE, checked_name, extra_package, value_text
 
 KINDS = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic"}
@@ -69,13 +69,7 @@ def read_mjcf(
             "expected bodies, joints and inertials in this file",
             REFUSED.get(element.tag, ""),
         )
-    bodies = sum(1 for _ in root.iter("body"))
-    refuse_if(
-        bodies > MOST_LINKS,
-        "There are too many bodies.",
-        f"expected at most {MOST_LINKS}, got {bodies}",
-        "one robot",
-    )
+    check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
     kept = _kept(root)
     with _refused_by_mujoco():
         spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
@@ -269,14 +263,8 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             anchor = model.jnt_pos[j].tolist()
             place = place.then(Placement(translation=tuple(anchor)))
             place = place.then(moved(kind, axis, -float(model.qpos0[j])))
-            carrier, place = arm.add_joint(
-                carrier,
-                joint,
-                "continuous" if kind == "revolute" and limits is None else kind,
-                axis,
-                place,
-                limits,
-            )
+            kind = "continuous" if kind == "revolute" and limits is None else kind
+            carrier, place = arm.add_joint(carrier, joint, kind, axis, place, limits)
             if joint not in arm.locked:
                 arm.efforts.append(_effort(model, j))
                 columns = {
@@ -288,13 +276,8 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             place = place.then(Placement(translation=tuple(-x for x in anchor)))  # type: ignore[arg-type]
         places.append((carrier, place))
         if carrier is not None:
-            arm.add_body(
-                carrier,
-                name,
-                float(model.body_mass[k]),
-                np.diag(model.body_inertia[k]),
-                place.then(_placement(model.body_ipos[k], model.body_iquat[k])),
-            )
+            centre = place.then(_placement(model.body_ipos[k], model.body_iquat[k]))
+            arm.add_body(carrier, name, float(model.body_mass[k]), np.diag(model.body_inertia[k]), centre)
             if name:
                 arm.frames[name] = Frame(arm.joints[carrier].name, place)
     gravity = np.array(model.opt.gravity) * (not model.opt.disableflags & _NO_GRAVITY)
@@ -332,11 +315,8 @@ def _effort(model: Any, joint: int) -> float:
         if model.actuator_forcelimited[k]:
             total += gear * float(np.abs(model.actuator_forcerange[k]).max())
         elif model.actuator_ctrllimited[k] and not (model.actuator_gaintype[k] or model.actuator_biastype[k]):
-            total += (
-                gear
-                * abs(float(model.actuator_gainprm[k, 0]))
-                * float(np.abs(model.actuator_ctrlrange[k]).max())
-            )
+            gain = gear * abs(float(model.actuator_gainprm[k, 0]))
+            total += gain * float(np.abs(model.actuator_ctrlrange[k]).max())
         else:
             total = np.inf
     own = float(np.abs(model.jnt_actfrcrange[joint]).max()) if model.jnt_actfrclimited[joint] else np.inf

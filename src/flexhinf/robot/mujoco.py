@@ -208,10 +208,8 @@ class MuJoCoPlant(BlackBox):
     def reset(self, initial_state: Any = None) -> None:
         """Start again at a state in the order of `states`; at rest in the robot's home by default."""
         x = self._robot.operating_point()[0] if initial_state is None else initial_state
-        what, expected = (
-            "The initial state does not fit MuJoCo's plant.",
-            f"{len(self.states)} finite numbers for {list(self.states)}",
-        )
+        what = "The initial state does not fit MuJoCo's plant."
+        expected = f"{len(self.states)} finite numbers for {list(self.states)}"
         x = checked_array(what, x, (len(self.states),), expected, "one number per state")
         q, dq, theta, dtheta = self._robot.layout.split(x)
         self._mujoco.mj_resetData(self.model, self.data)
@@ -277,9 +275,7 @@ def mujoco_xml(robot: Robot, parameters: Mapping[str, Any], extras: Sequence[str
         for i, j, b, dry in zip(range(n), *rotor)
     ]
     down = np.asarray(robot.links.down)
-    across = np.cross(
-        down, np.eye(3)[int(np.argmin(np.abs(down)))]
-    )  # gravity does not act on rotors that slide
+    across = np.cross(down, np.eye(3)[int(np.argmin(np.abs(down)))])  # no gravity on rotors that slide
     axis, rotors = _row(across / np.linalg.norm(across)), []
     for i in layout.elastic:
         slides, share = rigid[0].joints[i].slides, rotor[0][i] * ROTOR_SHARE

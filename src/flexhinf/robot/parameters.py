@@ -49,9 +49,7 @@ QUANTITIES: dict[str, Quantity] = {
     **{f"inertia_{axes}": Quantity("kg·m²", "kg·m²") for axes in INERTIA},
     "length": Quantity("m", "m"),  # of a single link: from the axis to the centre of mass
     "link_inertia": Quantity("kg·m²", "kg·m²", "positive"),  # of a single link: about the axis
-    "inertia_scale": Quantity(
-        "1", "1", "positive"
-    ),  # factor of a link's moments: a tolerance that keeps it a body
+    "inertia_scale": Quantity("1", "1", "positive"),  # of a link's moments: a tolerance that keeps it a body
     # what a link carries
     "payload_mass": Quantity("kg", "kg", "not negative"),
     **{f"payload_centre_of_mass_{axis}": Quantity("m", "m") for axis in VECTOR},
@@ -391,11 +389,8 @@ def respelled(text: str, *si: str) -> list[str]:
         at = match.end()
     fitting = [unit[1] for name in si if (unit := _unit(name))]
     whole = [spelling + parts[1][at:] for spelling in spellings]
-    return [
-        f"{parts[0]} {name}"
-        for name in whole
-        if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting
-    ]
+    others = (name for name in whole if name != parts[1])
+    return [f"{parts[0]} {name}" for name in others if (unit := _unit(name)) and unit[1] in fitting]
 
 
 @lru_cache(256)

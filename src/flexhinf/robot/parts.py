@@ -429,9 +429,7 @@ class RobotFile:
 
 
 def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (
-        isinstance(value, list) and any(isinstance(row, dict) for row in value)
-    )
+    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
 
 
 def number_in(value: Any, units: Any) -> tuple[str, str]:

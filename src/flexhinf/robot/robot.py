@@ -125,28 +125,21 @@ class Robot(Summarised):
         )
         object.__setattr__(self, "rigid", tuple(name for name in self.joint_names if name in self.rigid))
         names = [parameter.name for parameter in self.parameters]
-        required = (
-            *self.links.required(),
-            *required_of_drive(self.drive, names, self.joint_names, self.rigid),
-        )
-        missing = [name for name in required if name not in names]
+        needed = (*self.links.required(), *required_of_drive(self.drive, names, self.joint_names, self.rigid))
+        missing = [name for name in needed if name not in names]
         refuse_if(
             missing or len(set(names)) != len(names),
             f"The robot {self.name!r} does not have the parameters of its model.",
-            f"expected each of {list(required)} once, got {names}",
+            f"expected each of {list(needed)} once, got {names}",
             f"add {missing}" if missing else "each name once",
         )
         check_parameters(self.name, self.parameters, dict(zip(self.joint_names, self.links.slides)))
-        object.__setattr__(
-            self,
-            "home",
-            tuple(checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name).tolist()),
-        )
+        home = checked_pose(self.home, np.zeros(len(self.joint_names)), self.links, self.name)
+        object.__setattr__(self, "home", tuple(home.tolist()))
         for kind in ("effort_limits", "speed_limits"):
             what = f"The {kind.replace('_', ' ')} of the robot {self.name!r}"
-            object.__setattr__(
-                self, kind, tuple(checked_limits(what, getattr(self, kind), self.joint_names).tolist())
-            )
+            limits = checked_limits(what, getattr(self, kind), self.joint_names)
+            object.__setattr__(self, kind, tuple(limits.tolist()))
 
     # Numbers --------------------------------------------------------------------------------------
     @property
@@ -157,9 +150,7 @@ class Robot(Summarised):
     @cached_property
     def layout(self) -> Layout:
         """Where the joints stand in the state of `plant`."""
-        return Layout(
-            len(self.joint_names), tuple(i for i, name in enumerate(self.joint_names) if name in self.rigid)
-        )
+        return Layout(len(self.joint_names), tuple(sorted(map(self.joint_names.index, self.rigid))))
 
     @cached_property
     def nominal(self) -> dict[str, float]:
@@ -186,12 +177,8 @@ class Robot(Summarised):
         """The same robot with other nominal values; unknown names raise InvalidInput."""
         for name in values:
             self[name]
-        return replace(
-            self,
-            parameters=tuple(
-                replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters
-            ),
-        )
+        parameters = (replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters)
+        return replace(self, parameters=tuple(parameters))
 
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
@@ -270,9 +257,7 @@ class Robot(Summarised):
         return built[key]
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            name: value for name, value in vars(self).items() if name != "_plants"
-        }  # they are built again
+        return {name: value for name, value in vars(self).items() if name != "_plants"}  # built again
 
     def operating_point(
         self, pose: Any = None, extras: str | Sequence[str] = (), parameters: Mapping[str, Any] | None = None
@@ -290,11 +275,8 @@ class Robot(Summarised):
         """
         q = checked_pose(pose, np.asarray(self.home), self.links, self.name)
         packed = {**self.plant_parameters(), **(parameters or {})}
-        on, p, elastic = (
-            checked_extras(extras, False, packed, self.name),
-            Parameters(packed),
-            self.layout.elastic,
-        )
+        on, p = checked_extras(extras, False, packed, self.name), Parameters(packed)
+        elastic = self.layout.elastic
         held = self.links.gravity_torque(q, p)
         weight, stiffness = np.asarray(held)[elastic], np.atleast_1d(p.stiffness)
         twist = weight / stiffness
@@ -337,9 +319,7 @@ class Robot(Summarised):
         for name, value in zip(ORDERS, (q, dq, ddq, dddq, ddddq)):
             array = np.zeros(len(joints)) if value is None else np.atleast_1d(real_array(value))
             if array.ndim not in (1, 2) or array.shape[-1] != len(joints) or not np.all(np.isfinite(array)):
-                got = (
-                    repr(value) if array.size <= 8 else f"shape {array.shape}, or numbers that are not finite"
-                )
+                got = repr(value) if array.size <= 8 else f"shape {array.shape}, or not finite"
                 raise InvalidInput(
                     f"The motion's {name} does not fit the robot.",
                     f"expected finite numbers, ({len(joints)},) or (N, {len(joints)}) for {list(joints)}, got {got}",

@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
-from flexhinf.robot.dynamics import Joint, Placement
+from flexhinf.robot.dynamics import ZERO, Joint, Placement
 from flexhinf.robot.kinematics import DEGREES, check_plausible
 from flexhinf.robot.mjcf import read_mjcf
 from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
@@ -28,7 +28,7 @@ from flexhinf.robot.parts import (
     value_of,
 )
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_selection, read_urdf
+from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_count, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
 #: How names of MJCF files end; a URDF may end so too, its root element decides.
@@ -78,9 +78,7 @@ def load_robot(
         )
         parts = PartsReader(path)
         rigid = [parts.root[key] for key in ("urdf", "mjcf") if key in parts.root]
-        refuse_if(
-            len(rigid) > 1, f"{path.name}: two files state the links.", "got urdf and mjcf", "one of them"
-        )
+        refuse_if(len(rigid) > 1, f"{path.name}: two files state links.", "got urdf and mjcf", "one of them")
         return (
             parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
             if rigid
@@ -157,12 +155,8 @@ class PartsReader(RobotFile):
                 raise
             raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
         count = len(data["joint"]) if isinstance(data.get("joint"), list) else 0
-        refuse_if(
-            count > MOST_JOINTS,
-            f"{path.name}: there are too many joints.",
-            f"expected at most {MOST_JOINTS}, got {count}",
-            "one robot",
-        )
+        with located(path.name):
+            check_count("joints", count, MOST_JOINTS)
         super().__init__(data, path.name)
         self.name = self.root["name"] or path.stem
         self._stated: dict[str | None, dict[str, float]] = {
@@ -194,11 +188,8 @@ class PartsReader(RobotFile):
                 )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
-                joints.append(
-                    Joint(
-                        row["name"], placement=Placement.of(row.get("xyz", (0.0, 0.0, 0.0)), angles), **stated
-                    )
-                )
+                place = Placement.of(row.get("xyz", ZERO), angles)
+                joints.append(Joint(row["name"], placement=place, **stated))
         links = [self._link(row) for row in table["joint"]]
         springs = [self._elastic(row) for row in table["joint"]]
         settings = self._settings(table["joint"])
@@ -237,12 +228,9 @@ class PartsReader(RobotFile):
                 )
         root = read_xml(rigid)
         read = read_mjcf if rigid.suffix.lower() in MJCF and root.tag == "mujoco" else read_urdf
+        chosen = table.get("joints") if chosen is None else chosen
         with located(rigid.name):
-            arm = read(
-                root,
-                table.get("joints") if chosen is None else chosen,
-                {**table["locked"], **(locked or {})},
-            )
+            arm = read(root, chosen, {**table["locked"], **(locked or {})})
         distinct(f"{file}: the joint", [row["name"] for row in table["joint"]])
         names = [joint.name for joint in arm.joints]
         for name in [name for name in rows if name not in arm.movable]:
@@ -258,11 +246,8 @@ class PartsReader(RobotFile):
         springs = [self._elastic(row, arm.motors.get(row["name"], {}), rigid.name) for row in kept]
         links = []
         for link, name in zip(arm.links, names):
-            tolerances = (
-                self._tolerance(name, "mass"),
-                *[self._tolerance(name, "centre_of_mass")] * 3,
-                *[0.0] * 6,
-            )
+            mass, centre = (self._tolerance(name, quantity) for quantity in ("mass", "centre_of_mass"))
+            tolerances = (mass, *[centre] * 3, *[0.0] * 6)
             numbers = [
                 Parameter("of a link", value_of(value), tolerance, source=rigid.name)
                 for value, tolerance in zip((link.mass, *link.centre_of_mass, *link.inertia), tolerances)

@@ -216,12 +216,7 @@ def read_urdf(
 # Elements -----------------------------------------------------------------------------------------
 def _named(root: Element, tag: str) -> dict[str, Element]:
     elements = root.findall(tag)
-    refuse_if(
-        len(elements) > MOST_LINKS,
-        f"There are too many {tag}s.",
-        f"expected at most {MOST_LINKS}, got {len(elements)}",
-        "one robot",
-    )
+    check_count(f"{tag}s", len(elements), MOST_LINKS)
     names = [checked_name(f"a {tag}", entry.get("name"), spaces=True) for entry in elements]
     distinct(f"The {tag}", names)
     for name, element in zip(names, elements):
@@ -360,16 +355,17 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
         "expected <mass value=…/>, kg, and <inertia ixx=… iyy=… izz=…/> about the centre of mass",
         "the missing one; or no <inertial> for a link without mass",
     )
-    arm.add_body(
-        carrier,
-        link,
-        mass,
-        matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA]),
-        place.then(_origin(link, inertial)),
-    )
+    moments = matrix_of([_number(link, six, f"i{axes}") for axes in INERTIA])
+    arm.add_body(carrier, link, mass, moments, place.then(_origin(link, inertial)))
 
 
 # Joints of URDF and MJCF --------------------------------------------------------------------------
+def check_count(what: str, count: int, most: int) -> None:
+    """Refuse a file with more parts of a kind than any robot has."""
+    found = f"expected at most {most}, got {count}"
+    refuse_if(count > most, f"There are too many {what}.", found, "one robot")
+
+
 def check_selection(joints: Any, locked: Any) -> None:
     """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
@@ -407,9 +403,7 @@ def locked_joints(
         one_of(f"There is no joint {value_text(name, 60)} that could move.", name, movable)
     if joints is not None:
         for name in [name for name in joints if name in still]:
-            raise InvalidInput(
-                f"The joint {name!r} is both chosen and locked.", f"got {name!r}", "one of the two"
-            )
+            raise InvalidInput(f"The joint {name!r} is chosen and locked.", f"got {name!r}", "one of the two")
         still |= {name: 0.0 for name in movable if name not in joints and name not in still}
     count = len(movable) - len(still)
     refuse_if(

@@ -71,12 +71,10 @@ def margins(design: Design) -> Blocks:
                 f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
                 f"{raised if m.peak_sensitivity > own.peak_sensitivity else ''}."
             )
+    loops = [Loop("this law", e.frequency_response)]
     yield from (
         Paragraph(text),
         margin_table(e),
-    )
-    loops = [Loop("this law", e.frequency_response)]
-    yield from (
         lambda: _bode(loops, joints, units.load, units.position),
         lambda: _sensitivity(loops),
         lambda: _nyquist(loops, joints),
@@ -343,7 +341,7 @@ def corners(design: Design) -> Blocks:
         )
         may = f"With Rᵛ of the form {free} none is unstable at any ratio tried." if free else ""
         otherwise = (
-            " Otherwise that" if free else "No form keeps every corner stable at all ratios tried: that"
+            " Otherwise that" if free else "No form keeps all corners stable at all ratios tried: that"
         )
         yield Paragraph(
             "No paper gives Rᵛ, the process noise that the estimator assumes, and the gain of a filter depends only on "

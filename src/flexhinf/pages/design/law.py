@@ -125,11 +125,7 @@ def poles(design: Design) -> Blocks:
     sentences = []
     for name, modes in list(_modes(design).items())[:2]:
         times = [1.0 / -mode.eigenvalue.real for mode in modes if not _listed(mode)]
-        constants = (
-            f", {'time constants' if len(times) > 1 else 'time constant'} {range_text(times)} s"
-            if times
-            else ""
-        )
+        constants = f", time constant{'s' * (len(times) > 1)} {range_text(times)} s" if times else ""
         decay = f"{count_text(len(times), 'mode')} {'decays' if len(times) == 1 else 'decay'}"
         sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
     yield from (
@@ -296,11 +292,8 @@ def loop_text(loop: RigidLoop) -> str:
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        grows = (
-            f"grows with a time constant of {worst.time_constant:.2g} s"
-            if worst.time_constant is not None
-            else "does not decay"
-        )
+        pace = worst.time_constant
+        grows = "does not decay" if pace is None else f"grows with a time constant of {pace:.2g} s"
         return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
     if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"

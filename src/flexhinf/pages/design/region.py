@@ -35,8 +35,10 @@ from flexhinf.report.blocks import WIDTH
 #: The certificate for all tolerances, beside that of the nominal robot.
 BOX_FILE = "certificate-tolerances.json"
 
-#: Rules of the integrators' start, in short.
-RULES = {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}
+
+def rule_text(start: Any) -> str:
+    """The rule by which a step starts its integrators, in short."""
+    return {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}.get(start.rule, start.rule)
 
 
 # What is proved -----------------------------------------------------------------------------------------
@@ -116,7 +118,7 @@ def proof_numbers(design: Design) -> dict[str, Any]:
         "strength": "Certificate", "proved": True, "feedback": certificate.feedback,
         "parameters": "tolerances" if covers_tolerances(design) else "nominal",
         "gamma": certificate.gamma, "level": certificate.level, "sampled_level": certificate.sampled_level,
-        "steps": {RULES.get(start.rule, start.rule): start.amplitude for start in certificate.starts},
+        "steps": {rule_text(start): start.amplitude for start in certificate.starts},
         "step_proved": design.step_proof.proved,
         "start": proof.start, "starts_inside": proof.inside,
         "spent": proof.budget[-1].budget.total if proof.budget else math.nan, "lasts": proof.lasts,

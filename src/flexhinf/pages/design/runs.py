@@ -210,12 +210,10 @@ def move(design: Design) -> Blocks:
             "The loop diverges while it follows the planned move. Ask for a slower move, a smaller step or a lower "
             "`--bandwidth`."
         )
-    duration, shaping = (
-        f"{planned.plan.duration:.3g} s",
-        s.shaping if s.shaping == "quintic" else "limited jerk",
-    )
+    duration = f"{planned.plan.duration:.3g} s"
     about, origin, quantity = f"The stated move takes {duration} ({planned.plan.name}).", 0.0, "link position"
     if s.move is None:
+        shaping = "quintic" if s.shaping == "quintic" else "limited jerk"
         about = f"Here the robot follows a plan: the way of the step in {duration} ({shaping})."
         origin, quantity = response.goal, "link position − goal"
     yield Paragraph(
@@ -282,9 +280,7 @@ def margins_along(design: Design) -> Blocks:
     for name, quantity in MARGINS.items():
         values = np.array([getattr(m, name) for m in along.margins], dtype=float)
         k = int((np.argmax if name == "peak_sensitivity" else np.argmin)(values))
-        rows.append(
-            (quantity, float(values[k]), float(along.times[k]), pose_text(along.poses[k], slides, degrees))
-        )
+        rows.append((quantity, values[k], along.times[k], pose_text(along.poses[k], slides, degrees)))
         dots, limit = {"marker": "o", "markersize": 4.5, "linestyle": "none"}, getattr(along.limits, name)
         lines = [
             *(
@@ -366,10 +362,8 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
         # begins at the peak: what decays slower is not the oscillation whose damping is given
         size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
         dashed = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
-        panel = replace(
-            panel,
-            lines=[*panel.lines, *[Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]],
-        )
+        decay = [Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]
+        panel = replace(panel, lines=[*panel.lines, *decay])
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
             f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."

@@ -92,10 +92,7 @@ def step(design: Design) -> Blocks:
             f"settling. From {number(1e3 * STARTING * s.period, 3)} ms on the peak is {number(later, 3)} "
             f"{units.effort}. Let the estimator run before the law takes over."
         )
-    yield from (
-        lambda: _step_figure(e, units),
-        lambda: arm_of(e),
-    )
+    yield from (lambda: _step_figure(e, units), lambda: arm_of(e))
     error = Column("steady-state error", units.angle, key="steady_state_error", scale=units.scale)
     peak, last = Column("peak input", units.effort, key="peak_input"), float(e.step.run.time[-1])
     yield joint_table(
@@ -392,17 +389,15 @@ def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     same = np.isfinite(peaks[0]) and len(set(peaks.tolist())) == 1
     limits, grains = (s.overshoot, None, float(peaks[0]) if same else None), (0.0, s.period, 0.0)
     figure, (axes,) = panels(1, 3, 2.5)
-    for axis, (name, unit, every, nominal, _), limit, grain in zip(
-        axes, _metrics(e, samples), limits, grains
-    ):
+    for axis, (name, unit, every, own, _), limit, grain in zip(axes, _metrics(e, samples), limits, grains):
         values = every[np.isfinite(every)]
         axis.set(xlabel=f"{name} ({unit})", ylabel="robots")
         if not len(values):
             continue
         axis.hist(values, bins=histogram_bins(values, grain).tolist(), color=SERIES[0], alpha=0.55)
         axis.grid(axis="x", visible=False)
-        if np.isfinite(nominal):
-            axis.axvline(nominal, color=SERIES[1], linewidth=1.6)
+        if np.isfinite(own):
+            axis.axvline(own, color=SERIES[1], linewidth=1.6)
         if limit is not None and float(values.max()) > 0.5 * limit:
             axis.axvline(limit, color=INK, linewidth=1.0, dashes=DASHED)
     return figure_block(

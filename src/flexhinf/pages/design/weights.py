@@ -71,10 +71,7 @@ def weights(design: Design) -> Blocks:
         yield from _search(design, problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
-        yield from (
-            robust_table(problem.robustness),
-            Paragraph(_robust_text(problem.robustness)),
-        )
+        yield from (robust_table(problem.robustness), Paragraph(_robust_text(problem.robustness)))
     yield from _weight_table(design)
 
 
@@ -251,22 +248,16 @@ def effort_unit(problem: GeneralisedPlant) -> str:
 
 
 def _weight_table(design: Design) -> Blocks:
-    joints, rows, r2 = (
-        design.robot.joint_names,
-        dict[str, dict[str, Weight]](),
-        np.asarray(design.problem.r2, float),
-    )
+    joints, r2 = design.robot.joint_names, np.asarray(design.problem.r2, float)
+    rows: dict[str, dict[str, Weight]] = {}
+    named = joints if len(joints) > 1 else ()
     for weight in state_weights(design.problem, joints):
-        joint = (
-            next((name for name in joints if f"_{name}_" in f"{weight.signal}_"), "")
-            if len(joints) > 1
-            else ""
-        )
+        joint = next((name for name in named if f"_{name}_" in f"{weight.signal}_"), "")
         signal = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
         rows.setdefault(signal.replace("_", " "), {})[joint or next(iter(joints))] = weight
     if rows:
         yield Table(
-            ("weight of", *(joints if len(joints) > 1 else ["value"]), "unit"),
+            ("weight of", *(named or ["value"]), "unit"),
             [
                 (
                     signal, *(number(by[joint].value) if joint in by else "–" for joint in joints),
@@ -288,11 +279,8 @@ def noise_levels(design: Design) -> Blocks:
     """Noise levels of the estimator, and their trade-off as figure and table; nothing without an estimator."""
     if design.specification.estimator == "none":
         return
-    noise, search, joints = (
-        design.setup.process_noise,
-        design.synthesis.noise_search,
-        design.robot.joint_names,
-    )
+    noise, search = design.setup.process_noise, design.synthesis.noise_search
+    joints = design.robot.joint_names
     levels = {
         "every state": noise.all_states,
         "link velocities": noise.link_velocities,
@@ -308,10 +296,7 @@ def noise_levels(design: Design) -> Blocks:
     )
     if search is None:
         return
-    yield from (
-        lambda: _noise_figure(design, search),
-        _noise_table(design, search),
-    )
+    yield from (lambda: _noise_figure(design, search), _noise_table(design, search))
     if "damping" in search.chosen.missed and all(n.startswith("motor") for n in design.setup.model.outputs):
         yield _hardly_seen(design)
     if len(joints) > 1:
@@ -385,10 +370,8 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
             groups = [(joint_name, search.trade_off, {"marker": "o", "markersize": 3.0})]
             groups += [(None, [c], {"marker": m, "markersize": size, "mfc": "none"}) for m, size, c in marks]
             for legend_name, candidates, style in groups:
-                points = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
-                lines.append(
-                    Line(points[0], points[1], legend_name, {"color": color, "linestyle": "none", **style})
-                )
+                noise, value = np.array([(c.noises[joint], getattr(c, name)) for c in candidates]).T
+                lines.append(Line(noise, value, legend_name, {"color": color, "linestyle": "none", **style}))
         across = f"noise at the motor, rms ({unit})"
         panels.append(Panel(text, "", lines, dashed=dashed, across=across, y=(0.0, None), log=True))
     return draw_figure(
