@@ -522,9 +522,9 @@ class _Steps(Task):
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
     """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
-    refuse_if(
-        not np.any(goal != start),
-        "There is nothing to move: the step starts at its goal.",
+    if not np.any(goal != start):
+        raise InvalidInput(
+            "There is nothing to move: the step starts at its goal.",
         f"expected another start than {goal.tolist()}",
         "another `start` or `pose`",
     )

@@ -38,7 +38,8 @@ BOX_FILE = "certificate-tolerances.json"
 
 def rule_text(start: Any) -> str:
     """The rule by which a step starts its integrators, in short."""
-    return {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}.get(start.rule, start.rule)
+    rule: str = start.rule
+    return {SMALLEST_VALUE: "V smallest", UNCHANGED_INPUT: "input unchanged"}.get(rule, rule)
 
 
 # What is proved -----------------------------------------------------------------------------------------
