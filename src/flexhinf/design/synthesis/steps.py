@@ -29,7 +29,7 @@ from flexhinf.design.specification import RINGS, TOLERANCE, Specification, Speci
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
-from flexhinf.errors import FlexhinfError, refuse_if
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
