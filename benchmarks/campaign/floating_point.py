@@ -69,7 +69,8 @@ def _body_work(body: Sequence[Step], counts: dict[str, int]) -> Work:
     total: Work = Work()
     for step in body:
         if isinstance(step, Repeat):
-            total.update(_body_work(step.body, counts).times(step.turns(counts)))
+            turns = counts[step.count] if isinstance(step.count, str) else step.count
+            total.update(_body_work(step.body, counts).times(turns))
         elif isinstance(step, When):
             total.update(_body_work(step.body, counts))
         elif isinstance(step, Sweep):
