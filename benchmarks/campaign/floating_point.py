@@ -21,8 +21,8 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.emit.module import emit_function
-from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer, emit_normal
+from flexhinf.codegen.emit.module import emit_function, emit_normal
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 from flexhinf.codegen.machine import Code, assemble, host
 from flexhinf.codegen.program import Step
 from flexhinf.polynomial import basis

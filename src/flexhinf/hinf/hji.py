@@ -179,30 +179,22 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
 
 def available_memory() -> int:
     """Bytes of memory available to this process without swapping, as far as the system reports it."""
-    limits = (_free_of_machine(), _free_of_process(), *_free_of_groups())
-    return max(1, min((free for free in limits if free is not None), default=1 << 62))
+    return max(1, min((*_free_here(), *_free_of_groups()), default=1 << 62))
 
 
-def _free_of_machine() -> int | None:
+def _free_here() -> Iterator[int]:
+    """Bytes of the machine, those of them that are free, and what is left below the limit of the process."""
+    with suppress(AttributeError, ValueError, OSError):
+        yield os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     with suppress(OSError), open("/proc/meminfo", encoding="ascii") as table:
-        for line in table:
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
-
-
-def _free_of_process() -> int | None:
-    try:
+        yield from (1024 * int(line.split()[1]) for line in table if line.startswith("MemAvailable:"))
+    with suppress(ImportError, OSError, ValueError):
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]  # of addresses, as `ulimit -v` sets it
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-        return None if limit == resource.RLIM_INFINITY else limit - taken
-    except (ImportError, OSError, ValueError):
-        return None
+        if limit != resource.RLIM_INFINITY:
+            yield limit - taken
 
 
 def _free_of_groups() -> Iterator[int]:

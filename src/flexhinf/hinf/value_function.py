@@ -42,6 +42,10 @@ class ValueFunction:
         The exact plant. None after loading a file when the plant was not a polynomial one.
     value_parts : dict degree → ndarray, shape (count(n, degree),)
         Monomial coefficients of V; vanishing degrees are missing.
+    state_names, input_names : tuple of str
+        In order.
+    operating_point, operating_input : ndarray, shapes (n,) and (m,)
+        The point x is measured from, and the input there.
     """
 
     gamma: float
@@ -60,8 +64,8 @@ class ValueFunction:
 
     state_names = property(attrgetter("expansion.state_names"))
     input_names = property(attrgetter("expansion.input_names"))
-    operating_point = property(attrgetter("expansion.operating_point"))  # which x is measured from, (n,)
-    operating_input = property(attrgetter("expansion.operating_input"))  # (m,)
+    operating_point = property(attrgetter("expansion.operating_point"))
+    operating_input = property(attrgetter("expansion.operating_input"))
 
     @cached_property
     def gamma_star(self) -> float:

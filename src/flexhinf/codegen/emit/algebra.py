@@ -196,7 +196,7 @@ class Algebra:
         with writer.loop(
             blocks, writer.let(f"udiv i64 {j}, {together}")
         ) as q:  # left of the diagonal in vain
-            column = self._times(q, together)
+            column = writer.let(f"mul nsw i64 {q}, {together}")
             place = self._at(j, pitch, column)
             value = wide.real("fmul", self._load(rows, place, together), inverse)
             self._store(work, place, value, together)
@@ -206,7 +206,7 @@ class Algebra:
         with writer.loop(end, writer.let(f"add nsw i64 {j}, 1")) as k:
             spread = self._spread(writer.real("fneg", self._load(rows, self._at(j, pitch, k), 1)), together)
             with writer.loop(blocks, writer.let(f"udiv i64 {k}, {together}")) as q:
-                column = self._times(q, together)
+                column = writer.let(f"mul nsw i64 {q}, {together}")
                 value = self._load(rows, self._at(j, pitch, column), together)
                 place = self._at(k, pitch, column)
                 total = self.multiply_add(wide, spread, value, self._load(rows, place, together))
@@ -271,9 +271,6 @@ class Algebra:
 
     def _ahead(self, index: str, k: int) -> str:
         return self.writer.let(f"add nsw i64 {index}, {k}") if k else index
-
-    def _times(self, turn: str, block: int) -> str:
-        return self.writer.let(f"mul nsw i64 {turn}, {block}")
 
     def _place(self, start: str, together: int) -> str:
         """Memory for a sum with this start value, until LLVM promotes it to a register."""

@@ -20,7 +20,7 @@ columns are packed into lanes, and unpacked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
 
@@ -30,15 +30,16 @@ from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.opcodes import (
     NEAR,
     OPCODES,
+    PURE,
     Dataflow,
     Lanes,
     ModuleText,
     Writer,
-    emit_normal,
     is_far,
     read_dataflow,
 )
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
+from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import (
     ENTRY,
     PREFIX,
@@ -137,6 +138,26 @@ def _define(
     module.define(
         name, f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{", writer.lines
     )
+
+
+def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
+    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
+
+    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
+    seed, likewise.
+    """
+    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
+    whole, real = lanes.integer, lanes.real
+    if full not in caller.module.definitions:
+        writer = Writer(caller.module, lanes)
+        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
+        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
+        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
+        caller.module.define(
+            full, f"define internal {real} @{full}({arguments}) noinline {PURE} {{", writer.lines
+        )
+    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
+    return caller.let(f"call {real} @{full}({numbers})")
 
 
 def emit_module(program: Program, lanes: int, fused: bool = True) -> ModuleText:

@@ -28,7 +28,6 @@ from dataclasses import dataclass, field, replace
 
 import casadi
 
-from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import PREFIX, Unsupported
 from flexhinf.scalars.trace import walk
 
@@ -414,26 +413,6 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
             lanewise, f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{", inside.lines
         )
     return writer.call(lanewise, *operands)
-
-
-def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
-    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
-
-    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
-    seed, likewise.
-    """
-    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
-    whole, real = lanes.integer, lanes.real
-    if full not in caller.module.definitions:
-        writer = Writer(caller.module, lanes)
-        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
-        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
-        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
-        caller.module.define(
-            full, f"define internal {real} @{full}({arguments}) noinline {PURE} {{", writer.lines
-        )
-    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
-    return caller.let(f"call {real} @{full}({numbers})")
 
 
 #: Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer.
