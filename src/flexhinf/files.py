@@ -23,6 +23,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -76,13 +77,7 @@ def write_file(path: str | os.PathLike[str], what: str, write: Callable[[str], A
             make_durable(name)
             publish(name, path)
     except (OSError, ValueError) as error:  # a ValueError: a NUL in the name
-        cause: BaseException | None = error
-        while (
-            cause is not None
-        ):  # an archive that Ctrl-C leaves half-way cannot be closed: then Ctrl-C is raised
-            if isinstance(cause, KeyboardInterrupt):
-                raise cause from None
-            cause = cause.__context__
+        _raise_interruption(error)
         raise InvalidInput(
             f"The {what} cannot be written.",
             f"{path}: {getattr(error, 'strerror', None) or error}",
@@ -99,6 +94,15 @@ def make_durable(name: str) -> None:
     os.chmod(name, 0o666 & ~mask)
 
 
+def _raise_interruption(error: BaseException) -> None:
+    """Raise the Ctrl-C that this error came of: an archive that is left half-way cannot be closed."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            raise cause
+        cause = cause.__context__
+
+
 @contextmanager
 def part_file(folder: Path, prefix: str) -> Iterator[str]:
     """The name of a new file to write and then to rename; it is removed where that does not happen.
@@ -109,16 +113,7 @@ def part_file(folder: Path, prefix: str) -> Iterator[str]:
     Raises OSError, ValueError: the folder cannot be written.
     """
     _clear_parts(folder, prefix)
-    while True:
-        handle, name = tempfile.mkstemp(dir=folder, prefix=prefix, suffix=_PART)
-        state = _lock(handle)
-        if state == "held" and _is_file(handle, name):
-            break
-        os.close(handle)
-        if state == "none":
-            handle = -1
-            break
-        # else it was taken for a left-over before, or at the very moment when, it was locked
+    handle, name = _locked_part(folder, prefix)
     try:
         yield name
     finally:
@@ -140,6 +135,19 @@ def _lock(handle: int) -> Literal["held", "busy", "none"]:
             raise
         return "none"
     return "held"
+
+
+def _locked_part(folder: Path, prefix: str) -> tuple[int, str]:
+    """A new file, and the handle that keeps it locked; -1 where there are no locks."""
+    while True:
+        handle, name = tempfile.mkstemp(dir=folder, prefix=prefix, suffix=_PART)
+        state = _lock(handle)
+        if state == "held" and _is_file(handle, name):
+            return handle, name
+        os.close(handle)
+        if state == "none":
+            return -1, name
+        # else it was taken for a left-over before, or at the very moment when, it was locked
 
 
 def _clear_parts(folder: Path, prefix: str) -> None:
@@ -229,14 +237,25 @@ def exchange(temporary: str | os.PathLike[str], path: Path) -> bool:
 
     Returns false where this system or file system has no such act; nothing was done then.
     """
+    swap = _exchange_of_names()
     note_written(temporary, path)
-    mac = sys.platform == "darwin"
-    here = () if mac else (-100,)  # AT_FDCWD, before each name
+    return swap is not None and not swap(os.fsencode(temporary), os.fsencode(path))
+
+
+@cache
+def _exchange_of_names() -> Callable[[bytes, bytes], int] | None:
+    """The C library's function, as (one, other) → 0 for success."""
     try:
-        swap = getattr(ctypes.CDLL(None), "renamex_np" if mac else "renameat2")
+        library: Any = ctypes.CDLL(None)
+        if sys.platform == "darwin":
+            renamed = library.renamex_np
+            renamed.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint)
+            return lambda one, other: renamed(one, other, 2)
+        renamed, here = library.renameat2, -100
+        renamed.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
+        return lambda one, other: renamed(here, one, here, other, 2)
     except (OSError, TypeError, AttributeError):  # Windows, an old or another C library
-        return False
-    return swap(*here, os.fsencode(temporary), *here, os.fsencode(path), 2) == 0
+        return None
 
 
 def note_written(temporary: str | os.PathLike[str], path: Path) -> None:
