@@ -15,7 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import ALL_STATES, VELOCITIES, EquilibriumLoop, GrowthRates, ProcessNoise, growth_rates
+from flexhinf.analysis import (
+    ALL_STATES,
+    VELOCITIES,
+    DisturbanceSearch,
+    EquilibriumLoop,
+    GrowthRates,
+    ProcessNoise,
+    growth_rates,
+)
 from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import ExtendedKalmanFilter
@@ -39,7 +47,7 @@ from flexhinf.paper.loop_setup import (
     name_goal,
     tracking_numbers,
 )
-from flexhinf.paper.responses import TRACKING_LIMIT, GainRuns, stated_disturbances
+from flexhinf.paper.responses import HORIZON, TRACKING_LIMIT, RunGain, run_gain, stated_disturbances
 from flexhinf.paper.tolerances import ToleranceStudy, growth_with, swept_noises, unstable_of
 from flexhinf.plant import GeneralisedPlant, Law
 
@@ -345,11 +353,15 @@ def measure_gain(setup: PaperSetup, law: Law) -> dict[str, float]:
     ``norm``: H∞ norm of the linear loop in the hanging equilibrium; ``gain``: the largest √(∫|z|²/∫|d|²) of the stated
     disturbances that keep the link within ±180°.
     """
-    runs = GainRuns(setup, law)
-    attained = in_two_threads(runs.attained, list(stated_disturbances().values()))
+    search = DisturbanceSearch(setup.problem, law, None, setup.settings.period, HORIZON)
+
+    def attain(disturbance: Callable[[np.ndarray], np.ndarray]) -> RunGain:
+        return run_gain(search.runs.attained(disturbance(search.runs.times)[:, None]))
+
+    attained = in_two_threads(attain, list(stated_disturbances().values()))
     return {
-        "norm": float(runs.search.small()[0]),
-        "gain": max((a.gain for a in attained if a.inside), default=math.inf),
+        "norm": float(search.small()[0]),
+        "gain": max((a.gain for a in attained if a.reach <= math.pi), default=math.inf),
     }
 
 

@@ -267,7 +267,9 @@ def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
     for inside, fill in ((True, SERIES[0]), (False, "none")):
-        points = np.array([[run.energy, run.gain] for run in known if run.inside == inside]).reshape(-1, 2)
+        points = np.array(
+            [[run.energy, run.gain] for run in known if (run.reach <= math.pi) == inside]
+        ).reshape(-1, 2)
         name = f"worst found, |x1| {'≤' if inside else 'beyond'} 180°"
         axes.plot(*points.T, "o", color=SERIES[0], markerfacecolor=fill, markersize=5, label=name)
     axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")

@@ -31,7 +31,6 @@ from flexhinf.paper.loop_setup import (
     SINE,
     STEP_DURATION,
     Finding,
-    PaperClaim,
     PaperSetup,
     affordable,
     in_two_threads,
@@ -355,12 +354,14 @@ def _closed_loops(setup: PaperSetup) -> str:
             gaps.append(float(np.degrees(np.abs(ukf - ekf).max())))
     if not gaps:
         return f"Closed loops: all {count} pairs diverged."
-    largest = number(max(gaps), 1)
-    return f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most {largest}°."
+    return (
+        f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most "
+        f"{number(max(gaps), 1)}°."
+    )
 
 
 UKF = (
-    PaperClaim(
+    (
         "ukf-reconstructs",
         "The UKF reconstructs the four states from the link position alone.",
         "On the nominal 180° step, from an initial estimate 5° off at link and motor, each state's RMS error after the "
@@ -368,7 +369,7 @@ UKF = (
         _reconstructs,
         ("figure-03",),
     ),
-    PaperClaim(
+    (
         "ukf-bounded",
         "The UKF is bounded.",
         "The paper does not define the word; it is read as: the estimation error stays bounded. In nominal runs of "
@@ -376,7 +377,7 @@ UKF = (
         f"last ten seconds is more than {GROWS:g} times that of the ten before. This looks at runs and proves nothing.",
         _is_bounded,
     ),
-    PaperClaim(
+    (
         "ukf-better-than-ekf",
         "The UKF estimates the arm's state better than the EKF.",
         f"In {DURATION:g} s of matched noises with the link position measured, up to {RUNS} pairs in each trial, the "

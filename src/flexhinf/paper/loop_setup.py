@@ -322,23 +322,22 @@ class Finding(NamedTuple):
     data: Any = None
 
 
-@dataclass(frozen=True)
-class PaperClaim:
-    """One claim of the paper, or one question of ours, in a sentence (``{feedback}`` stands for what is fed back to the
-    law), with its criterion, what computes it, and anchors of the paper's figures that show it."""
+def judge(
+    setup: PaperSetup,
+    id: str,
+    text: str,
+    criterion: str,
+    compute: Callable[[PaperSetup], Finding],
+    figures: tuple[str, ...] = (),
+) -> Claim:
+    """Compute the criterion of a claim of the paper, or of a question of ours, and return the claim with its verdict.
 
-    id: str
-    text: str
-    criterion: str
-    judge: Callable[[PaperSetup], Finding]
-    figures: tuple[str, ...] = ()
-    ours: bool = False
-
-    def judged(self, setup: PaperSetup) -> Claim:
-        """Compute the claim's criterion and return the claim with its verdict."""
-        verdict, evidence, table, *more = self.judge(setup)
-        if not isinstance(verdict, str):
-            verdict = "holds" if verdict else "fails"
-        kind, tables = setup.settings.estimator, () if table is None else (table,)
-        text = self.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
-        return Claim(self.id, text, verdict, evidence, self.figures, self.criterion, tables, *more)
+    `text` is one sentence (``{feedback}`` stands for what is fed back to the law), `figures` are anchors of the paper's
+    figures that show it.
+    """
+    verdict, evidence, table, *more = compute(setup)
+    if not isinstance(verdict, str):
+        verdict = "holds" if verdict else "fails"
+    kind, tables = setup.settings.estimator, () if table is None else (table,)
+    text = text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
+    return Claim(id, text, verdict, evidence, figures, criterion, tables, *more)
