@@ -382,8 +382,9 @@ class Table(Block):
         return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     @cached_property
-    def _written(self) -> list[tuple[bool, list[str]]]:
-        written = []
+    def _written(self) -> tuple[list[bool], list[str | list[tuple[str, str]]]]:
+        """Whether each column is aligned to the right; the rows, a title as text, each cell as text and mark."""
+        right, columns = [], []
         for index, column in enumerate(self.heads):
             values: list[Any] = [
                 cell.value if isinstance(cell, Cell) else cell
@@ -398,20 +399,20 @@ class Table(Block):
                     decimals = max(0, 3 - math.floor(math.log10(max(sizes))))
             digits = column.digits if numeric else None
             texts = [number(v, digits) if digits and v is not None else scalar(v, decimals) for v in values]
-            written.append((numeric or column.right, texts))
-        return written
-
-    def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
-        texts = zip(*(texts for _, texts in self._written))
-        for row in self.rows:
-            if isinstance(row, str):
-                yield row
-            else:
-                yield [(text, getattr(cell, "mark", "")) for text, cell in zip(next(texts), row)]
+            right.append(numeric or column.right)
+            columns.append(texts)
+        texts = zip(*columns)
+        return right, [
+            row
+            if isinstance(row, str)
+            else [(text, getattr(cell, "mark", "")) for text, cell in zip(next(texts), row)]
+            for row in self.rows
+        ]
 
     def html(self) -> str:
         """The table as HTML, in a frame that scrolls sideways on a narrow screen, or with rows that stack."""
-        css = [' class="number"' if numeric else "" for numeric, _ in self._written]
+        numeric, lines = self._written
+        css = [' class="number"' if right else "" for right in numeric]
         head = "".join(
             f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
             for column, mark in zip(self.heads, css)
@@ -422,7 +423,7 @@ class Table(Block):
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
         body = []
-        for line in self._lines():
+        for line in lines:
             if isinstance(line, str):
                 cells = [f'<th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th>']
             else:
@@ -459,10 +460,11 @@ class Table(Block):
         )  # fmt: skip
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
-        for column, (right, _) in ((self.heads[k], self._written[k]) for k in there):
+        numeric, lines = self._written
+        for column, right in ((self.heads[k], numeric[k]) for k in there):
             heading = column.brief or ", ".join(part for part in (column.name, column.unit) if part)
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=wide or right)
-        for line in self._lines():
+        for line in lines:
             if isinstance(line, str):
                 table.add_row(Text(line, "bold"))
             else:
@@ -475,13 +477,13 @@ class Table(Block):
 # Settings and where a page comes from ----------------------------------------------------------------
 @dataclass(frozen=True)
 class Setting:
-    """One number or choice (text, a number, yes or no, None, or a list of these) that had a part in the result, and who
-    says so: ``Table 1``, ``ours``, ``option --period``."""
+    """One number or choice (text, a number, yes or no, None, or a list of these) that had a part in the result, with a
+    note on who says so: ``Table 1``, ``ours``, ``option --period``."""
 
     name: str
     value: object
     unit: str = ""
-    source: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -496,7 +498,7 @@ class Settings(Block):
         for name, group in self.groups.items():
             rows = "".join(
                 f'<tr><th scope="row">{prose(row.name)}</th><td>{prose(scalar(row.value))}{unit_html(row.unit)}</td>'
-                f"<td>{prose(row.source)}</td></tr>"
+                f"<td>{prose(row.note)}</td></tr>"
                 for row in group
             )
             parts += (

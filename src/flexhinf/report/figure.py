@@ -145,11 +145,9 @@ def new_figure(
 
 
 @house_style()
-def label(axes: Axes, quantity: str, unit: str, title: str = "") -> None:
-    """Name what the vertical axis shows, with its unit; an optional title stands above the panel."""
+def label(axes: Axes, quantity: str, unit: str) -> None:
+    """Name what the vertical axis shows, with its unit."""
     axes.set_ylabel(f"{quantity} ({unit})" if unit else quantity)
-    if title:
-        axes.set_title(title)
 
 
 @house_style()

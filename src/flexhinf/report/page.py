@@ -13,7 +13,17 @@ from importlib import resources
 from typing import Any, Literal, get_args
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar, unit_html
+from flexhinf.report.blocks import (
+    Block,
+    Provenance,
+    Setting,
+    Settings,
+    check_id,
+    escape,
+    prose,
+    scalar,
+    unit_html,
+)
 from flexhinf.report.figure import DARK, LIGHT
 from flexhinf.validation import one_of
 
@@ -59,14 +69,14 @@ class Claim(Block):
 
     def as_dict(self) -> dict[str, Any]:
         """The claim as it stands in ``metrics.json``."""
-        known = {
+        return {
             "id": self.id,
             "text": self.text,
             **({"criterion": self.criterion} if self.criterion else {}),
             "verdict": self.verdict,
             "evidence": self.evidence,
+            **({"numbers": self.numbers} if self.numbers else {}),
         }
-        return {**known, "numbers": self.numbers} if self.numbers else known
 
     def ids(self) -> tuple[str, ...]:
         """The anchors of the claim and of its blocks."""
@@ -152,14 +162,8 @@ class Status:
         )
 
 
-@dataclass(frozen=True)
-class KeyNumber:
+class KeyNumber(Setting):
     """One of the few numbers at the top of a page."""
-
-    label: str
-    value: object
-    unit: str = ""
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -224,7 +228,7 @@ class Page:
         )
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
         strip = "".join(
-            f"<div><dt>{prose(n.label)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
+            f"<div><dt>{prose(n.name)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
             + (f'<dd class="small">{prose(n.note)}</dd></div>' if n.note else "</div>")
             for n in self.numbers
         )
