@@ -48,7 +48,7 @@ from flexhinf.paper.loop_setup import (
     tracking_numbers,
 )
 from flexhinf.paper.responses import HORIZON, TRACKING_LIMIT, RunGain, run_gain, stated_disturbances
-from flexhinf.paper.tolerances import ToleranceStudy, growth_with, swept_noises, unstable_of
+from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, growth_with, unstable_of
 from flexhinf.plant import GeneralisedPlant, Law
 
 #: Weights by state that s multiplies. A motion at 3.3 rad/s, about the bandwidth of the loop, counts alike as position
@@ -247,7 +247,7 @@ def smallest_repair(
     setup: PaperSetup, study: ToleranceStudy, name: str, forms: Sequence[str], begin: float
 ) -> Repair | None:
     """The smallest s above `begin` for which no plant is unstable with the settings' R^v or any of these forms."""
-    noises = (None, *swept_noises(forms))
+    noises = (None, *(ProcessNoise(form, q) for form in forms for q in SWEPT))
     known = {(g, r.noise): r for g in GOALS for r in (study.chosen[g], *study.swept[g]) if r.noise in noises}
     watched: dict[tuple[float, ProcessNoise | None], np.ndarray] = {}  # plants to bisect on
     for goal in GOALS:

@@ -90,8 +90,6 @@ OPEN = (
 )
 
 
-COLOURS = {"nonlinear": SERIES[0], "linear": SERIES[1]}
-
 #: The first part of a run on a sampled plant, s, shown in full; the rest is shown enlarged.
 FIRST_PART = 6.0
 
@@ -113,9 +111,9 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
         reference_line(axes, first.time, command)
         if step is not None:
             settling_band(axes, float(command[-1]), step)
-    for law, run in runs.items():
+    for colour, (law, run) in zip(SERIES, runs.items()):
         signals = (run.signal("input", "motor_voltage"), None) if voltage else positions(run)
-        time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
+        time_response(axes, run.time, *signals, name=LAWS[law], colour=colour)
     legend(axes)
     return figure_to_svg(figure)
 

@@ -37,8 +37,7 @@ from flexhinf.paper.loop_setup import (
     known,
 )
 from flexhinf.plant import Plant
-from flexhinf.report import Column, Table, number
-from flexhinf.report.page import Verdict
+from flexhinf.report import Column, Table, Verdict, number
 from flexhinf.scalars import cholesky, solve_lower, trace
 
 #: Seeds of each run, and how much larger the last ten seconds' error may be than that of the ten before.
@@ -269,7 +268,6 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
     """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
     s, model = setup.settings, setup.model
     q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
-    stiff = {"stiffness": setup.arm["stiffness"].interval[1]}
     motor = setup.arm.plant(measured=("motor_position",))
 
     def imu(x: Any, u: Any, p: Any) -> Any:
@@ -287,7 +285,15 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
             Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {})
             for period in dict.fromkeys((s.period, 0.01, 0.05))
         ),
-        Trial("10 ms, stiffness +12 %", model, 0.01, q, r, near, stiff),
+        Trial(
+            "10 ms, stiffness +12 %",
+            model,
+            0.01,
+            q,
+            r,
+            near,
+            {"stiffness": setup.arm["stiffness"].interval[1]},
+        ),
         Trial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}),
     ], [
         Trial("motor position, 10 ms, start off by 30°", motor, 0.01, q, r, FAR, {}),

@@ -47,11 +47,6 @@ OVERSHOOT, SETTLING = 1.0, 0.10
 
 
 # Growth rates --------------------------------------------------------------------------------------------
-def swept_noises(forms: Sequence[str] = FORMS) -> tuple[ProcessNoise, ...]:
-    """Process noises R^v of every form with every q."""
-    return tuple(ProcessNoise(form, q) for form in forms for q in SWEPT)
-
-
 def growth_with(
     setup: PaperSetup,
     law: Law,
@@ -98,7 +93,8 @@ class ToleranceStudy:
         self.swept: dict[float, tuple[GrowthRates, ...]] = dict.fromkeys(GOALS, ())
         self.estimated = setup.settings.estimator != "none"
         if self.estimated:
-            rates = growth_with(setup, law, (None, *swept_noises()))
+            swept = [ProcessNoise(form, q) for form in FORMS for q in SWEPT]
+            rates = growth_with(setup, law, (None, *swept))
             self.chosen = {g: r[0] for g, r in rates.items()}
             self.swept = {g: r[1:] for g, r in rates.items()}
 

@@ -6,7 +6,6 @@ reading. JSON, in which a number that is not finite is refused.
 
 from __future__ import annotations
 
-import html
 import json
 import math
 import platform
@@ -16,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from functools import cached_property
+from html import escape
 from importlib import metadata
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -25,11 +25,6 @@ from flexhinf.report.figure import LIGHT
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
-
-
-def escape(text: object) -> str:
-    """Text that is safe inside HTML elements and quoted attributes."""
-    return html.escape(str(text), quote=True)
 
 
 def prose(text: str) -> str:
@@ -167,9 +162,11 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
             "A number of the report is not finite.", f"{where} = {value}", "None, which is written as null"
         ) from error
     except TypeError as error:
-        kinds = "text, numbers, true, false, null, lists, mappings"
-        got = f"got {type(value).__name__} at {where}"
-        raise InvalidInput("JSON has no such value.", got, kinds) from error
+        raise InvalidInput(
+            "JSON has no such value.",
+            f"got {type(value).__name__} at {where}",
+            "text, numbers, true, false, null, lists, mappings",
+        ) from error
 
 
 _ACTIVE = re.compile(
@@ -370,11 +367,6 @@ class Table(Block):
             for record in records
         ]
         return cls(columns, rows, *others, **named)
-
-    def records(self) -> list[dict[str, object]]:
-        """Rows as dictionaries by the names of the columns."""
-        names = [column.name for column in self.heads]
-        return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
 
     @cached_property
     def heads(self) -> list[Column]:
