@@ -1,8 +1,7 @@
 """Report of a run of a deployed controller: deadlines and requirements; its film as GIF or MP4.
 
-The pictures of a film: what stands still is drawn once, a frame draws what moves on top of it.
-
-A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs.
+A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs; what stands still is
+drawn once, a frame draws what moves on top of it.
 """
 
 from __future__ import annotations

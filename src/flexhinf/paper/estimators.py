@@ -80,13 +80,17 @@ def _is_bounded(setup: PaperSetup) -> Finding:
         states = [None] * setup.model.n if worst is None else worst.tolist()
         rows.append((name, count, *states, max(ratios, default=None)))
         largest = largest if worst is None else np.maximum(largest, worst)
-    names = (Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states)
     return Finding(
         not (grown or diverged),
         f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
         f"more than a factor of {GROWS:g}.",
         Table(
-            ("command", "runs", *names, Column("last over middle third", "", 2)), rows,
+            (
+                "command", "runs",
+                *(Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states),
+                Column("last over middle third", "", 2),
+            ),
+            rows,
             "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.", "table-bounded",
         ),
         {
@@ -110,7 +114,6 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
-    variance = number(setup.settings.measurement_noise)
     return Finding(
         largest <= RECONSTRUCTED_FRACTION,
         f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
@@ -121,7 +124,8 @@ def _reconstructs(setup: PaperSetup) -> Finding:
                 Column("error / range", "%", 3),
             ),
             rows,
-            f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².",
+            "UKF on the nominal 180° step, link position measured with Rⁿ = "
+            f"{number(setup.settings.measurement_noise)} rad².",
             "table-reconstruction",
         ),
     )

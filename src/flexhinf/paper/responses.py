@@ -197,8 +197,9 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
     columns = [Column("weight of x1", "", 0), Column("weight of x5", "", 0)]
     columns += [Column(f"{name_goal(g)} {c.name}", c.unit, c.decimals) for g in GOALS for _, c in read]
     rows = [(*pair, *(run[g][key] for g in GOALS for key, _ in read)) for pair, run in zip(pairs, runs)]
-    anchor = "table-link-weight" if of_link else "table-integral-weight"
-    table = Table(columns, rows, f"The weight of {varied} varied.", anchor)
+    table = Table(
+        columns, rows, f"The weight of {varied} varied.", f"table-{'link' if of_link else 'integral'}-weight"
+    )
     over, rise = ends("overshoot_percent", 1), ends("rise_time_s", 2)
     text = f"overshoot goes from {over[0]} % at 90° and from {over[1]} % at 180°."
     if not of_link:
@@ -207,8 +208,11 @@ def judge_weight(setup: PaperSetup, varied: str) -> Finding:
             f"rise time goes from {rise[0]} s at 90° and from {rise[1]} s at 180°. The settling time (±2 %) "
             f"{settles}. The overshoot goes from {over[0]} % and {over[1]} %."
         )
-    judged = falls("overshoot_percent" if of_link else "rise_time_s")
-    return Finding(judged, f"From a weight of {weights[0]:g} to {weights[-1]:g} the {text}", table)
+    return Finding(
+        falls("overshoot_percent" if of_link else "rise_time_s"),
+        f"From a weight of {weights[0]:g} to {weights[-1]:g} the {text}",
+        table,
+    )
 
 
 STEPS_AND_TRACKING = (
@@ -373,8 +377,12 @@ def _deviation(run: Trajectory) -> tuple[float | None, float | None]:
 
 def _step_disturbance(setup: PaperSetup) -> Finding:
     by_channel = {c.replace("_torque", ""): _deviation(run) for c, run in setup.runs("11").items()}
-    fed_back = setup.load_response(setup.nonlinear, Step(TORQUE, at=LOAD_FROM), estimator=None)
-    deviations = {**by_channel, "link, true state fed back": _deviation(fed_back)}
+    deviations = {
+        **by_channel,
+        "link, true state fed back": _deviation(
+            setup.load_response(setup.nonlinear, Step(TORQUE, at=LOAD_FROM), estimator=None)
+        ),
+    }
     peaks = [peak for peak, _ in by_channel.values() if peak is not None]
     lost = [name for name, (_, recovery) in by_channel.items() if recovery is None]
     latest = max((recovery for _, recovery in by_channel.values() if recovery is not None), default=math.inf)

@@ -177,7 +177,15 @@ _MARKUP = re.compile(r"<!--.*?-->|<style\b.*?</style\s*>|<(?:[^<>\"']|\"[^\"]*\"
 
 
 class Block:
-    """Base of the parts of a page: HTML text, and perhaps an anchor `id` and `blocks` within it."""
+    """Base of the parts of a page: HTML text, and perhaps an anchor `id` and `blocks` within it.
+
+    Raises InvalidInput: an anchor does not begin with a small letter, or has more than these, digits and hyphens.
+    """
+
+    def __post_init__(self) -> None:
+        name = getattr(self, "id", "none")
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
+            raise InvalidInput("An anchor has small letters, digits, hyphens.", f"got {name!r}", "figure-03")
 
     def html(self) -> str:
         """The block as HTML, every text escaped."""
@@ -187,12 +195,6 @@ class Block:
         """The anchors that this block makes on the page."""
         own, inner = getattr(self, "id", ""), getattr(self, "blocks", ())
         return (*([own] if own else []), *(name for block in inner for name in block.ids()))
-
-
-def check_id(name: str) -> None:
-    """Raise `InvalidInput` unless `name` can be an anchor: small letters, then digits and hyphens too."""
-    if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
-        raise InvalidInput("An anchor has small letters, digits, hyphens.", f"got {name!r}", "figure-03")
 
 
 @dataclass(frozen=True)
@@ -243,7 +245,7 @@ class Figure(Block):
     label: str = ""
 
     def __post_init__(self) -> None:
-        check_id(self.id)
+        super().__post_init__()
         inline(self.svg, self.id)
 
     def html(self) -> str:
@@ -344,7 +346,7 @@ class Table(Block):
 
     def __post_init__(self) -> None:
         if self.id:
-            check_id(self.id)
+            super().__post_init__()
         for index, row in enumerate(self.rows):
             if not isinstance(row, str) and len(row) != len(self.columns):
                 raise InvalidInput(

@@ -18,7 +18,6 @@ from flexhinf.report.blocks import (
     Provenance,
     Setting,
     Settings,
-    check_id,
     escape,
     prose,
     scalar,
@@ -64,7 +63,7 @@ class Claim(Block):
     data: Any = None
 
     def __post_init__(self) -> None:
-        check_id(self.id)
+        super().__post_init__()
         one_of("There is no such verdict.", self.verdict, get_args(Verdict))
 
     def as_dict(self) -> dict[str, Any]:
@@ -173,9 +172,6 @@ class Section(Block):
     title: str
     blocks: Sequence[Block]
     id: str
-
-    def __post_init__(self) -> None:
-        check_id(self.id)
 
     def html(self) -> str:
         """The section as HTML."""
