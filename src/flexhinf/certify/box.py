@@ -213,9 +213,14 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     """
     rng, vertices = np.random.default_rng(seed), box_vertices(statement)
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
-
     value = partial(polynomial_at, statement.value)
-    points = _points(value, root, level, rng)
+    # points on random rays, each ray up to where V passes the level, at most to four times where ½ xᵀPx does
+    rays = rng.standard_normal((_RAYS, len(root)))
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
+    grid = np.linspace(0.0, 4.0, 161)[1:]
+    inside = np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0)
+    reach = grid[np.maximum(inside.sum(axis=0) - 1, 0)]
+    points = np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
     parts = _parts(statement, vertices, points)
     for _ in range(_AGAIN):
         gammas = [_gamma(parts, s) for s in about * _SCALES]
@@ -242,19 +247,6 @@ def _gamma(parts: np.ndarray, scale: float) -> np.ndarray:
     room = -scale * a - z
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(room > 0, np.sqrt(scale**2 * g / np.where(room > 0, room, 1.0)), np.inf)
-
-
-def _points(
-    value: Callable[[np.ndarray], np.ndarray], root: np.ndarray, level: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Points on random rays, each ray up to where V passes the level, at most to four times where ½ xᵀPx does."""
-    rays = rng.standard_normal((_RAYS, len(root)))
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
-    grid = np.linspace(0.0, 4.0, 161)[1:]
-    reach = grid[
-        np.maximum(np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0).sum(axis=0) - 1, 0)
-    ]
-    return np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
 
 
 def box_vertices(statement: Certificate) -> list[dict[str, float]]:

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series, ctx
 
-from flexhinf.certify.checker.residual import offset_of, parameter_corners, residual, rounded, series_of
+from flexhinf.certify.checker.residual import box_corners, offset_of, residual, rounded, series_of
 from flexhinf.certify.claim import Claim, Function
 
 #: Largest relative error of one rounded operation.
@@ -39,16 +39,6 @@ class CentredForm(NamedTuple):
     low: np.ndarray
     radius: np.ndarray
     tail: np.ndarray
-
-    def chosen(self, cells: np.ndarray) -> CentredForm:
-        """The form on some of the cells."""
-        return CentredForm(*(part[:, cells] for part in self))
-
-    def less(self, factor: np.ndarray, other: CentredForm) -> CentredForm:
-        """Self − factor · other, for factor ≥ 0 per cell; `other` has no radius."""
-        return CentredForm(
-            self.low - factor * other.low, self.radius, np.concatenate([self.tail, factor * other.tail])
-        )
 
 
 class TaylorTable:
@@ -253,7 +243,7 @@ class Proof:
     def __init__(self, claim: Claim) -> None:
         self.claim, self.n = claim, len(claim.states)
         exact = self.exact = residual(claim)
-        self.exact_corners = parameter_corners(claim, exact.products)
+        self.exact_corners = [weights for _, weights in box_corners(claim, exact.products)]
         self.corners = np.array([[rounded(weight) for weight in row] for row in self.exact_corners])
         low, high = self.corners.min(0), self.corners.max(0)
         self.mid = (low + high) / 2
@@ -353,7 +343,10 @@ class Face:
         multiplier = np.maximum(
             (form.low[table.linear] * slope).sum(0) / ((slope * slope).sum(0) + _TINY), 0.0
         )
-        lowered = table.upper(form.less(multiplier, level), constant + multiplier * (c - at_center[0]))
+        low, tail = form.low - multiplier * level.low, np.concatenate([form.tail, multiplier * level.tail])
+        lowered = table.upper(  # r/ρ² − λV, and V has no radius
+            CentredForm(low, form.radius, tail), constant + multiplier * (c - at_center[0])
+        )
         return Bounds(
             least_value=least_value - 8 * UNIT * np.abs(least_value),
             least_growth=-small.upper(growth) - small.degree * error,

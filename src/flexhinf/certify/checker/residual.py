@@ -202,8 +202,8 @@ def _opposite(first: Any, other: Any) -> bool:
     )
 
 
-def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]]:
-    """The corners of the box of the parameters in these products.
+def box_corners(claim: Claim, products: list[Exponents]) -> list[tuple[dict[str, fmpq], list[fmpq]]]:
+    """The corners of the box of the parameters in these products, and each product there.
 
     Between them each product stays between its values there, because no parameter of another exponent than 1 vanishes;
     for the squares that |V_x g1|² brings, a parameter that may vanish has 0 as a third end.
@@ -214,17 +214,13 @@ def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]
         for p in claim.parameters
         if p.name in used
     }
-    return [
+    corners = (
         dict(zip(box, map(as_rational, corner), strict=True))
         for corner in itertools.product(*(sorted(set(ends)) for ends in box.values()))
-    ]
-
-
-def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
-    """Each product of parameters (columns) at the corners of the box (rows)."""
+    )
     return [
-        [prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products]
-        for at in box_corners(claim, products)
+        (at, [prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products])
+        for at in corners
     ]
 
 
@@ -258,13 +254,11 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
         quotient_range(function, (row * widest * row.transpose())[0, 0])
         for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True)
     ]
-    ranges, weights = [ends for ends in known if ends], parameter_corners(claim, exact.products)
-    if len(ranges) < len(known) or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
+    ranges, corners = [ends for ends in known if ends], box_corners(claim, exact.products)
+    if len(ranges) < len(known) or len(corners) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0, []
     count, failed, forms = 0, list[tuple[fmpq, Corner]](), [list(map(form_of, row)) for row in parts]
-    for (parameters, products), ends in itertools.product(
-        zip(box_corners(claim, exact.products), weights), itertools.product(*ranges)
-    ):
+    for (parameters, products), ends in itertools.product(corners, itertools.product(*ranges)):
         terms = (
             form * (weight * quotient)
             for weight, row in zip(products, forms, strict=True)
@@ -277,8 +271,8 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
             failed.append((least, Corner(parameters, products, ends, total)))
             if len(failed) == _MOST_FAILED:
                 break
-    corners = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
-    return 0 if _farther(claim, widest) else count, corners
+    worst_first = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
+    return 0 if _farther(claim, widest) else count, worst_first
 
 
 def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:

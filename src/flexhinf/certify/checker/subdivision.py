@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.certify.checker.bounds import Face
+from flexhinf.certify.checker.bounds import CentredForm, Face
 from flexhinf.certify.checker.guidance import axis_to_cut, refuse
 from flexhinf.certify.checker.residual import require
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample
@@ -53,7 +53,7 @@ def subdivide_face(
         undecided = ~good & ~finished
         refuse(face.face, cells, undecided, bounds, reach)
         chosen.offer(cells, good, finished, bounds, reach)
-        bad, form = cells[:, undecided], bounds.form.chosen(undecided)
+        bad, form = cells[:, undecided], CentredForm(*(part[:, undecided] for part in bounds.form))
         stack = np.hstack(
             [stack, _further(cells[:, good]), *_cut(bad, axis_to_cut(face.proof.table, form, bad))]
         )
