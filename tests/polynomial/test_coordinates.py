@@ -36,5 +36,7 @@ def test_polynomial_goes_in_and_comes_back(monkeypatch, apart, which, n, k):
 def test_condition_is_that_of_normalised_eigenvectors():
     matrix = np.array([[-1.0, 1.0], [0.0, -1.0 - 1e-6]])
     _, vectors = np.linalg.eig(matrix)
-    assert HomologicalEquation(matrix).eigenbasis.condition == pytest.approx(np.linalg.cond(vectors), rel=1e-6)
+    assert HomologicalEquation(matrix).eigenbasis.condition == pytest.approx(
+        np.linalg.cond(vectors), rel=1e-6
+    )
     assert HomologicalEquation(np.array([[0.0, 1.0], [0.0, 0.0]])).eigenbasis.condition > 1e15

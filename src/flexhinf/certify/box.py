@@ -192,9 +192,9 @@ def group_ends(
     """Values of the parameters in the box at which the product of each of `parameter_groups` is least, and largest."""
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
-        corners = [dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group))]
-        corners.sort(key=partial(power_product, group, unity=number(1.0)))
-        ends.append([corners[0], corners[-1]])
+        corners = (dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group)))
+        least, *_, largest = sorted(corners, key=partial(power_product, group, unity=number(1.0)))
+        ends.append([least, largest])
     return ends
 
 
@@ -332,11 +332,9 @@ def common_value(statement: Certificate) -> CommonValue | None:
         np.linalg.cholesky(quadratic_part(statement.value, n))
     ).T  # in these coordinates V is ½|z|²
     gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
-    ends = itertools.product(*map(_slopes, statement.functions))
-    systems = [linear_system(statement, *at) for at in itertools.product(box_vertices(statement), ends)]
-    a, b = (
-        np.array(m) for m in zip(*((a + b2 @ gain, b) for a, b, b2 in systems))
-    )  # A_v with the law, and B_v
+    slopes = itertools.product(*map(_slopes, statement.functions))
+    systems = (linear_system(statement, *at) for at in itertools.product(box_vertices(statement), slopes))
+    a, b = map(np.array, zip(*((a + b2 @ gain, b) for a, b, b2 in systems)))  # A_v with the law, and B_v
     q = t.T @ (h.T @ h + gain.T @ r2 @ gain) @ t
     a, b = np.linalg.inv(t) @ a @ t, np.linalg.inv(t) @ b
     if (y := _feasible(a, b, q)) is None:
@@ -355,7 +353,6 @@ def common_value(statement: Certificate) -> CommonValue | None:
 
 
 def _slopes(function: Function) -> tuple[float, float]:
-    """The least and largest [φ(o + s) − φ(o)]/s."""
     s = np.linspace(-_FAR, _FAR, _SLOPES)
     s = s[s != 0.0]
     with np.errstate(all="ignore"):

@@ -50,7 +50,6 @@ from flexhinf.certify.inequality import (
     Rational,
     by_parity,
     parity,
-    quotient_table,
 )
 from flexhinf.certify.kernel import LANES, LOW, OUTPUTS, POINTERS, Layout, Shape, kernel_text, monomials_of
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
@@ -107,7 +106,7 @@ class CellBounds:
         self.tables, powers = list[QuotientTable](), list[Rational]()
         for factor, function, most in zip(factors, inequality.functions, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
-            self.tables.append(quotient_table(function, most, order))
+            self.tables.append(QuotientTable(function, most, order))
             line = inequality.moved(inequality.line(function.slope))
             powers += map(terms_of, accumulate([line] * order, mul, initial=inequality.z.from_dict(factor)))
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
@@ -154,8 +153,9 @@ class CellBounds:
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
             for key, value in values.items():
-                place = layout.place[sum(key), key[:variable] + key[variable + 1 :]]
-                row[place] = value * sign ** key[variable]
+                row[layout.place[sum(key), key[:variable] + key[variable + 1 :]]] = (
+                    value * sign ** key[variable]
+                )
         return table
 
     @property
@@ -209,9 +209,10 @@ class CellBounds:
         rows, names = self.rows(cells), self.shape.outputs
         score = np.zeros((self.n, len(cells)))
         if self.box is not None:
-            radii = cells.inner * self.reach, cells.outer * self.reach
             numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
-            added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
+            added, score = self.box(
+                numbers[cells.face], cells.t.T, cells.h.T, cells.inner * self.reach, cells.outer * self.reach
+            )
             rows[:, self.shape.inputs["rounding"]] += added
         inputs, outputs = (_aligned(len(faces), size, LANES) for size in (rows.shape[1], names["count"]))
         inputs[:] = rows[filled].reshape(len(faces), LANES, -1).transpose(0, 2, 1)
@@ -247,10 +248,6 @@ class CellBounds:
         def allowed(size: np.ndarray, odd: np.ndarray) -> np.ndarray:
             return unit * size + odd * (1 + 1e-12) + self._underflow
 
-        value_rounding = allowed(powers @ self._value_sizes, powers @ self._odd_value)
-        growth_rounding = allowed(
-            lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)
-        )
         size, odd = lowered @ self._whole_sizes[0], lowered @ self._odd_whole
         errors, coefficients, sizes = [], [], iter(self._whole_sizes[1:])
         for j, (form, table) in enumerate(zip(self.lines, self.tables)):
@@ -268,7 +265,12 @@ class CellBounds:
             size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, allowed(size, odd), *errors]
+        roundings = (
+            allowed(powers @ self._value_sizes, powers @ self._odd_value),  # of V, of its growth, of r
+            allowed(lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)),
+            allowed(size, odd),
+        )
+        scalars = [inner, outer, middle, half, *roundings, *errors]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
 
@@ -370,10 +372,8 @@ def search(
 
 
 def _following(cells: Records) -> Records:
-    length = cells.outer - cells.inner
-    return cells_of(
-        cells.face, cells.t, cells.h, cells.outer, np.minimum(cells.outer + _GROWTH * length, 1.0)
-    )
+    outer = np.minimum(cells.outer + _GROWTH * (cells.outer - cells.inner), 1.0)
+    return cells_of(cells.face, cells.t, cells.h, cells.outer, outer)
 
 
 def _outcome(

@@ -148,19 +148,15 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
             raise ValueError("a key that stands twice")
         return dict(pairs)
 
-    def no_constant(text: str) -> Any:
-        raise ValueError(f"{text} is no number")
-
     try:
-        content = json.loads(text, object_pairs_hook=once, parse_constant=no_constant)
+        content = json.loads(text, object_pairs_hook=once)
     except (ValueError, RecursionError) as error:
         raise unreadable("JSON", str(error)) from None
     entries = dict(content) if isinstance(content, dict) else {"format": content}
     kind, version = entries.pop("format", None), entries.pop("version", None)
     unknown = sorted(set(entries) - {entry.name for entry in fields(Certificate)})
-    proper = isinstance(content, dict) and kind == _FORMAT
     for readable, expected, got in (
-        (proper, f"an object with format = {_FORMAT!r}", value_text(kind, 80)),
+        (kind == _FORMAT, f"an object with format = {_FORMAT!r}", value_text(kind, 80)),
         (type(version) is int and version == _VERSION, f"version {_VERSION}", value_text(version, 60)),
         (not unknown, "known entries", value_text(unknown, 100)),
     ):
@@ -173,8 +169,8 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         cause = first.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
             raise unreadable("a certificate", f"{cause.what} {cause.found}") from None
-        where = ".".join(map(str, first["loc"]))
-        raise unreadable(f"{where}: {first['msg']}", value_text(first.get("input"), 80)) from None
+        expected = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise unreadable(expected, value_text(first.get("input"), 80)) from None
 
 
 @cache
@@ -359,8 +355,6 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         rates.append(f"  d/dt {name} = {_joined(rate)}")
     box = (f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
     degree = max((sum(powers) for law in claim.law for powers, _ in law), default=0)
-    price = "; ".join(" ".join(map(repr, row)) for row in claim.r2)
-    polynomials = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
     return [
         f"Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations from the "
         f"{'equilibrium at the goal (of each robot its own, where it moves with the parameters)' * bool(uncertain)}"
@@ -374,12 +368,12 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         f"Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
         f"Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
         f"true state{fed}, in continuous time.",
-        f"  R2 = [{price}]",
+        f"  R2 = [{'; '.join(' '.join(map(repr, row)) for row in claim.r2)}]",
         *(
             f"  {name} = {_row(polynomial, claim.states, len(polynomial))}"
             if whole or len(polynomial) <= _MOST_MONOMIALS
             else f"  {name}: {len(polynomial)} monomials, in the file and on the page"
-            for name, polynomial in polynomials
+            for name, polynomial in (*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value))
         ),
     ]
 
@@ -522,7 +516,6 @@ def _power(name: str, exponent: int) -> str:
 
 
 def _bracket(function: Function, names: list[str]) -> str:
-    """φ(o + ℓᵀx) − φ(o)."""
     inner = _joined([
         f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g}*'}{name}"
         for value, name in zip(function.slope, names, strict=True)

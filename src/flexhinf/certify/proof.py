@@ -267,8 +267,11 @@ def certify_tolerances(
         raise NotProved(claim, outcome)
     if step is not None and not outcome.cells:
         claim = _largest(claim)
-    starts = () if start is None else start_inside(claim, start, step)
-    return replace(claim, starts=starts, provenance=_provenance(outcome, ", vertices of the box"))
+    return replace(
+        claim,
+        starts=() if start is None else start_inside(claim, start, step),
+        provenance=_provenance(outcome, ", vertices of the box"),
+    )
 
 
 def _largest(claim: Certificate) -> Certificate:
@@ -327,10 +330,11 @@ def with_observer(
     energy = share * certificate.level
     weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, b1[:size], energy)
     measured, *matrices = map(matrix_rows, (sensors, gain, weight, storage))
-    observer = Observer(
-        measured, solution.state_names[size:], *matrices, gain_error=gain_error, energy=energy
+    claimed = replace(
+        certificate,
+        feedback="output injection observer",
+        observer=Observer(measured, solution.state_names[size:], *matrices, gain_error, energy),
     )
-    claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _no_error_energy(reason)
     return replace(claimed, starts=starts_of(solution, claimed)).with_proved_starts()

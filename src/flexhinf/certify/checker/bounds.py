@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series, ctx
 
-from flexhinf.certify.checker.residual import box_corners, offset_of, residual, rounded, series_of
+from flexhinf.certify.checker.residual import box_corners, offset_of, residual, rounded, row_of, series_of
 from flexhinf.certify.claim import Claim, Function
 
 #: Largest relative error of one rounded operation.
@@ -248,10 +248,9 @@ class Proof:
         low, high = self.corners.min(0), self.corners.max(0)
         self.mid = (low + high) / 2
         self.rad = np.where(low == high, 0.0, (high - low) / 2 * (1 + 4 * UNIT) + np.abs(self.mid) * 4 * UNIT)
-        unit = [tuple(int(i == j) for j in range(self.n)) for i in range(self.n)]
-        self.slopes = np.array([[rounded(s[e]) for e in unit] for s in exact.arguments], dtype=float).reshape(
-            -1, self.n
-        )  # ℓᵀT
+        self.slopes = np.array(  # ℓᵀT
+            [[rounded(v) for v in row_of(s).entries()] for s in exact.arguments], dtype=float
+        ).reshape(-1, self.n)
         reach = claim.reach * np.abs(self.slopes).sum(1) * 1.01 + 0.1
         with ctx.workprec(BITS):
             self.quotients = [Quotient(f, float(s)) for f, s in zip(claim.functions, reach, strict=True)]

@@ -183,7 +183,7 @@ def residual(claim: Claim) -> Residual:
 
 def _named(claim: Claim, free: list[str], products: Iterable[tuple[int, ...]]) -> list[Exponents]:
     """Products of the variables θ = p^e, as powers of the parameters."""
-    plant = [t for row in (claim.drift, *claim.g1, *claim.g2) for terms in row for t in terms]
+    plant = (t for row in (claim.drift, *claim.g1, *claim.g2) for terms in row for t in terms)
     exponent = {name: e for term in plant for name, e in term.parameters if e}
     return [
         tuple((p, e * exponent[p]) for p, e in zip(free, powers, strict=True) if e) for powers in products
@@ -230,11 +230,10 @@ _NEAR, _FARTHEST = 64, 10**6  # |ℓᵀx| of a function: in short pieces, and in
 
 
 class Corner(NamedTuple):
-    """Parameters, their products and quotients of functions at which r is not negative definite: −r = zᵀ`form`z."""
+    """Parameters and their products at which r is not negative definite, for some quotients: −r = zᵀ`form`z."""
 
     parameters: dict[str, fmpq]
     weights: list[fmpq]
-    quotients: tuple[fmpq, ...]
     form: fmpq_mat
 
 
@@ -268,7 +267,7 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
         count += 1
         least = min(leading_minors(total))
         if not least > 0:
-            failed.append((least, Corner(parameters, products, ends, total)))
+            failed.append((least, Corner(parameters, products, total)))
             if len(failed) == _MOST_FAILED:
                 break
     worst_first = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
