@@ -18,7 +18,7 @@ from flexhinf.certify.checker.bounds import GRID, ORDER, Quotient
 from flexhinf.certify.checker.residual import as_rational, offset_of, quotient_range, series_of
 from flexhinf.certify.inequality import MeanForms, QuotientTable
 
-quadratic = import_module("flexhinf.certify.checker.residual")  # its package has a function of this name
+quadratic = import_module("flexhinf.certify.checker.residual")
 
 pytestmark = pytest.mark.oracle
 

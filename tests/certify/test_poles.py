@@ -18,7 +18,7 @@ from flexhinf.certify.checker.second_route import Cell, cell_holds
 from flexhinf.certify.claim import Function
 from flexhinf.certify.inequality import QuotientTable
 
-quadratic = import_module("flexhinf.certify.checker.residual")  # its package has a function of this name
+quadratic = import_module("flexhinf.certify.checker.residual")
 
 LOG = Function("log", (1.0,), 1.0)  # log(1 + s): its pole is at s = −1
 SERIES = quotient_file.series_of

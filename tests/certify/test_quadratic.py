@@ -21,7 +21,7 @@ from flexhinf.certify.proof import certify_tolerances
 
 from .test_checker import GRAVITY, LEVEL, V_2, uncertain, upright
 
-quadratic = import_module("flexhinf.certify.checker.residual")  # its package has a function of this name
+quadratic = import_module("flexhinf.certify.checker.residual")
 
 ARM = fh.paper_arm()
 

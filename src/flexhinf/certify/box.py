@@ -170,8 +170,11 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     """Parameters (with their exponents) that occur as one product only, such as m g l: each product is one variable."""
-    rows = itertools.chain(certificate.drift, *certificate.g1, *certificate.g2)
-    pairs = [dict(term.parameters) for terms in rows for term in terms]
+    pairs = [
+        dict(term.parameters)
+        for terms in itertools.chain(certificate.drift, *certificate.g1, *certificate.g2)
+        for term in terms
+    ]
     exponents = {name: power for powers in pairs for name, power in powers.items() if power}
     ranges = {p.name: p for p in certificate.parameters if p.low < p.high}
     groups: dict[object, dict[str, int]] = {}

@@ -43,14 +43,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import polynomial_at
-from flexhinf.certify.inequality import (
-    BoxExcess,
-    Inequality,
-    QuotientTable,
-    Rational,
-    by_parity,
-    parity,
-)
+from flexhinf.certify.inequality import BoxExcess, Inequality, QuotientTable, Rational, by_parity, parity
 from flexhinf.certify.kernel import LANES, LOW, OUTPUTS, POINTERS, Layout, Shape, kernel_text, monomials_of
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
@@ -113,8 +106,10 @@ class CellBounds:
         degrees = [_degrees(factor) or (2,) for factor in factors]
         self.shape = shape = Shape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
         self.value_table = self._table(value, shape.value)
-        quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
-        self.quotient_table = np.hstack(quotients or [np.zeros((len(self.faces), 1))])
+        self.quotient_table = np.hstack(
+            [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
+            or [np.zeros((len(self.faces), 1))]
+        )
         which, place = np.array(shape.columns).T
         self.table = np.ascontiguousarray(
             np.stack([self._table(part, shape.whole) for part in (whole, *powers)])[which, :, place].T
@@ -265,12 +260,13 @@ class CellBounds:
             size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        roundings = (
+        scalars = [
+            *(inner, outer, middle, half),
             allowed(powers @ self._value_sizes, powers @ self._odd_value),  # of V, of its growth, of r
             allowed(lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)),
             allowed(size, odd),
-        )
-        scalars = [inner, outer, middle, half, *roundings, *errors]
+            *errors,
+        ]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
 

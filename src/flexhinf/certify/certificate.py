@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
-from flexhinf.certify.checker.residual import Refusal, look_at_corners, residual
+from flexhinf.certify.checker.residual import Refusal, Residual, look_at_corners
 from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
 from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
@@ -67,7 +67,7 @@ class Certificate(Summarised, Claim):
     @property
     def is_gradient_law(self) -> bool:
         """Whether the law is −R2⁻¹g2ᵀV_xᵀ up to rounding, with a known g2: for the budget of the theorem."""
-        return residual(self).gradient_law
+        return Residual(self).gradient_law
 
     @property
     def stated(self) -> Verification:
@@ -76,7 +76,7 @@ class Certificate(Summarised, Claim):
 
     def definite_corners(self) -> int:
         """The number of corners at which r is a negative definite form, where that proves it without cells; else 0."""
-        count, failed = look_at_corners(self, residual(self))
+        count, failed = look_at_corners(self, Residual(self))
         return 0 if failed else count
 
     def with_proved_starts(self) -> Certificate:
@@ -270,19 +270,14 @@ def theorem_text(claim: Claim, verification: Verification, whole: bool = False) 
     """The theorem of a claim, valid if `verification.proved`. `whole`: with V and the law in full, however long."""
     return "\n\n".join(
         f"{heading}: {texts[0]}" if heading == "Region S" else "\n  ".join([heading, *texts])
-        for heading, texts in _parts(claim, verification, whole)
+        for heading, texts in theorem_parts(claim, verification, whole)
     )
 
 
-def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, list[str]]]:
-    """The theorem in full as pairs of a heading and its sentences."""
-    return [
-        (heading, [text.strip().removeprefix("- ") for text in texts])
-        for heading, texts in _parts(claim, verification, True)
-    ]
-
-
-def _parts(claim: Claim, verification: Verification, whole: bool) -> list[tuple[str, list[str]]]:
+def theorem_parts(
+    claim: Claim, verification: Verification, whole: bool = True
+) -> list[tuple[str, list[str]]]:
+    """The theorem as pairs of a heading and its lines, with the marks that stand before them in `theorem_text`."""
     statements, paths = _statements(claim, verification), []
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     for i, start in enumerate(claim.starts, 1):
@@ -350,8 +345,11 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
     rates = []
     for name, drift, g1, g2 in zip(names, claim.drift, claim.g1, claim.g2):
         rate = [_sum(drift, names, claim.functions)] if drift else []
-        driven = zip((*claim.disturbances, *claim.inputs), (*g1, *g2), strict=True)
-        rate += [_sum(terms, names, (), signal.name) for signal, terms in driven if terms]
+        rate += [
+            _sum(terms, names, (), signal.name)
+            for signal, terms in zip((*claim.disturbances, *claim.inputs), (*g1, *g2), strict=True)
+            if terms
+        ]
         rates.append(f"  d/dt {name} = {_joined(rate)}")
     box = (f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
     degree = max((sum(powers) for law in claim.law for powers, _ in law), default=0)

@@ -277,8 +277,12 @@ class MeanForms:
             seconds = [
                 np.abs(slopes[:, i] @ self._derivatives[j]) * (0.5 if i == j else 1.0) for i, j in self._pairs
             ]
-            magnitudes = np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)])
-            self._tables.append((np.vstack([values, slopes.reshape(-1, size)]), magnitudes))
+            self._tables.append(
+                (
+                    np.vstack([values, slopes.reshape(-1, size)]),
+                    np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)]),
+                )
+            )
 
     def _monomials(self, w: np.ndarray) -> np.ndarray:
         values = np.ones((len(self._index), w.shape[1]))
@@ -349,8 +353,13 @@ class BoxExcess(Algebra):
         ]
         self._corners = list(product((0, 1), repeat=len(groups)))
         products = self._products()
-        columns = [[nearest_double(c) for c in change] for change in products.values()]
-        self._changes = np.array(columns).reshape(-1, len(self._corners)).T  # (vertices, products)
+        self._changes = (
+            np.array(  # (vertices, products)
+                [[nearest_double(c) for c in change] for change in products.values()]
+            )
+            .reshape(-1, len(self._corners))
+            .T
+        )
         self._largest = np.abs(self._changes).max(axis=0, initial=0.0)
         self._factors = np.array(list(products), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
         self._mean = MeanForms(self.n, self._enclosed)

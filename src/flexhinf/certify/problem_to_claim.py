@@ -285,8 +285,11 @@ class _Reader:
 
     def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
         start, middle, end = self.edges[2:5]
-        pairs = zip(exponents[start:middle], exponents[middle:end])
-        return [(i, a - b) for i, (a, b) in enumerate(pairs) if a != b]
+        return [
+            (i, above - below)
+            for i, (above, below) in enumerate(zip(exponents[start:middle], exponents[middle:end]))
+            if above != below
+        ]
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output, with coefficients rounded to doubles: these are claimed and checked."""

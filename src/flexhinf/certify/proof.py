@@ -110,8 +110,12 @@ def certify(
         tried *= share
         claim, outcome = prove(replace(statement, level=float(tried)), threads=threads, progress=progress)
         if outcome.proved:
-            claim = replace(claim, starts=starts_of(solution, claim), provenance=_provenance(outcome))
-            claim = replace(claim.with_proved_starts(), sampled_level=sampled)
+            claim = replace(
+                claim,
+                starts=starts_of(solution, claim),
+                sampled_level=sampled,
+                provenance=_provenance(outcome),
+            ).with_proved_starts()
             return claim if observer is None else with_observer(solution, claim, observer)
         if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
@@ -204,8 +208,9 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
             break
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
     reached = radius + step
-    along = directions @ inequality.forms(inequality.functions).T
-    return float(reached.max()), np.abs(along * reached[:, None]).max(axis=0)
+    return float(reached.max()), np.abs(
+        directions @ inequality.forms(inequality.functions).T * reached[:, None]
+    ).max(axis=0)
 
 
 def certify_tolerances(
@@ -333,7 +338,9 @@ def with_observer(
     claimed = replace(
         certificate,
         feedback="output injection observer",
-        observer=Observer(measured, solution.state_names[size:], *matrices, gain_error, energy),
+        observer=Observer(
+            measured, solution.state_names[size:], *matrices, gain_error=gain_error, energy=energy
+        ),
     )
     if reason := claimed.why_no_observer():
         raise _no_error_energy(reason)

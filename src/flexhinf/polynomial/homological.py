@@ -113,8 +113,11 @@ def _contract_one_index(
                     place = first[j] - start[j]
                     kept[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
 
-    tiles = ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns))
-    run_all(contract, tiles, large=opening.size * width > _LARGE)
+    run_all(
+        contract,
+        ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns)),
+        large=opening.size * width > _LARGE,
+    )
     return result
 
 
@@ -139,8 +142,11 @@ class Coordinates:
     @cached_property
     def condition(self) -> float:
         """cond(M G) in the 2-norm; infinite if there is no inverse."""
-        known = np.isfinite(self.inverse).all()
-        return float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2)) if known else np.inf
+        return (
+            float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2))
+            if np.isfinite(self.inverse).all()
+            else np.inf
+        )
 
     def enter(self, entries: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries in z of a polynomial given in x."""
@@ -237,8 +243,12 @@ class HomologicalEquation:
             inverse = np.linalg.inv(real)
         except np.linalg.LinAlgError:
             inverse = np.full_like(real, np.inf)
-        flow = np.diag(np.concatenate([values, eigenvalues[lone]]))
-        return Coordinates(flow, real, inverse, {2 * i: _PAIR for i in range(len(pairs))})
+        return Coordinates(
+            flow=np.diag(np.concatenate([values, eigenvalues[lone]])),
+            real=real,
+            inverse=inverse,
+            rotations={2 * i: _PAIR for i in range(len(pairs))},
+        )
 
     @cached_property
     def schur_basis(self) -> Coordinates:
@@ -258,9 +268,13 @@ class HomologicalEquation:
         """V of degree `k`, from the tensor entries (count(n, k),) of r."""
         if self.eigenbasis.condition**k * np.finfo(float).eps < HOPELESS:
             pivots = -diagonal_sums(self.eigenbasis.flow, k)
-            methods = "eigenbasis", "eigenbasis, refined"
             solution = self._refined(
-                self.eigenbasis, lambda right: np.divide(right, pivots, out=right), known, k, methods, _REFINE
+                self.eigenbasis,
+                lambda right: np.divide(right, pivots, out=right),
+                known,
+                k,
+                ("eigenbasis", "eigenbasis, refined"),
+                _REFINE,
             )
             if solution.residual <= _ACCEPT:
                 return solution

@@ -38,13 +38,13 @@ from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
 from flexhinf.certify.checker.residual import (
     Refusal,
+    Residual,
     check_reach,
     corner_text,
     look_at_corners,
     matrix_of,
     positive_definite,
     require,
-    residual,
 )
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
@@ -83,7 +83,7 @@ def verify(
         _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
-        exact, peaks = residual(claim), proved_peaks(claim)
+        exact, peaks = Residual(claim), proved_peaks(claim)
         if claim.observer is not None:
             check_observer(claim, claim.observer, exact.gradient_law)
         corners, failed = (0, []) if by_cells else look_at_corners(claim, exact)
@@ -141,8 +141,12 @@ def verify(
 
 def _check_sizes(claim: Claim) -> None:
     """Refuse claims whose exact algebra would not end, and numbers whose products come near the ends of the doubles."""
-    rows = (claim.drift, *claim.g1, *claim.g2)
-    kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
+    kinds = {
+        (term.parameters, term.function)
+        for row in (claim.drift, *claim.g1, *claim.g2)
+        for terms in row
+        for term in terms
+    }
     uncertain = sum(p.low < p.high for p in claim.parameters)
     widest = [claim.reach * sum(abs(v) for v in row) for row in claim.coordinates]
     require(

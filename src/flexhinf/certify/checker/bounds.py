@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series, ctx
 
-from flexhinf.certify.checker.residual import box_corners, offset_of, residual, rounded, row_of, series_of
+from flexhinf.certify.checker.residual import Residual, box_corners, offset_of, rounded, row_of, series_of
 from flexhinf.certify.claim import Claim, Function
 
 #: Largest relative error of one rounded operation.
@@ -199,8 +199,9 @@ class Quotient:
         inside = np.minimum(edge, self._count).astype(int)
         remainder = np.maximum(self._remainder[self._count + inside], self._remainder[self._count - inside])
         error = self._error[self._count + index] * np.maximum(width, 1.0) ** ORDER
-        rest = (remainder * width ** (ORDER + 1) + error) * _UP
-        return self._coefficients[self._count + index].T, np.where(edge > self._count, inf, rest)
+        return self._coefficients[self._count + index].T, np.where(
+            edge > self._count, inf, (remainder * width ** (ORDER + 1) + error) * _UP
+        )
 
 
 BITS = 128  # of the balls from which tables are rounded
@@ -242,7 +243,7 @@ class Proof:
 
     def __init__(self, claim: Claim) -> None:
         self.claim, self.n = claim, len(claim.states)
-        exact = self.exact = residual(claim)
+        exact = self.exact = Residual(claim)
         self.exact_corners = [weights for _, weights in box_corners(claim, exact.products)]
         self.corners = np.array([[rounded(weight) for weight in row] for row in self.exact_corners])
         low, high = self.corners.min(0), self.corners.max(0)

@@ -115,8 +115,10 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
     for i, row in enumerate(start.path):
         x = arb_series([0], prec=terms)
         for term in row:
-            powers = (values[name] ** exponent for name, exponent in term.parameters)
-            factor = prod(powers, start=arb(term.coefficient) * a ** term.powers[0])
+            factor = prod(
+                (values[name] ** exponent for name, exponent in term.parameters),
+                start=arb(term.coefficient) * a ** term.powers[0],
+            )
             if term.function is not None:
                 function = start.functions[term.function]
                 offset = offset_of(function)
@@ -202,7 +204,9 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     )
     estimated = [i for i, name in enumerate([s.name for s in claim.states]) if name not in observer.known]
     sensors = matrix_of(observer.measured)
-    drift, noise = _error_drift(claim, estimated, sensors), _disturbance(claim, estimated)
+    drift = _error_drift(claim, estimated, sensors)
+    # G (n_e, w), constant; disturbances of known states move no error, since those are computed
+    noise = fmpq_mat([[_constant(claim, entry, "disturbance") for entry in claim.g1[i]] for i in estimated])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
     require(
         weight == weight.transpose() and storage == storage.transpose(),
@@ -256,11 +260,6 @@ def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
             f"{claim.states[i].name} is not computed from what is measured",
         )
     return fmpq_mat([[linear[i][j] for j in estimated] for i in estimated])
-
-
-def _disturbance(claim: Claim, estimated: list[int]) -> Any:
-    """G (n_e, w) of the errors, constant. Disturbances of known states move no error, since those are computed."""
-    return fmpq_mat([[_constant(claim, entry, "disturbance") for entry in claim.g1[i]] for i in estimated])
 
 
 def _constant(claim: Claim, terms: Terms, what: str) -> fmpq:

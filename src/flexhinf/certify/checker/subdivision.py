@@ -64,10 +64,7 @@ class Verification:
 
 
 def subdivide_face(
-    face: Face,
-    chosen: Sample | EveryCell,
-    *,
-    tick: Callable[[int], None] = lambda cells: None,
+    face: Face, chosen: Sample | EveryCell, *, tick: Callable[[int], None] = lambda cells: None
 ) -> Verification:
     """Prove that each direction of a face is finished after accepted cells that adjoin from ρ = 0 on, or raise a
     `Refusal`."""
@@ -92,12 +89,7 @@ def subdivide_face(
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         tick(len(good))
     return Verification(
-        True,
-        cells=count,
-        accepted=accepted,
-        with_level=with_level,
-        resampled=chosen.count,
-        rounding=rounding,
+        True, cells=count, accepted=accepted, with_level=with_level, resampled=chosen.count, rounding=rounding
     )
 
 
