@@ -270,7 +270,7 @@ _AT, _FORM, _UPPER, _SHIFTED = (
     taylor.TaylorTable.upper,
     taylor.TaylorTable.shifted,
 )
-_INTERVAL, _RESIDUAL, _BOUND = bounds_file._interval, bounds_file.residual, taylor.concave_bound
+_INTERVAL, _RESIDUAL, _BOUND = bounds_file._interval, bounds_file.Residual, taylor.concave_bound
 
 
 def _wrong_residual(change: Callable[[Any], None]) -> Callable[[Any], Any]:
@@ -300,8 +300,8 @@ MUTATIONS: dict[str, tuple[Any, str, Any]] = {
     "half of the box": (taylor.TaylorTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t, h / 2)),
     "another centre": (taylor.TaylorTable, "shifted", lambda self, c, t, h: _SHIFTED(self, c, t + h / 8, h)),
     "half of the radius": (bounds_file, "_interval", lambda a, b: (_INTERVAL(a, b)[0], (b - a) / 4, b)),
-    "the sine's sign": (bounds_file, "residual", _wrong_residual(_scaled("factors", -1))),
-    "twice the polynomial part": (bounds_file, "residual", _wrong_residual(_scaled("plain", 2))),
+    "the sine's sign": (bounds_file, "Residual", _wrong_residual(_scaled("factors", -1))),
+    "twice the polynomial part": (bounds_file, "Residual", _wrong_residual(_scaled("plain", 2))),
 }  # fmt: skip
 
 

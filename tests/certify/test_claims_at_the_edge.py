@@ -88,10 +88,11 @@ def test_matrices_are_what_the_theorem_asks_for() -> None:
 
 def test_what_is_reported_adds_up(monkeypatch: pytest.MonkeyPatch) -> None:
     ticks: list[int] = []
-    real, seen = checker_file.subdivide_face, []
+    real, seen, samples = checker_file.subdivide_face, [], []
 
     def spied(*given: Any, **more: Any) -> Any:
         seen.append(real(*given, **more))
+        samples.append(given[1].cells)
         return seen[-1]
 
     monkeypatch.setattr(checker_file, "subdivide_face", spied)
@@ -103,7 +104,7 @@ def test_what_is_reported_adds_up(monkeypatch: pytest.MonkeyPatch) -> None:
         assert getattr(found, name) == sum(getattr(one, name) for one in seen) > 0
     assert sum(ticks) == found.cells
     assert found.rounding == max(one.rounding for one in seen) > 0
-    assert found.resampled == sum(len(one.sample) for one in seen) == 6
+    assert found.resampled == sum(map(len, samples)) == 6
     assert (found.corners, found.starts, found.every_cell) == (0, 0, False)
     assert found.gradient_law
     assert 0 < found.cpu_s < 600

@@ -534,7 +534,7 @@ def test_a_table_bounds_a_polynomial_of_any_number_of_states(n: int, degree: int
         constant = low.pop(zero, Q(0)) + spread.pop(zero, Q(0))
         tails = here.tails(rows, [Q(v) for v in mid], [Q(v) for v in rad])
         expected = upper(n, low, spread, tails, constant)
-        one = form.chosen(np.array([i]))
+        one = CentredForm(*(part[:, [i]] for part in form))
         assert float(table.upper(one)[0]) == pytest.approx(float(expected), rel=1e-11)
         without = float(table.upper(one, np.zeros(1))[0])
         assert without == pytest.approx(float(expected - constant), rel=1e-11)

@@ -15,7 +15,7 @@ from flexhinf.certify.checker import subdivision
 from flexhinf.certify.checker.bounds import Face, Proof
 from flexhinf.certify.checker.guidance import axis_to_cut
 from flexhinf.certify.checker.residual import Refusal
-from flexhinf.certify.checker.subdivision import FaceResult, _cut, _further, subdivide_face
+from flexhinf.certify.checker.subdivision import Verification, _cut, _further, subdivide_face
 
 from .a_cubic import CUBIC
 from .test_checker import LEVEL, upright
@@ -56,7 +56,7 @@ class Watched:
         self.finished.append(cells[:, finished])
 
 
-def marched(claim: Certificate, face: tuple[int, int]) -> tuple[Watched, FaceResult]:
+def marched(claim: Certificate, face: tuple[int, int]) -> tuple[Watched, Verification]:
     watched = Watched()
     return watched, subdivide_face(Face(Proof(claim), face), watched)  # type: ignore[arg-type]
 
@@ -95,7 +95,7 @@ def test_accepted_cells_adjoin_in_every_direction_until_the_level_set_ends(name:
     assert found.accepted == np.hstack(watched.good).shape[1]
     assert found.cells == watched.looked
     assert found.with_level <= found.accepted
-    assert found.again == 0
+    assert found.resampled == 0
 
 
 def test_what_a_march_counts() -> None:

@@ -16,9 +16,9 @@ from flexhinf.certify.checker.bounds import ORDER, Proof, Quotient
 from flexhinf.certify.checker.residual import quotient_range
 from flexhinf.certify.checker.second_route import Cell, cell_holds
 from flexhinf.certify.claim import Function
-from flexhinf.certify.inequality import quotient_table
+from flexhinf.certify.inequality import QuotientTable
 
-quadratic = import_module("flexhinf.certify.checker.residual")  # its package has a function of this name
+quadratic = import_module("flexhinf.certify.checker.residual")
 
 LOG = Function("log", (1.0,), 1.0)  # log(1 + s): its pole is at s = −1
 SERIES = quotient_file.series_of
@@ -92,7 +92,7 @@ def test_no_cell_with_a_pole_is_held(name: str, multiplier: float) -> None:
 def test_tables_and_ranges_end_at_a_pole() -> None:
     low = np.linspace(-1.5, -0.7, 81)
     high = low + 0.05
-    for rest in (quotient_table(LOG, 2.0, 4).enclose(low, high)[1], Quotient(LOG, 2.0).at(low, high)[1]):
+    for rest in (QuotientTable(LOG, 2.0, 4).enclose(low, high)[1], Quotient(LOG, 2.0).at(low, high)[1]):
         assert np.isinf(rest[low <= -1.0]).all()
         assert not np.isnan(rest).any()
     for function, pole in POLES.values():

@@ -21,7 +21,7 @@ from flexhinf.certify.proof import certify_tolerances
 
 from .test_checker import GRAVITY, LEVEL, V_2, uncertain, upright
 
-quadratic = import_module("flexhinf.certify.checker.residual")  # its package has a function of this name
+quadratic = import_module("flexhinf.certify.checker.residual")
 
 ARM = fh.paper_arm()
 
@@ -97,8 +97,8 @@ def test_each_end_is_needed(skipped: str, monkeypatch: pytest.MonkeyPatch) -> No
         wrong = upright(level=LEVEL * 1.01)
         monkeypatch.setattr(quadratic, "quotient_range", lambda *given: (fmpq(-1), fmpq(-1)))
     else:
-        wrong, corners = uncertain(0.2), quadratic.parameter_corners
-        monkeypatch.setattr(quadratic, "parameter_corners", lambda *given: corners(*given)[:1])
+        wrong, corners = uncertain(0.2), quadratic.box_corners
+        monkeypatch.setattr(quadratic, "box_corners", lambda *given: corners(*given)[:1])
     assert wrong.check(threads=1).proved
     monkeypatch.undo()
     assert not wrong.check(threads=1).proved

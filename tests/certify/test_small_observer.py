@@ -92,7 +92,8 @@ def test_the_error_s_drift_and_disturbance_are_the_plant_s() -> None:
     claim = plant()
     sensors = checked.matrix_of(observer().measured)
     np.testing.assert_array_equal(numbers(checked._error_drift(claim, [0, 1], sensors)), A)
-    np.testing.assert_array_equal(numbers(checked._disturbance(claim, [0, 1])), G)
+    noise = [[checked._constant(claim, entry, "disturbance") for entry in claim.g1[i]] for i in (0, 1)]
+    np.testing.assert_array_equal(numbers(checked.fmpq_mat(noise)), G)
 
 
 def test_what_is_linear_in_the_states_adds_up_and_the_rest_has_to_be_known() -> None:

@@ -170,8 +170,11 @@ def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
 
 def parameter_groups(certificate: Certificate) -> list[dict[str, int]]:
     """Parameters (with their exponents) that occur as one product only, such as m g l: each product is one variable."""
-    rows = itertools.chain(certificate.drift, *certificate.g1, *certificate.g2)
-    pairs = [dict(term.parameters) for terms in rows for term in terms]
+    pairs = [
+        dict(term.parameters)
+        for terms in itertools.chain(certificate.drift, *certificate.g1, *certificate.g2)
+        for term in terms
+    ]
     exponents = {name: power for powers in pairs for name, power in powers.items() if power}
     ranges = {p.name: p for p in certificate.parameters if p.low < p.high}
     groups: dict[object, dict[str, int]] = {}
@@ -192,9 +195,9 @@ def group_ends(
     """Values of the parameters in the box at which the product of each of `parameter_groups` is least, and largest."""
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
-        corners = [dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group))]
-        corners.sort(key=partial(power_product, group, unity=number(1.0)))
-        ends.append([corners[0], corners[-1]])
+        corners = (dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group)))
+        least, *_, largest = sorted(corners, key=partial(power_product, group, unity=number(1.0)))
+        ends.append([least, largest])
     return ends
 
 
@@ -213,9 +216,14 @@ def sampled_gain(statement: Certificate, level: float, about: float, seed: int =
     """
     rng, vertices = np.random.default_rng(seed), box_vertices(statement)
     root = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, len(statement.states)))).T
-
     value = partial(polynomial_at, statement.value)
-    points = _points(value, root, level, rng)
+    # points on random rays, each ray up to where V passes the level, at most to four times where ½ xᵀPx does
+    rays = rng.standard_normal((_RAYS, len(root)))
+    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
+    grid = np.linspace(0.0, 4.0, 161)[1:]
+    inside = np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0)
+    reach = grid[np.maximum(inside.sum(axis=0) - 1, 0)]
+    points = np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
     parts = _parts(statement, vertices, points)
     for _ in range(_AGAIN):
         gammas = [_gamma(parts, s) for s in about * _SCALES]
@@ -242,19 +250,6 @@ def _gamma(parts: np.ndarray, scale: float) -> np.ndarray:
     room = -scale * a - z
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(room > 0, np.sqrt(scale**2 * g / np.where(room > 0, room, 1.0)), np.inf)
-
-
-def _points(
-    value: Callable[[np.ndarray], np.ndarray], root: np.ndarray, level: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Points on random rays, each ray up to where V passes the level, at most to four times where ½ xᵀPx does."""
-    rays = rng.standard_normal((_RAYS, len(root)))
-    rays = rays / np.linalg.norm(rays, axis=1, keepdims=True) @ root.T * np.sqrt(2.0 * level)
-    grid = np.linspace(0.0, 4.0, 161)[1:]
-    reach = grid[
-        np.maximum(np.stack([value(rays * r) <= level for r in grid]).cumprod(axis=0).sum(axis=0) - 1, 0)
-    ]
-    return np.vstack([rays * (reach * share)[:, None] for share in _SHARES])
 
 
 def box_vertices(statement: Certificate) -> list[dict[str, float]]:
@@ -340,11 +335,9 @@ def common_value(statement: Certificate) -> CommonValue | None:
         np.linalg.cholesky(quadratic_part(statement.value, n))
     ).T  # in these coordinates V is ½|z|²
     gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
-    ends = itertools.product(*map(_slopes, statement.functions))
-    systems = [linear_system(statement, *at) for at in itertools.product(box_vertices(statement), ends)]
-    a, b = (
-        np.array(m) for m in zip(*((a + b2 @ gain, b) for a, b, b2 in systems))
-    )  # A_v with the law, and B_v
+    slopes = itertools.product(*map(_slopes, statement.functions))
+    systems = (linear_system(statement, *at) for at in itertools.product(box_vertices(statement), slopes))
+    a, b = map(np.array, zip(*((a + b2 @ gain, b) for a, b, b2 in systems)))  # A_v with the law, and B_v
     q = t.T @ (h.T @ h + gain.T @ r2 @ gain) @ t
     a, b = np.linalg.inv(t) @ a @ t, np.linalg.inv(t) @ b
     if (y := _feasible(a, b, q)) is None:
@@ -363,7 +356,6 @@ def common_value(statement: Certificate) -> CommonValue | None:
 
 
 def _slopes(function: Function) -> tuple[float, float]:
-    """The least and largest [φ(o + s) − φ(o)]/s."""
     s = np.linspace(-_FAR, _FAR, _SLOPES)
     s = s[s != 0.0]
     with np.errstate(all="ignore"):

@@ -43,15 +43,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify.certificate import polynomial_at
-from flexhinf.certify.inequality import (
-    BoxExcess,
-    Inequality,
-    QuotientTable,
-    Rational,
-    by_parity,
-    parity,
-    quotient_table,
-)
+from flexhinf.certify.inequality import BoxExcess, Inequality, QuotientTable, Rational, by_parity, parity
 from flexhinf.certify.kernel import LANES, LOW, OUTPUTS, POINTERS, Layout, Shape, kernel_text, monomials_of
 from flexhinf.certify.problem_to_claim import nearest_double, terms_of
 from flexhinf.codegen import machine
@@ -107,15 +99,17 @@ class CellBounds:
         self.tables, powers = list[QuotientTable](), list[Rational]()
         for factor, function, most in zip(factors, inequality.functions, extent):
             order = max(_ORDER, highest - max(map(sum, factor), default=2))
-            self.tables.append(quotient_table(function, most, order))
+            self.tables.append(QuotientTable(function, most, order))
             line = inequality.moved(inequality.line(function.slope))
             powers += map(terms_of, accumulate([line] * order, mul, initial=inequality.z.from_dict(factor)))
         every = sorted({k for part in (whole, *powers) for k in map(sum, part)})
         degrees = [_degrees(factor) or (2,) for factor in factors]
         self.shape = shape = Shape(self.n, _degrees(value), degrees, every, [*map(_degrees, powers)])
         self.value_table = self._table(value, shape.value)
-        quotients = [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
-        self.quotient_table = np.hstack(quotients or [np.zeros((len(self.faces), 1))])
+        self.quotient_table = np.hstack(
+            [self._table(part, layout) for part, layout in zip(factors, shape.quotients)]
+            or [np.zeros((len(self.faces), 1))]
+        )
         which, place = np.array(shape.columns).T
         self.table = np.ascontiguousarray(
             np.stack([self._table(part, shape.whole) for part in (whole, *powers)])[which, :, place].T
@@ -154,8 +148,9 @@ class CellBounds:
         values = {key: nearest_double(value) for key, value in terms.items() if sum(key) in layout.degrees}
         for row, (variable, sign) in zip(table, self.faces):
             for key, value in values.items():
-                place = layout.place[sum(key), key[:variable] + key[variable + 1 :]]
-                row[place] = value * sign ** key[variable]
+                row[layout.place[sum(key), key[:variable] + key[variable + 1 :]]] = (
+                    value * sign ** key[variable]
+                )
         return table
 
     @property
@@ -209,9 +204,10 @@ class CellBounds:
         rows, names = self.rows(cells), self.shape.outputs
         score = np.zeros((self.n, len(cells)))
         if self.box is not None:
-            radii = cells.inner * self.reach, cells.outer * self.reach
             numbers = np.array([2 * variable + (sign < 0) for variable, sign in self.faces])
-            added, score = self.box(numbers[cells.face], cells.t.T, cells.h.T, *radii)
+            added, score = self.box(
+                numbers[cells.face], cells.t.T, cells.h.T, cells.inner * self.reach, cells.outer * self.reach
+            )
             rows[:, self.shape.inputs["rounding"]] += added
         inputs, outputs = (_aligned(len(faces), size, LANES) for size in (rows.shape[1], names["count"]))
         inputs[:] = rows[filled].reshape(len(faces), LANES, -1).transpose(0, 2, 1)
@@ -247,10 +243,6 @@ class CellBounds:
         def allowed(size: np.ndarray, odd: np.ndarray) -> np.ndarray:
             return unit * size + odd * (1 + 1e-12) + self._underflow
 
-        value_rounding = allowed(powers @ self._value_sizes, powers @ self._odd_value)
-        growth_rounding = allowed(
-            lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)
-        )
         size, odd = lowered @ self._whole_sizes[0], lowered @ self._odd_whole
         errors, coefficients, sizes = [], [], iter(self._whole_sizes[1:])
         for j, (form, table) in enumerate(zip(self.lines, self.tables)):
@@ -268,7 +260,13 @@ class CellBounds:
             size = size + np.where(np.isfinite(error), error, 0.0) * (lowered @ self._factor_sizes[j])
             errors.append(error)
             coefficients.append(rows)
-        scalars = [inner, outer, middle, half, value_rounding, growth_rounding, allowed(size, odd), *errors]
+        scalars = [
+            *(inner, outer, middle, half),
+            allowed(powers @ self._value_sizes, powers @ self._odd_value),  # of V, of its growth, of r
+            allowed(lowered @ (degrees * self._value_sizes), lowered @ (degrees * self._odd_value)),
+            allowed(size, odd),
+            *errors,
+        ]
         return np.hstack([cells.t, cells.h, np.stack(scalars, axis=1), *coefficients])
 
 
@@ -370,10 +368,8 @@ def search(
 
 
 def _following(cells: Records) -> Records:
-    length = cells.outer - cells.inner
-    return cells_of(
-        cells.face, cells.t, cells.h, cells.outer, np.minimum(cells.outer + _GROWTH * length, 1.0)
-    )
+    outer = np.minimum(cells.outer + _GROWTH * (cells.outer - cells.inner), 1.0)
+    return cells_of(cells.face, cells.t, cells.h, cells.outer, outer)
 
 
 def _outcome(

@@ -26,7 +26,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from flexhinf.certify.checker import Verification, verify
-from flexhinf.certify.checker.residual import Refusal, look_at_corners, residual
+from flexhinf.certify.checker.residual import Refusal, Residual, look_at_corners
 from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
 from flexhinf.certify.claim import Claim, Function, Observer, Polynomial, Signal, Start, Term, Terms
 from flexhinf.errors import InvalidInput
@@ -67,7 +67,7 @@ class Certificate(Summarised, Claim):
     @property
     def is_gradient_law(self) -> bool:
         """Whether the law is −R2⁻¹g2ᵀV_xᵀ up to rounding, with a known g2: for the budget of the theorem."""
-        return residual(self).gradient_law
+        return Residual(self).gradient_law
 
     @property
     def stated(self) -> Verification:
@@ -76,7 +76,7 @@ class Certificate(Summarised, Claim):
 
     def definite_corners(self) -> int:
         """The number of corners at which r is a negative definite form, where that proves it without cells; else 0."""
-        count, failed = look_at_corners(self, residual(self))
+        count, failed = look_at_corners(self, Residual(self))
         return 0 if failed else count
 
     def with_proved_starts(self) -> Certificate:
@@ -148,19 +148,15 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
             raise ValueError("a key that stands twice")
         return dict(pairs)
 
-    def no_constant(text: str) -> Any:
-        raise ValueError(f"{text} is no number")
-
     try:
-        content = json.loads(text, object_pairs_hook=once, parse_constant=no_constant)
+        content = json.loads(text, object_pairs_hook=once)
     except (ValueError, RecursionError) as error:
         raise unreadable("JSON", str(error)) from None
     entries = dict(content) if isinstance(content, dict) else {"format": content}
     kind, version = entries.pop("format", None), entries.pop("version", None)
     unknown = sorted(set(entries) - {entry.name for entry in fields(Certificate)})
-    proper = isinstance(content, dict) and kind == _FORMAT
     for readable, expected, got in (
-        (proper, f"an object with format = {_FORMAT!r}", value_text(kind, 80)),
+        (kind == _FORMAT, f"an object with format = {_FORMAT!r}", value_text(kind, 80)),
         (type(version) is int and version == _VERSION, f"version {_VERSION}", value_text(version, 60)),
         (not unknown, "known entries", value_text(unknown, 100)),
     ):
@@ -173,8 +169,8 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
         cause = first.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
             raise unreadable("a certificate", f"{cause.what} {cause.found}") from None
-        where = ".".join(map(str, first["loc"]))
-        raise unreadable(f"{where}: {first['msg']}", value_text(first.get("input"), 80)) from None
+        expected = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        raise unreadable(expected, value_text(first.get("input"), 80)) from None
 
 
 @cache
@@ -274,19 +270,14 @@ def theorem_text(claim: Claim, verification: Verification, whole: bool = False) 
     """The theorem of a claim, valid if `verification.proved`. `whole`: with V and the law in full, however long."""
     return "\n\n".join(
         f"{heading}: {texts[0]}" if heading == "Region S" else "\n  ".join([heading, *texts])
-        for heading, texts in _parts(claim, verification, whole)
+        for heading, texts in theorem_parts(claim, verification, whole)
     )
 
 
-def theorem_parts(claim: Claim, verification: Verification) -> list[tuple[str, list[str]]]:
-    """The theorem in full as pairs of a heading and its sentences."""
-    return [
-        (heading, [text.strip().removeprefix("- ") for text in texts])
-        for heading, texts in _parts(claim, verification, True)
-    ]
-
-
-def _parts(claim: Claim, verification: Verification, whole: bool) -> list[tuple[str, list[str]]]:
+def theorem_parts(
+    claim: Claim, verification: Verification, whole: bool = True
+) -> list[tuple[str, list[str]]]:
+    """The theorem as pairs of a heading and its lines, with the marks that stand before them in `theorem_text`."""
     statements, paths = _statements(claim, verification), []
     fed = f" (1. to {len(statements) - 1}.) or estimates ({len(statements)}.)" if claim.observer else ""
     for i, start in enumerate(claim.starts, 1):
@@ -354,13 +345,14 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
     rates = []
     for name, drift, g1, g2 in zip(names, claim.drift, claim.g1, claim.g2):
         rate = [_sum(drift, names, claim.functions)] if drift else []
-        driven = zip((*claim.disturbances, *claim.inputs), (*g1, *g2), strict=True)
-        rate += [_sum(terms, names, (), signal.name) for signal, terms in driven if terms]
+        rate += [
+            _sum(terms, names, (), signal.name)
+            for signal, terms in zip((*claim.disturbances, *claim.inputs), (*g1, *g2), strict=True)
+            if terms
+        ]
         rates.append(f"  d/dt {name} = {_joined(rate)}")
     box = (f"{p.name} in [{p.low:.10g}, {p.high:.10g}] {p.unit}".rstrip() for p in uncertain)
     degree = max((sum(powers) for law in claim.law for powers, _ in law), default=0)
-    price = "; ".join(" ".join(map(repr, row)) for row in claim.r2)
-    polynomials = [*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value)]
     return [
         f"Plant: {len(names)} states ({', '.join(map(_named, claim.states))}), deviations from the "
         f"{'equilibrium at the goal (of each robot its own, where it moves with the parameters)' * bool(uncertain)}"
@@ -374,12 +366,12 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         f"Disturbance channels: {', '.join(map(_named, claim.disturbances))}.",
         f"Feedback: the law, a polynomial of degree {degree} for {', '.join(map(_named, claim.inputs))}, is fed the "
         f"true state{fed}, in continuous time.",
-        f"  R2 = [{price}]",
+        f"  R2 = [{'; '.join(' '.join(map(repr, row)) for row in claim.r2)}]",
         *(
             f"  {name} = {_row(polynomial, claim.states, len(polynomial))}"
             if whole or len(polynomial) <= _MOST_MONOMIALS
             else f"  {name}: {len(polynomial)} monomials, in the file and on the page"
-            for name, polynomial in polynomials
+            for name, polynomial in (*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value))
         ),
     ]
 
@@ -522,7 +514,6 @@ def _power(name: str, exponent: int) -> str:
 
 
 def _bracket(function: Function, names: list[str]) -> str:
-    """φ(o + ℓᵀx) − φ(o)."""
     inner = _joined([
         f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g}*'}{name}"
         for value, name in zip(function.slope, names, strict=True)

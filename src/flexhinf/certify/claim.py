@@ -246,8 +246,11 @@ def rows_fit(name: str, matrix: Sequence[Sequence[Any]], rows: int, columns: int
 
 def powers_fit(name: str, powers: tuple[int, ...], n: int, lowest: int) -> Check:
     """Whether there are n exponents with a sum from `lowest` to `HIGHEST_DEGREE`."""
-    fits = len(powers) == n and lowest <= sum(powers) <= HIGHEST_DEGREE
-    return fits, f"{n} exponents of sum {lowest} to {HIGHEST_DEGREE} in {name}", f"{powers}"
+    return (
+        len(powers) == n and lowest <= sum(powers) <= HIGHEST_DEGREE,
+        f"{n} exponents of sum {lowest} to {HIGHEST_DEGREE} in {name}",
+        f"{powers}",
+    )
 
 
 def check_terms(

@@ -39,13 +39,11 @@ every vertex by its own value and slopes: the middles are exact, so nothing is l
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from itertools import accumulate, chain, combinations_with_replacement, product
 from math import comb, prod
 
-import flint
 import numpy as np
-from flint import arb, arb_series, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
+from flint import arb, arb_series, ctx, fmpq, fmpq_mpoly, fmpq_mpoly_ctx
 
 from flexhinf.certify.box import group_ends, parameter_groups, power_product
 from flexhinf.certify.certificate import Certificate
@@ -106,16 +104,20 @@ class Inequality(Algebra):
         g2, g1 = ([[*map(self._terms, row)] for row in rows] for rows in (certificate.g2, certificate.g1))
 
         def pushed(index: int | None) -> fmpq_mpoly:
-            parts = (self._terms(t for t in row if t.function == index) for row in certificate.drift)
-            return sum((a * b for a, b in zip(slope, parts)), self.zero)
+            rows = zip(slope, certificate.drift)
+            return sum((a * self._terms(t for t in row if t.function == index) for a, row in rows), self.zero)
 
-        total = self.z.constant(rational(certificate.decay)) * value + pushed(None)
-        total += sum((along * a * b for along, row in zip(slope, g2) for a, b in zip(row, law)), self.zero)
-        total += sum((h * h / 2 for h in map(self.moved, map(self.in_x, certificate.penalty))), self.zero)
+        penalty = map(self.moved, map(self.in_x, certificate.penalty))
         prices = zip(product(law, law), chain(*certificate.r2))
-        total += sum((a * b * (rational(price) / 2) for (a, b), price in prices), self.zero)
         driven = (sum((a * b for a, b in zip(slope, column)), self.zero) for column in zip(*g1))
-        total += sum((a * a for a in driven), self.zero) * (1 / (2 * rational(certificate.gamma) ** 2))
+        total = (
+            pushed(None)
+            + sum((along * a * b for along, row in zip(slope, g2) for a, b in zip(row, law)), self.zero)
+            + sum((h * h / 2 for h in penalty), self.zero)
+            + sum((a * b * (rational(price) / 2) for (a, b), price in prices), self.zero)
+            + sum((a * a for a in driven), self.zero) * (1 / (2 * rational(certificate.gamma) ** 2))
+            + self.z.constant(rational(certificate.decay)) * value
+        )
         self.value, self.polynomial = terms_of(value), terms_of(total)
         pairs = [(function, pushed(index)) for index, function in enumerate(certificate.functions)]
         self.functions = [function for function, factor in pairs if factor]
@@ -170,20 +172,38 @@ _PIECE = 2.0**-3  # length of the intervals on which derivatives are bounded
 _BITS = 320  # of the arithmetic on balls
 
 
-@dataclass(frozen=True)
 class QuotientTable:
-    """Nodes with their polynomials, and bounds of the derivatives by distance from 0."""
+    """Nodes with the polynomials of S for Φ(ℓ) = φ(o + ℓ) and |ℓ| ≤ `reach`, with M = `order`, and bounds of the
+    derivatives by distance from 0."""
 
-    first: int  # number of the first node, in spacings from 0
-    rows: np.ndarray  # s_m (nodes, M + 1); nan where the function is not defined
-    above: np.ndarray  # C on [0, (i + 1) pieces]
-    below: np.ndarray  # C on [−(i + 1) pieces, 0]
-    largest: float  # bound of |S| in the whole table
+    def __init__(self, function: Function, reach: float, order: int) -> None:
+        elementary, offset, halves = SERIES[function.name], function.offset, function.pi_halves
+
+        def series(s: arb_series) -> arb_series:
+            return elementary(s + (arb(offset) + arb.pi() * halves / 2))
+
+        farthest, cap, bits = min(reach, _FARTHEST), ctx.cap, ctx.prec
+        count, pieces = int(np.ceil(farthest / _SPACING)) + 1, int(np.ceil(farthest / _PIECE)) + 2
+        try:
+            ctx.cap, ctx.prec = order + 3, _BITS
+            # s_m (nodes, M + 1); nan where the function is not defined
+            self.rows = np.array([_row(series, node, order) for node in range(-count, count + 1)])
+            ctx.prec = 64
+            self.above, self.below = (  # C on [0, (i + 1) pieces], and on [−(i + 1) pieces, 0]
+                np.maximum.accumulate(
+                    [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
+                )
+                for sign in (1, -1)
+            )
+            #: A bound of |S| in the whole table.
+            self.largest = max(_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces))
+        finally:
+            ctx.cap, ctx.prec = cap, bits
 
     def enclose(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Polynomials (N, M + 1) for intervals of ℓ, and bounds (N,) of their remainders: inf beyond the table."""
         node = np.rint((low + high) / (2 * _SPACING))
-        place = node.astype(np.int64) - self.first
+        place = node.astype(np.int64) + len(self.rows) // 2  # the middle row is that of node 0
         known = (place >= 0) & (place < len(self.rows))
         rows = self.rows[np.where(known, place, 0)]
         distance = np.maximum(high - node * _SPACING, node * _SPACING - low)
@@ -197,29 +217,6 @@ def _beyond(table: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Bounds of the derivative out to `reach` on one side of 0; the first one where `reach` is on the other side."""
     place = np.maximum(np.ceil(reach / _PIECE).astype(np.int64) - 1, 0)
     return np.where(place < len(table), table[np.minimum(place, len(table) - 1)], np.inf)
-
-
-def quotient_table(function: Function, reach: float, order: int) -> QuotientTable:
-    """The table of S for Φ(ℓ) = φ(o + ℓ) and |ℓ| ≤ `reach`, with M = `order`."""
-    elementary, offset, halves = SERIES[function.name], function.offset, function.pi_halves
-
-    def series(s: arb_series) -> arb_series:
-        return elementary(s + (arb(offset) + arb.pi() * halves / 2))
-
-    farthest, cap, bits = min(reach, _FARTHEST), flint.ctx.cap, flint.ctx.prec
-    count, pieces = int(np.ceil(farthest / _SPACING)) + 1, int(np.ceil(farthest / _PIECE)) + 2
-    try:
-        flint.ctx.cap, flint.ctx.prec = order + 3, _BITS
-        rows = [_row(series, node, order) for node in range(-count, count + 1)]
-        flint.ctx.prec = 64
-        sides = [
-            [_derivative(series, sign * (i + 0.5) * _PIECE, order + 2) for i in range(pieces)]
-            for sign in (1, -1)
-        ]
-        ends = [_derivative(series, (i + 0.5) * _PIECE, 1) for i in range(-pieces, pieces)]
-    finally:
-        flint.ctx.cap, flint.ctx.prec = cap, bits
-    return QuotientTable(-count, np.array(rows), *map(np.maximum.accumulate, sides), largest=max(ends))
 
 
 def _row(function: Series, node: int, order: int) -> list[float]:
@@ -280,8 +277,12 @@ class MeanForms:
             seconds = [
                 np.abs(slopes[:, i] @ self._derivatives[j]) * (0.5 if i == j else 1.0) for i, j in self._pairs
             ]
-            magnitudes = np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)])
-            self._tables.append((np.vstack([values, slopes.reshape(-1, size)]), magnitudes))
+            self._tables.append(
+                (
+                    np.vstack([values, slopes.reshape(-1, size)]),
+                    np.vstack([np.abs(values), np.stack(seconds, axis=1).reshape(-1, size)]),
+                )
+            )
 
     def _monomials(self, w: np.ndarray) -> np.ndarray:
         values = np.ones((len(self._index), w.shape[1]))
@@ -318,7 +319,7 @@ _BOX_ORDER = 3  # of the polynomials that stand for quotients of elementary func
 _MOST_VERTICES = 4096
 
 
-class BoxExcess:
+class BoxExcess(Algebra):
     """An upper bound of [r(p) − r(p0)]/ρ² on cells in max|z_i| ≤ reach, over the box of parameters.
 
     The difference is a sum of (an entry of V_x) · (a form) · (a quotient S_j or 1), with weights at each vertex.
@@ -330,16 +331,41 @@ class BoxExcess:
     """
 
     def __init__(self, certificate: Certificate, reach: float) -> None:
-        changes = _Changes(certificate)
-        self.n, products = changes.n, changes.products()
-        columns = [[nearest_double(c) for c in change] for change in products.values()]
-        self._changes = np.array(columns).reshape(-1, len(changes.corners)).T  # (vertices, products)
+        super().__init__(certificate)
+        self._enclosed, self._known = list[Rational](), dict[object, int]()
+        self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
+        groups = parameter_groups(certificate)
+        if 2 ** len(groups) > _MOST_VERTICES:
+            raise InvalidInput(
+                "The box of parameters has too many vertices.",
+                f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
+                "fewer parameters with tolerances",
+            )
+        #: Of each parameter that varies: its product counts once, by the first.
+        self._group = {
+            name: number if name == next(iter(group)) else None
+            for number, group in enumerate(groups)
+            for name in group
+        }
+        self._ends = [  # and in the middle
+            [power_product(group, at, fmpq(1)) for at in (*ends, self.parameters)]
+            for group, ends in zip(groups, group_ends(certificate, rational))
+        ]
+        self._corners = list(product((0, 1), repeat=len(groups)))
+        products = self._products()
+        self._changes = (
+            np.array(  # (vertices, products)
+                [[nearest_double(c) for c in change] for change in products.values()]
+            )
+            .reshape(-1, len(self._corners))
+            .T
+        )
         self._largest = np.abs(self._changes).max(axis=0, initial=0.0)
         self._factors = np.array(list(products), dtype=int).reshape(-1, 3).T.copy()  # no function: −1
-        self._mean = MeanForms(self.n, changes.enclosed)
-        self._lines = changes.forms(certificate.functions)
+        self._mean = MeanForms(self.n, self._enclosed)
+        self._lines = self.forms(certificate.functions)
         self._tables = [
-            quotient_table(f, reach * float(np.abs(line).sum()) * (1.0 + _SUM_ROUNDING) + 0.25, _BOX_ORDER)
+            QuotientTable(f, reach * float(np.abs(line).sum()) * (1.0 + _SUM_ROUNDING) + 0.25, _BOX_ORDER)
             for f, line in zip(certificate.functions, self._lines)
         ]
 
@@ -391,36 +417,6 @@ class BoxExcess:
             radii[j] = (spread + error) * (1.0 + _SUM_ROUNDING) + 1e-13 * (1.0 + np.abs(values[j]))
         return values, radii
 
-
-class _Changes(Algebra):
-    """How the monomials of the parameters change from the middle of the box to its vertices (`corners`).
-
-    `enclosed` are the polynomials in z without constants that are to be enclosed, each once.
-    """
-
-    def __init__(self, certificate: Certificate) -> None:
-        super().__init__(certificate)
-        self.enclosed, self._known = list[Rational](), dict[object, int]()
-        self._value, self._laws = self.in_x(certificate.value), [*map(self.in_x, certificate.law)]
-        groups = parameter_groups(certificate)
-        if 2 ** len(groups) > _MOST_VERTICES:
-            raise InvalidInput(
-                "The box of parameters has too many vertices.",
-                f"expected at most {_MOST_VERTICES}, got 2^{len(groups)} of {groups}",
-                "fewer parameters with tolerances",
-            )
-        #: Of each parameter that varies: its product counts once, by the first.
-        self._group = {
-            name: number if name == next(iter(group)) else None
-            for number, group in enumerate(groups)
-            for name in group
-        }
-        self._ends = [  # and in the middle
-            [power_product(group, at, fmpq(1)) for at in (*ends, self.parameters)]
-            for group, ends in zip(groups, group_ends(certificate, rational))
-        ]
-        self.corners = list(product((0, 1), repeat=len(groups)))
-
     def _at_ends(self, term: Term) -> list[fmpq]:
         """Values of coefficient · Π p^e of a term at all vertices, and at last in the middle."""
         known = {name: power for name, power in term.parameters if name not in self._group}
@@ -428,19 +424,19 @@ class _Changes(Algebra):
         used = [k for name, _ in term.parameters if (k := self._group.get(name)) is not None]
         return [
             constant * prod((self._ends[k][at[k]] for k in used), start=fmpq(1))
-            for at in [*self.corners, (2,) * len(self._ends)]
+            for at in [*self._corners, (2,) * len(self._ends)]
         ]
 
     def _number(self, key: object, polynomial: fmpq_mpoly) -> int:
         if key not in self._known:
-            self._known[key] = len(self.enclosed)
-            self.enclosed.append(terms_of(self.moved(polynomial)))
+            self._known[key] = len(self._enclosed)
+            self._enclosed.append(terms_of(self.moved(polynomial)))
         return self._known[key]
 
     def _slope(self, i: int) -> int:
         return self._number(("slope", i), self._value.derivative(i))
 
-    def products(self) -> dict[tuple[int, int, int], list[fmpq]]:
+    def _products(self) -> dict[tuple[int, int, int], list[fmpq]]:
         """Changes of V_x (f + g2 k) and of ½ |g1ᵀV_xᵀ|²/γ² at all vertices, by two forms and a function or −1."""
         products, claim = dict[tuple[int, int, int], list[fmpq]](), self.certificate
 
@@ -471,7 +467,7 @@ class _Changes(Algebra):
                 continue
             _refuse_powers(*chain(*column))
             sums = [
-                [sum((ends[v] for ends in entry), fmpq(0)) for v in range(len(self.corners) + 1)]
+                [sum((ends[v] for ends in entry), fmpq(0)) for v in range(len(self._corners) + 1)]
                 for entry in entries
             ]
             for i, j in combinations_with_replacement(range(len(column)), 2):

@@ -146,20 +146,27 @@ def _places(sizes: dict[str, int]) -> dict[str, int]:
 def kernel_text(shape: Shape, entry: str) -> str:
     """LLVM text of the entry and of the shift it calls."""
     module = ModuleText(Lanes(LANES))
-    _write_shift(
-        module, max(1, *(layout.degrees[-1] for layout in (shape.whole, shape.value, *shape.quotients)))
-    )
+    layouts = (shape.whole, shape.value, *shape.quotients)
+    _Kernel(module, shape).write_shift(max(1, *(layout.degrees[-1] for layout in layouts)))
     _Kernel(module, shape).write(entry)
     return str(module)
 
 
-class _Code(Writer):
+class _Kernel(Writer):
+    """The text of one function of the kernel: rows, tables and buffers of a group of cells, and what is done to the
+    polynomials in them."""
+
     zero = "zeroinitializer"
     plus = partialmethod(Writer.real, "fadd")
     minus = partialmethod(Writer.real, "fsub")
     times = partialmethod(Writer.real, "fmul")
     absolute = partialmethod(Writer.intrinsic, "fabs")
     fused = partialmethod(Writer.intrinsic, "fmuladd")  # a b + c, fused where the processor can
+
+    def __init__(self, module: ModuleText, shape: Shape) -> None:
+        super().__init__(module)
+        self.shape = shape
+        self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
 
     def at(self, base: str, index: str, kind: str = _VECTOR) -> str:
         return self.let(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
@@ -216,48 +223,6 @@ class _Code(Writer):
 
     def finish(self, head: str, name: str) -> None:
         self.module.definitions[name] = "\n".join([f"{head} {_ATTRIBUTES} {{", *self.first, *self.lines, "}"])
-
-
-def _write_shift(module: ModuleText, longest: int) -> None:
-    """shift(coefficients, segments, lines, t, first, last): P(t + a) by synthetic division, line after line.
-
-    A segment is (variable, length, number of lines, place of the lines); a line has length + 1 places of coefficients.
-    """
-    code = _Code(module)
-    with code.loop("%last", "%first") as index:
-        variable, length, count, start = (code.word("%segments", code.affine(index, 4, i)) for i in range(4))
-        a = code.load(code.at("%t", variable))
-        done = code.label("done")
-        labels = [code.label(f"length{L}_") for L in range(1, longest + 1)]
-        cases = " ".join(f"i64 {L}, label %{label}" for L, label in enumerate(labels, 1))
-        code.do(f"switch i64 {length}, label %{done} [ {cases} ]")
-        for L, label in enumerate(labels, 1):
-            code.place(label)
-            with code.loop(count) as line:
-                base = code.affine(line, L + 1, start)
-                places = []
-                for p in range(L + 1):
-                    pointer = code.at("%lines", code.integer("add", base, str(p)), "i32")
-                    narrow = code.let(f"load i32, ptr {pointer}, align 4")
-                    places.append(code.at("%coefficients", code.let(f"zext i32 {narrow} to i64")))
-                for value, place in zip(
-                    code.moved_by(a, [code.load(place) for place in places], L)[:L], places
-                ):
-                    code.store(value, place)
-            code.do(f"br label %{done}")
-        code.place(done)
-    code.do("ret void")
-    arguments = "ptr noalias %coefficients, ptr noalias %segments, ptr noalias %lines, ptr noalias %t"
-    code.finish(f"define internal void @shift({arguments}, i64 %first, i64 %last) noinline", "shift")
-
-
-class _Kernel(_Code):
-    """The entry's text: rows, tables and buffers of a group of cells, and what is done to polynomials in them."""
-
-    def __init__(self, module: ModuleText, shape: Shape) -> None:
-        super().__init__(module)
-        self.shape = shape
-        self.top = max(shape.whole.degrees[-1] - 2, shape.value.degrees[-1])  # highest power of ρ
 
     def input(self, name: str, index: int = 0) -> str:
         return self.load(self.at(self.rows, str(self.shape.inputs[name] + index)))
@@ -340,6 +305,41 @@ class _Kernel(_Code):
                         total, scaled if centre else self.largest(scaled, even and p % 2 == 0 and lift > 0)
                     )
         return tail, total
+
+    # The shift -----------------------------------------------------------------------------------
+    def write_shift(self, longest: int) -> None:
+        """shift(coefficients, segments, lines, t, first, last): P(t + a) by synthetic division, line after line.
+
+        A segment is (variable, length, number of lines, place of the lines); a line has length + 1 places of
+        coefficients.
+        """
+        with self.loop("%last", "%first") as index:
+            variable, length, count, start = (
+                self.word("%segments", self.affine(index, 4, i)) for i in range(4)
+            )
+            a = self.load(self.at("%t", variable))
+            done = self.label("done")
+            labels = [self.label(f"length{L}_") for L in range(1, longest + 1)]
+            cases = " ".join(f"i64 {L}, label %{label}" for L, label in enumerate(labels, 1))
+            self.do(f"switch i64 {length}, label %{done} [ {cases} ]")
+            for L, label in enumerate(labels, 1):
+                self.place(label)
+                with self.loop(count) as line:
+                    base = self.affine(line, L + 1, start)
+                    places = []
+                    for p in range(L + 1):
+                        pointer = self.at("%lines", self.integer("add", base, str(p)), "i32")
+                        narrow = self.let(f"load i32, ptr {pointer}, align 4")
+                        places.append(self.at("%coefficients", self.let(f"zext i32 {narrow} to i64")))
+                    for value, place in zip(
+                        self.moved_by(a, [self.load(place) for place in places], L)[:L], places
+                    ):
+                        self.store(value, place)
+                self.do(f"br label %{done}")
+            self.place(done)
+        self.do("ret void")
+        arguments = "ptr noalias %coefficients, ptr noalias %segments, ptr noalias %lines, ptr noalias %t"
+        self.finish(f"define internal void @shift({arguments}, i64 %first, i64 %last) noinline", "shift")
 
     # The entry -----------------------------------------------------------------------------------
     def write(self, entry: str) -> None:

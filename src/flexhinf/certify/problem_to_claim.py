@@ -225,7 +225,7 @@ class _Reader:
 
     def _applied(self, name: str, argument: fmpq_mpoly) -> fmpq_mpoly:
         """The variable that stands for a function of a linear form of the state; parameters inside are nominal."""
-        slope, sums = [0.0] * len(self.states), dict[int | None, fmpq]()
+        sums = dict[int | None, fmpq]()
         for exponents, value in terms_of(argument).items():
             states, others = exponents[: self.edges[1]], exponents[self.edges[1] : self.edges[2]]
             require(
@@ -239,12 +239,11 @@ class _Reader:
             sums[place] = sums.get(place, fmpq(0)) + value
         offset = sums.pop(None, fmpq(0))
         require(bool(sums), f"{name} of a constant: make that a parameter of the plant")
-        for place, part in sums.items():
-            slope[place or 0] = _exact_double(part, name)
+        slope = tuple(_exact_double(sums.get(i, fmpq(0)), name) for i in range(len(self.states)))
         value = _exact_double(offset, name)
         halves = round(value / (pi / 2))
         quarter = name in ("sin", "cos") and 0 < abs(halves) <= _MOST_HALVES and value == halves * pi / 2
-        function = Function(name, tuple(slope), 0.0 if quarter else value, halves if quarter else 0)
+        function = Function(name, slope, 0.0 if quarter else value, halves if quarter else 0)
         if function not in self.functions:
             self.functions.append(function)
         return self._room[self.functions.index(function)]
@@ -286,8 +285,11 @@ class _Reader:
 
     def _powers(self, exponents: tuple[int, ...]) -> list[tuple[int, int]]:
         start, middle, end = self.edges[2:5]
-        pairs = zip(exponents[start:middle], exponents[middle:end])
-        return [(i, a - b) for i, (a, b) in enumerate(pairs) if a != b]
+        return [
+            (i, above - below)
+            for i, (above, below) in enumerate(zip(exponents[start:middle], exponents[middle:end]))
+            if above != below
+        ]
 
     def polynomial(self, part: fmpq_mpoly) -> Polynomial:
         """A penalised output, with coefficients rounded to doubles: these are claimed and checked."""
@@ -317,7 +319,7 @@ def require(holds: bool, what: str) -> None:
 
 
 _BITS = 20  # of the entries of T
-_LEFT_OVER = 1e-13
+_LEFT_OVER = 1e-13  # of the largest coefficient of a row of h: what is smaller is rounding
 
 
 def statement_of(
@@ -355,12 +357,15 @@ def claim_of(
     solution: ValueFunction, problem: Problem | None, fields: dict[str, Any], **others: Any
 ) -> Certificate:
     """The certificate of a solution, with `plant_fields` and the `others`."""
-    known = isinstance(problem, GeneralisedPlant)
-    disturbances = (f"d{j + 1}" for j in range(solution.expansion.size[1]))
+    disturbances = (
+        problem.disturbance_names
+        if isinstance(problem, GeneralisedPlant)
+        else [f"d{j + 1}" for j in range(solution.expansion.size[1])]
+    )
     return Certificate(
         states=_signals(problem, solution.state_names),
         inputs=_signals(problem, solution.input_names),
-        disturbances=_signals(problem, problem.disturbance_names if known else disturbances),
+        disturbances=_signals(problem, disturbances),
         **fields | {"penalty": tuple(row for row in fields["penalty"] if row)},
         **others,
     )
@@ -382,7 +387,6 @@ def matrix_rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
 
 
 def _without_rounding(row: Polynomial) -> Polynomial:
-    """A row of h without coefficients below 1e-13 of its largest one, which are rounding."""
     largest = max((abs(value) for _, value in row), default=0.0)
     return tuple((powers, value) for powers, value in row if abs(value) > _LEFT_OVER * largest)
 

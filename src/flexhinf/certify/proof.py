@@ -110,8 +110,12 @@ def certify(
         tried *= share
         claim, outcome = prove(replace(statement, level=float(tried)), threads=threads, progress=progress)
         if outcome.proved:
-            claim = replace(claim, starts=starts_of(solution, claim), provenance=_provenance(outcome))
-            claim = replace(claim.with_proved_starts(), sampled_level=sampled)
+            claim = replace(
+                claim,
+                starts=starts_of(solution, claim),
+                sampled_level=sampled,
+                provenance=_provenance(outcome),
+            ).with_proved_starts()
             return claim if observer is None else with_observer(solution, claim, observer)
         if level is None and outcome.value == outcome.value:
             tried = min(tried, outcome.value)
@@ -204,8 +208,9 @@ def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
             break
         radius, value = np.where(alive, further, radius), np.where(alive, following, value)
     reached = radius + step
-    along = directions @ inequality.forms(inequality.functions).T
-    return float(reached.max()), np.abs(along * reached[:, None]).max(axis=0)
+    return float(reached.max()), np.abs(
+        directions @ inequality.forms(inequality.functions).T * reached[:, None]
+    ).max(axis=0)
 
 
 def certify_tolerances(
@@ -267,8 +272,11 @@ def certify_tolerances(
         raise NotProved(claim, outcome)
     if step is not None and not outcome.cells:
         claim = _largest(claim)
-    starts = () if start is None else start_inside(claim, start, step)
-    return replace(claim, starts=starts, provenance=_provenance(outcome, ", vertices of the box"))
+    return replace(
+        claim,
+        starts=() if start is None else start_inside(claim, start, step),
+        provenance=_provenance(outcome, ", vertices of the box"),
+    )
 
 
 def _largest(claim: Certificate) -> Certificate:
@@ -327,10 +335,13 @@ def with_observer(
     energy = share * certificate.level
     weight, storage, gain_error = _error_energy(certificate, linear - gain @ seen, b1[:size], energy)
     measured, *matrices = map(matrix_rows, (sensors, gain, weight, storage))
-    observer = Observer(
-        measured, solution.state_names[size:], *matrices, gain_error=gain_error, energy=energy
+    claimed = replace(
+        certificate,
+        feedback="output injection observer",
+        observer=Observer(
+            measured, solution.state_names[size:], *matrices, gain_error=gain_error, energy=energy
+        ),
     )
-    claimed = replace(certificate, feedback="output injection observer", observer=observer)
     if reason := claimed.why_no_observer():
         raise _no_error_energy(reason)
     return replace(claimed, starts=starts_of(solution, claimed)).with_proved_starts()

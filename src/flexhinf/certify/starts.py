@@ -159,8 +159,11 @@ def multiplied(term: Term, coefficient: float, parameters: Iterable[tuple[str, i
     """A term times a number and powers of parameters."""
     mine, others = dict(term.parameters), dict(parameters)
     powers = {name: mine.get(name, 0) + others.get(name, 0) for name in mine | others}
-    pairs = tuple(sorted((name, power) for name, power in powers.items() if power))
-    return Term(term.coefficient * coefficient, term.powers, pairs, term.function)
+    return replace(
+        term,
+        coefficient=term.coefficient * coefficient,
+        parameters=tuple(sorted((name, power) for name, power in powers.items() if power)),
+    )
 
 
 def divided(term: Term, divisor: Term) -> Term:
@@ -361,8 +364,17 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
         inputs = solution.operating_input + solution.inputs(state)
         moved = [i for i, value in enumerate(first) if abs(value) == start.amplitude]
         beyond = 100.0 * max(float(np.max(-state[:, moved] / first[moved], initial=0.0)), 0.0)
-        peak = np.abs(inputs).max(axis=0)
-        steps.append(ProvedStep(start.rule, start.amplitude, beyond, inputs[0], peak, run.t, state))
+        steps.append(
+            ProvedStep(
+                start.rule,
+                start.amplitude,
+                overshoot_percent=beyond,
+                first_input=inputs[0],
+                peak_input=np.abs(inputs).max(axis=0),
+                time=run.t,
+                state=state,
+            )
+        )
     return tuple(steps)
 
 

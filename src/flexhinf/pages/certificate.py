@@ -175,7 +175,10 @@ def _numbers(law: CertifiedDegree, claim: Certificate) -> list[KeyNumber]:
 
 # Theorem --------------------------------------------------------------------------------------------------
 def _theorem(claim: Certificate) -> list[Section]:
-    parts = dict(theorem_parts(claim, claim.stated))
+    parts = {
+        heading: [line.strip().removeprefix("- ") for line in lines]
+        for heading, lines in theorem_parts(claim, claim.stated)
+    }
     parts["Proved"] = [f"S is {text}" for text in parts.pop("Region S")] + parts["Proved"]
     sections = []
     for title, lines in parts.items():

@@ -58,8 +58,11 @@ def matrix_product(left: np.ndarray, right: np.ndarray) -> np.ndarray:
             out=result[top : top + high, begin : begin + wide],
         )
 
-    tiles = ((top, begin) for top in range(0, rows, high) for begin in range(0, columns, wide))
-    run_all(multiply, tiles, large=rows * inner * columns > _LARGE)
+    run_all(
+        multiply,
+        ((top, begin) for top in range(0, rows, high) for begin in range(0, columns, wide)),
+        large=rows * inner * columns > _LARGE,
+    )
     return result
 
 

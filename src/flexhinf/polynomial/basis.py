@@ -23,14 +23,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.validation import real_array
+from flexhinf.validation import read_only, real_array
 
 _CACHED = 256
-
-
-def _frozen(table: np.ndarray) -> np.ndarray:
-    table.flags.writeable = False
-    return table
 
 
 def count(n: int, k: int) -> int:
@@ -45,7 +40,7 @@ def offsets(n: int, k: int) -> np.ndarray:
     Tuples with all indices ≥ j are exactly the ranks `offsets(n, k)[j]` and above. For k = 0 the first n entries are 0.
     """
     counts = [count(n - j, k - 1) for j in range(n)] if k else [0] * (n - 1) + [1]
-    return _frozen(np.cumsum([0, *counts]))
+    return read_only(np.cumsum([0, *counts]))
 
 
 @lru_cache(_CACHED)
@@ -53,7 +48,7 @@ def factors(n: int, k: int) -> tuple[np.ndarray, np.ndarray]:
     """First index of every tuple of degree k ≥ 1, and the rank of the rest of it among those of degree k − 1."""
     start, first = offsets(n, k - 1), offsets(n, k)
     variable = np.repeat(np.arange(n), np.diff(first))
-    return _frozen(variable), _frozen(np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
+    return read_only(variable), read_only(np.arange(first[-1]) - (first[:-1] - start[:-1])[variable])
 
 
 @lru_cache(_CACHED)
@@ -66,7 +61,7 @@ def indices(n: int, k: int) -> np.ndarray:
             block = table[first[j] : first[j + 1]]
             block[:, 0] = j
             block[:, 1:] = tails[start[j] :]
-    return _frozen(table)
+    return read_only(table)
 
 
 @lru_cache(_CACHED)
@@ -75,7 +70,7 @@ def exponents(n: int, k: int) -> np.ndarray:
     table, rows = np.zeros((count(n, k), n), np.int16), np.arange(count(n, k))
     for column in indices(n, k).T:
         table[rows, column] += 1
-    return _frozen(table)
+    return read_only(table)
 
 
 @lru_cache(_CACHED)
@@ -91,13 +86,13 @@ def insertion(n: int, k: int) -> np.ndarray:
     shift = offsets(n, k)[:n] - offsets(n, k - 1)[:n]
     if k == 1:
         table[0] = np.arange(n)
-        return _frozen(table)
+        return read_only(table)
     below, first, start = insertion(n, k - 1), offsets(n, k - 1), offsets(n, k - 2)
     for i in range(n):
         rows = np.arange(first[i], first[i + 1])
         table[rows[0] : rows[-1] + 1, : i + 1] = rows[:, None] + shift[: i + 1]
         table[rows[0] : rows[-1] + 1, i + 1 :] = below[start[i] :, i + 1 :] + shift[i]
-    return _frozen(table)
+    return read_only(table)
 
 
 @lru_cache(_CACHED)
@@ -114,7 +109,7 @@ def removal(n: int, k: int) -> np.ndarray:
             block = table[first[i] : first[i + 1]]
             block[:, 0] = np.arange(higher[i], higher[n])
             block[:, 1:] = below[higher[i] :] + (higher[i] - start[i])
-    return _frozen(table)
+    return read_only(table)
 
 
 @lru_cache(_CACHED)
@@ -125,13 +120,13 @@ def multiplicity(n: int, k: int) -> np.ndarray:
     for j in range(1, k):
         run = np.where(tuples[:, j] == tuples[:, j - 1], run + 1, 1)
         orderings *= (j + 1) / run
-    return _frozen(np.rint(orderings))
+    return read_only(np.rint(orderings))
 
 
 @lru_cache(32)
 def _binomials(size: int) -> np.ndarray:
     most = 2**63 - 1  # what is larger is not looked up where the rank itself fits
-    return _frozen(
+    return read_only(
         np.array([[min(comb(a, b), most) for b in range(size)] for a in range(size)], dtype=np.int64)
     )
 
@@ -156,7 +151,7 @@ def merge(n: int, a: int, b: int) -> np.ndarray:
     for degree in range(1, b + 1):
         insert, start = insertion(n, a + degree), offsets(n, degree - 1)
         table = np.concatenate([insert[table[:, start[j] :], j] for j in range(n)], axis=1)
-    return _frozen(table)
+    return read_only(table)
 
 
 def from_kronecker(coefficients: Any, n: int, k: int) -> np.ndarray:

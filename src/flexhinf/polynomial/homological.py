@@ -113,8 +113,11 @@ def _contract_one_index(
                     place = first[j] - start[j]
                     kept[:, place + tail : place + right] = contracted[:, j - low, tail - begin :]
 
-    tiles = ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns))
-    run_all(contract, tiles, large=opening.size * width > _LARGE)
+    run_all(
+        contract,
+        ((top, left) for top in range(0, len(opening), rows) for left in range(0, width, columns)),
+        large=opening.size * width > _LARGE,
+    )
     return result
 
 
@@ -139,8 +142,11 @@ class Coordinates:
     @cached_property
     def condition(self) -> float:
         """cond(M G) in the 2-norm; infinite if there is no inverse."""
-        known = np.isfinite(self.inverse).all()
-        return float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2)) if known else np.inf
+        return (
+            float(np.linalg.norm(self.real, 2) * np.linalg.norm(self.inverse, 2))
+            if np.isfinite(self.inverse).all()
+            else np.inf
+        )
 
     def enter(self, entries: np.ndarray, k: int) -> np.ndarray:
         """Tensor entries in z of a polynomial given in x."""
@@ -164,35 +170,6 @@ class Coordinates:
         for first, block in self.rotations.items():
             pairs[first : first + 2, first : first + 2] = block
         return pairs
-
-
-def eigen_coordinates(matrix: np.ndarray) -> Coordinates:
-    """Eigenvectors of a real matrix, conjugate pairs first."""
-    eigenvalues, vectors = np.linalg.eig(matrix)
-    pairs, lone = np.flatnonzero(np.imag(eigenvalues) > 0), np.flatnonzero(np.imag(eigenvalues) == 0)
-    joined = np.stack([np.real(vectors[:, pairs]), np.imag(vectors[:, pairs])], axis=2) * np.sqrt(2)
-    real = np.hstack([joined.reshape(len(matrix), -1), np.real(vectors[:, lone])])
-    values = np.stack([eigenvalues[pairs], eigenvalues[pairs].conj()], axis=1).ravel()
-    try:
-        inverse = np.linalg.inv(real)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(real, np.inf)
-    flow = np.diag(np.concatenate([values, eigenvalues[lone]]))
-    return Coordinates(flow, real, inverse, {2 * i: _PAIR for i in range(len(pairs))})
-
-
-def schur_coordinates(matrix: np.ndarray) -> Coordinates:
-    """Real Schur form, its 2×2 blocks made triangular by complex rotations."""
-    from scipy.linalg import schur
-
-    triangular, orthogonal = schur(matrix, output="real")[:2]
-    rotations = {}  # unitary, the first column an eigenvector of the block
-    for i in np.flatnonzero(np.diag(triangular, -1)).tolist():
-        _, vectors = np.linalg.eig(triangular[i : i + 2, i : i + 2].astype(complex))
-        a, b = vectors[:, 0]
-        rotations[i] = np.array([[a, -np.conj(b)], [b, np.conj(a)]])
-    pairs = Coordinates(triangular, orthogonal, orthogonal.T, rotations)._pairs()
-    return Coordinates(np.triu(pairs.conj().T @ triangular @ pairs), orthogonal, orthogonal.T, rotations)
 
 
 def rotate_pairs(entries: np.ndarray, n: int, k: int, rotations: Mapping[int, np.ndarray]) -> np.ndarray:
@@ -256,21 +233,48 @@ class HomologicalEquation:
 
     @cached_property
     def eigenbasis(self) -> Coordinates:
-        """Eigenvector coordinates of A."""
-        return eigen_coordinates(self.matrix)
+        """Coordinates along the eigenvectors of A, conjugate pairs first."""
+        eigenvalues, vectors = np.linalg.eig(self.matrix)
+        pairs, lone = np.flatnonzero(np.imag(eigenvalues) > 0), np.flatnonzero(np.imag(eigenvalues) == 0)
+        joined = np.stack([np.real(vectors[:, pairs]), np.imag(vectors[:, pairs])], axis=2) * np.sqrt(2)
+        real = np.hstack([joined.reshape(len(vectors), -1), np.real(vectors[:, lone])])
+        values = np.stack([eigenvalues[pairs], eigenvalues[pairs].conj()], axis=1).ravel()
+        try:
+            inverse = np.linalg.inv(real)
+        except np.linalg.LinAlgError:
+            inverse = np.full_like(real, np.inf)
+        return Coordinates(
+            flow=np.diag(np.concatenate([values, eigenvalues[lone]])),
+            real=real,
+            inverse=inverse,
+            rotations={2 * i: _PAIR for i in range(len(pairs))},
+        )
 
     @cached_property
     def schur_basis(self) -> Coordinates:
-        """Schur coordinates of A."""
-        return schur_coordinates(self.matrix)
+        """Coordinates of the real Schur form of A, its 2×2 blocks made triangular by complex rotations."""
+        from scipy.linalg import schur
+
+        triangular, orthogonal = schur(self.matrix, output="real")[:2]
+        rotations = {}  # unitary, the first column an eigenvector of the block
+        for i in np.flatnonzero(np.diag(triangular, -1)).tolist():
+            _, vectors = np.linalg.eig(triangular[i : i + 2, i : i + 2].astype(complex))
+            a, b = vectors[:, 0]
+            rotations[i] = np.array([[a, -np.conj(b)], [b, np.conj(a)]])
+        pairs = Coordinates(triangular, orthogonal, orthogonal.T, rotations)._pairs()
+        return Coordinates(np.triu(pairs.conj().T @ triangular @ pairs), orthogonal, orthogonal.T, rotations)
 
     def solve(self, known: np.ndarray, k: int) -> HomologicalSolution:
         """V of degree `k`, from the tensor entries (count(n, k),) of r."""
         if self.eigenbasis.condition**k * np.finfo(float).eps < HOPELESS:
             pivots = -diagonal_sums(self.eigenbasis.flow, k)
-            methods = "eigenbasis", "eigenbasis, refined"
             solution = self._refined(
-                self.eigenbasis, lambda right: np.divide(right, pivots, out=right), known, k, methods, _REFINE
+                self.eigenbasis,
+                lambda right: np.divide(right, pivots, out=right),
+                known,
+                k,
+                ("eigenbasis", "eigenbasis, refined"),
+                _REFINE,
             )
             if solution.residual <= _ACCEPT:
                 return solution

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from math import comb
 from typing import Any
 from weakref import WeakValueDictionary
 
@@ -38,7 +37,7 @@ _SPACES: WeakValueDictionary[tuple[int, int], Space] = WeakValueDictionary()
 
 def size(n: int, degree: int) -> int:
     """Number of monomials of degree 0 … `degree`, C(n+degree, degree); 0 for a negative degree."""
-    return comb(n + degree, degree) if degree >= 0 else 0
+    return math.comb(n + degree, degree) if degree >= 0 else 0
 
 
 def degree_slice(n: int, k: int) -> slice:
@@ -87,8 +86,6 @@ class Support:
 
     `monomials` are ascending numbers (N,); those of degree k are at `monomials[edges[k]:edges[k + 1]]`.
     """
-
-    __slots__ = ("edges", "has_constant", "monomials", "products", "space", "steps", "sums")
 
     def __init__(self, space: Space, monomials: np.ndarray) -> None:
         self.space, self.monomials = space, monomials
@@ -140,8 +137,6 @@ class _Product:
 
     With `constant` the result has the constant monomial in any case.
     """
-
-    __slots__ = ("left", "pairs", "places", "right", "size", "support")
 
     def __init__(self, a: Support, b: Support, limit: int, constant: bool = False) -> None:
         blocks = [np.zeros((3, 0), np.intp)]
@@ -325,7 +320,9 @@ def power(x: float, exponent: float, degree: int) -> np.ndarray:
     try:
         whole, top = exponent.is_integer(), int(exponent)
         if whole and top >= 0:
-            return np.array([comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)])
+            return np.array(
+                [math.comb(top, k) * x ** (top - k) if k <= top else 0.0 for k in range(degree + 1)]
+            )
         _require(x != 0.0 if whole else x > 0.0, name, x, "different from zero" if whole else "> 0")
         result = np.empty(degree + 1)
         result[0] = math.sqrt(x) if exponent == 0.5 else x**exponent

@@ -28,7 +28,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from threading import Event
 from typing import Any
 
@@ -39,17 +38,17 @@ from flexhinf.certify.checker.bounds import BITS, Face, Proof
 from flexhinf.certify.checker.guidance import refute_at_corners
 from flexhinf.certify.checker.residual import (
     Refusal,
+    Residual,
     check_reach,
     corner_text,
     look_at_corners,
     matrix_of,
     positive_definite,
     require,
-    residual,
 )
 from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample, confirm
 from flexhinf.certify.checker.statements import check_observer, check_start, proved_peaks
-from flexhinf.certify.checker.subdivision import FaceResult, subdivide_face
+from flexhinf.certify.checker.subdivision import Verification, subdivide_face
 from flexhinf.certify.claim import Claim
 
 _MOST_KINDS, _MOST_UNCERTAIN = 64, 12  # of products; of parameters, whose corners are all looked at
@@ -58,48 +57,6 @@ _LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leave
 _MOST_CELLS = 10**8  # of all faces together
 _MOST_AFTER_CORNERS = 120_000  # where r is a quadratic form and a corner of it fails
 _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
-
-
-@dataclass(frozen=True)
-class Verification:
-    """Result of the checker: whether the claim is proved, why not, and statistics of the proof.
-
-    Attributes
-    ----------
-    reason : str
-        Why not, else empty.
-    cells, accepted, with_level : int
-        Cells that were looked at, that were accepted, and of these the ones that needed V ≤ c.
-    resampled, every_cell : int, bool
-        Cells that were proved a second time, in rationals and balls; whether these are all, and all at which the level
-        set ended.
-    faces : int
-        Of the cube: n where V and r are even but for rounding, else 2n.
-    corners : int
-        Of quotients and parameters, at which r is a negative definite quadratic form in exact rationals; then there are
-        no cells. 0 where cells decide.
-    starts : int
-        Intervals of amplitudes whose starts were shown to be inside.
-    gradient_law, peaks : bool, tuple of float
-        Whether 4. of the theorem is proved too; the bounds of 8., in the inputs' units, empty where it is not proved.
-    rounding : float
-        Largest allowance for rounding in r/ρ².
-    """
-
-    proved: bool
-    reason: str = ""
-    cells: int = 0
-    accepted: int = 0
-    with_level: int = 0
-    resampled: int = 0
-    every_cell: bool = False
-    faces: int = 0
-    corners: int = 0
-    starts: int = 0
-    gradient_law: bool = False
-    peaks: tuple[float, ...] = ()
-    rounding: float = 0.0
-    cpu_s: float = 0.0
 
 
 @ctx.workprec(BITS)
@@ -126,7 +83,7 @@ def verify(
         _check_sizes(claim)
         _check_matrices(claim)
         starts = sum(check_start(claim, start) for start in claim.starts)
-        exact, peaks = residual(claim), proved_peaks(claim)
+        exact, peaks = Residual(claim), proved_peaks(claim)
         if claim.observer is not None:
             check_observer(claim, claim.observer, exact.gradient_law)
         corners, failed = (0, []) if by_cells else look_at_corners(claim, exact)
@@ -147,15 +104,19 @@ def verify(
             require(looked <= most, f"{why}undecided after {most:,} cells")
             tick(cells)
 
+        chosen = [
+            EveryCell(proof, face, watch) if sample is None else Sample(face, sample, seed)
+            for face in proof.faces
+        ]
         with ThreadPoolExecutor(threads) as pool:
-            jobs = [pool.submit(_face, proof, face, sample, seed, watch) for face in proof.faces]
+            jobs = [pool.submit(_face, proof, part, watch) for part in chosen]
             try:
                 results = [job.result() for job in jobs]
             except BaseException:  # the other threads end at their next cells, not at the end of their faces
                 stopped.set()
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise
-        again = _prove_again(proof, [cell for face in results for cell in face.sample], seed)
+        again = _prove_again(proof, [cell for part in chosen for cell in part.cells], seed)
     except OverflowError:
         return ended(False, "numbers beyond the doubles appear: another unit, or another T.")
     except Refusal as refusal:
@@ -168,7 +129,7 @@ def verify(
         cells=sum(m.cells for m in results),
         accepted=sum(m.accepted for m in results),
         with_level=sum(m.with_level for m in results),
-        resampled=again + sum(m.again for m in results),
+        resampled=again + sum(m.resampled for m in results),
         every_cell=sample is None,
         faces=len(results),
         starts=starts,
@@ -180,8 +141,12 @@ def verify(
 
 def _check_sizes(claim: Claim) -> None:
     """Refuse claims whose exact algebra would not end, and numbers whose products come near the ends of the doubles."""
-    rows = (claim.drift, *claim.g1, *claim.g2)
-    kinds = {(term.parameters, term.function) for row in rows for terms in row for term in terms}
+    kinds = {
+        (term.parameters, term.function)
+        for row in (claim.drift, *claim.g1, *claim.g2)
+        for terms in row
+        for term in terms
+    }
     uncertain = sum(p.low < p.high for p in claim.parameters)
     widest = [claim.reach * sum(abs(v) for v in row) for row in claim.coordinates]
     require(
@@ -209,16 +174,9 @@ def _check_matrices(claim: Claim) -> None:
     require(not claim.shift, "a moved equilibrium is not yet covered by this checker")
 
 
-def _face(
-    proof: Proof,
-    face: tuple[int, int],
-    sample: int | None,
-    seed: int,
-    tick: Callable[[int], None],
-) -> FaceResult:
+def _face(proof: Proof, chosen: EveryCell | Sample, tick: Callable[[int], None]) -> Verification:
     with np.errstate(all="ignore"):  # what is not finite is not accepted
-        chosen = EveryCell(proof, face, tick) if sample is None else Sample(face, sample, seed)
-        return subdivide_face(Face(proof, face), chosen, tick=tick)
+        return subdivide_face(Face(proof, chosen.face), chosen, tick=tick)
 
 
 def _prove_again(proof: Proof, cells: list[Cell], seed: int) -> int:

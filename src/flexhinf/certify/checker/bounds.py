@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from flint import arb, arb_series, ctx
 
-from flexhinf.certify.checker.residual import offset_of, parameter_corners, residual, rounded, series_of
+from flexhinf.certify.checker.residual import Residual, box_corners, offset_of, rounded, row_of, series_of
 from flexhinf.certify.claim import Claim, Function
 
 #: Largest relative error of one rounded operation.
@@ -39,16 +39,6 @@ class CentredForm(NamedTuple):
     low: np.ndarray
     radius: np.ndarray
     tail: np.ndarray
-
-    def chosen(self, cells: np.ndarray) -> CentredForm:
-        """The form on some of the cells."""
-        return CentredForm(*(part[:, cells] for part in self))
-
-    def less(self, factor: np.ndarray, other: CentredForm) -> CentredForm:
-        """Self − factor · other, for factor ≥ 0 per cell; `other` has no radius."""
-        return CentredForm(
-            self.low - factor * other.low, self.radius, np.concatenate([self.tail, factor * other.tail])
-        )
 
 
 class TaylorTable:
@@ -209,8 +199,9 @@ class Quotient:
         inside = np.minimum(edge, self._count).astype(int)
         remainder = np.maximum(self._remainder[self._count + inside], self._remainder[self._count - inside])
         error = self._error[self._count + index] * np.maximum(width, 1.0) ** ORDER
-        rest = (remainder * width ** (ORDER + 1) + error) * _UP
-        return self._coefficients[self._count + index].T, np.where(edge > self._count, inf, rest)
+        return self._coefficients[self._count + index].T, np.where(
+            edge > self._count, inf, (remainder * width ** (ORDER + 1) + error) * _UP
+        )
 
 
 BITS = 128  # of the balls from which tables are rounded
@@ -252,16 +243,15 @@ class Proof:
 
     def __init__(self, claim: Claim) -> None:
         self.claim, self.n = claim, len(claim.states)
-        exact = self.exact = residual(claim)
-        self.exact_corners = parameter_corners(claim, exact.products)
+        exact = self.exact = Residual(claim)
+        self.exact_corners = [weights for _, weights in box_corners(claim, exact.products)]
         self.corners = np.array([[rounded(weight) for weight in row] for row in self.exact_corners])
         low, high = self.corners.min(0), self.corners.max(0)
         self.mid = (low + high) / 2
         self.rad = np.where(low == high, 0.0, (high - low) / 2 * (1 + 4 * UNIT) + np.abs(self.mid) * 4 * UNIT)
-        unit = [tuple(int(i == j) for j in range(self.n)) for i in range(self.n)]
-        self.slopes = np.array([[rounded(s[e]) for e in unit] for s in exact.arguments], dtype=float).reshape(
-            -1, self.n
-        )  # ℓᵀT
+        self.slopes = np.array(  # ℓᵀT
+            [[rounded(v) for v in row_of(s).entries()] for s in exact.arguments], dtype=float
+        ).reshape(-1, self.n)
         reach = claim.reach * np.abs(self.slopes).sum(1) * 1.01 + 0.1
         with ctx.workprec(BITS):
             self.quotients = [Quotient(f, float(s)) for f, s in zip(claim.functions, reach, strict=True)]
@@ -353,7 +343,10 @@ class Face:
         multiplier = np.maximum(
             (form.low[table.linear] * slope).sum(0) / ((slope * slope).sum(0) + _TINY), 0.0
         )
-        lowered = table.upper(form.less(multiplier, level), constant + multiplier * (c - at_center[0]))
+        low, tail = form.low - multiplier * level.low, np.concatenate([form.tail, multiplier * level.tail])
+        lowered = table.upper(  # r/ρ² − λV, and V has no radius
+            CentredForm(low, form.radius, tail), constant + multiplier * (c - at_center[0])
+        )
         return Bounds(
             least_value=least_value - 8 * UNIT * np.abs(least_value),
             least_growth=-small.upper(growth) - small.degree * error,

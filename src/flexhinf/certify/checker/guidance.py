@@ -102,8 +102,9 @@ def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> No
                     total += arb(weight) * quotient * arb((z.transpose() * form_of(polynomial) * z)[0, 0])
             at = (z.transpose() * form_of(exact.value) * z)[0, 0]
             if total > 0 and at <= as_rational(claim.level):
-                place = np.array([rounded(z[i, 0]) for i in range(z.nrows())])
-                raise Refusal(f"{corner_text(claim, corner)}: r > 0", place, rounded(at))
+                raise Refusal(
+                    f"{corner_text(claim, corner)}: r > 0", np.array(_doubles(z))[:, 0], rounded(at)
+                )
 
 
 def _quotient(function: Any, s: fmpq) -> arb:

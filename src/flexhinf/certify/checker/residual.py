@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from math import ceil, isfinite, log2, prod
 from typing import Any, NamedTuple
 
@@ -99,95 +98,92 @@ def leading_minors(matrix: fmpq_mat) -> Iterator[fmpq]:
         yield fmpq_mat([[matrix[i, j] for j in range(k)] for i in range(k)]).det()
 
 
-@dataclass(frozen=True)
 class Residual:
-    """r(z, p) = Σ over products π of parameters: π(p) · (A_π(z) + Σ_j S_j(ℓ_jᵀTz) B_{π,j}(z)).
+    """r = V_x (f + g2 k) + ½ hᵀh + ½ kᵀR2 k + |V_x g1|²/(2γ²) + αV, with x = T z:
+    r(z, p) = Σ over products π of parameters: π(p) · (A_π(z) + Σ_j S_j(ℓ_jᵀTz) B_{π,j}(z)).
 
-    S_j(s) = (φ_j(o + s) − φ_j(o))/s, and B_j has the factor s = ℓ_jᵀTz.
+    S_j(s) = (φ_j(o + s) − φ_j(o))/s, and B_j has the factor s = ℓ_jᵀTz. `value` is V(Tz); `plain` are A_π by product
+    (`products`), `factors` for each function j the B_{π,j} by product, and `arguments` the ℓ_jᵀTz. `gradient_law`: g2
+    is certain and R2 k = −g2ᵀV_xᵀ up to rounding, for the budget of the theorem.
     """
 
-    value: Any  # V(Tz)
-    products: list[Exponents]
-    plain: list[Any]  # A_π by product
-    factors: list[list[Any]]  # for each function j, B_{π,j} by product
-    arguments: list[Any]  # ℓ_jᵀTz
-    gradient_law: bool  # g2 is certain and R2 k = −g2ᵀV_xᵀ up to rounding: for the budget of the theorem
+    def __init__(self, claim: Claim) -> None:
+        n, free = len(claim.states), [p.name for p in claim.parameters if p.low < p.high]
+        fixed = {p.name: as_rational(p.low) for p in claim.parameters if p.low == p.high}
+        after, end = n + len(free), n + len(free) + len(claim.functions)
+        names = (
+            [f"z{i + 1}" for i in range(n)]
+            + [f"p{i}" for i in range(n, after)]
+            + [f"S{i}" for i in range(after, end)]
+        )
+        ring = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
+        gens = ring.gens()
 
+        def total(parts: Iterable[Any]) -> Any:
+            return sum(parts, ring.constant(0))
 
-def residual(claim: Claim) -> Residual:
-    """V_x (f + g2 k) + ½ hᵀh + ½ kᵀR2 k + |V_x g1|²/(2γ²) + αV, in x, and then with x = T z."""
-    n, free = len(claim.states), [p.name for p in claim.parameters if p.low < p.high]
-    fixed = {p.name: as_rational(p.low) for p in claim.parameters if p.low == p.high}
-    after, end = n + len(free), n + len(free) + len(claim.functions)
-    names = (
-        [f"z{i + 1}" for i in range(n)]
-        + [f"p{i}" for i in range(n, after)]
-        + [f"S{i}" for i in range(after, end)]
-    )
-    ring = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
-    gens = ring.gens()
+        def linear(row: Iterable[float]) -> Any:
+            return total(as_rational(a) * gen for a, gen in zip(row, gens[:n], strict=True))
 
-    def total(parts: Iterable[Any]) -> Any:
-        return sum(parts, ring.constant(0))
+        def polynomial(pairs: Polynomial) -> Any:
+            return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in pairs})
 
-    def linear(row: Iterable[float]) -> Any:
-        return total(as_rational(a) * gen for a, gen in zip(row, gens[:n], strict=True))
+        def field(
+            terms: Terms,
+        ) -> Any:  # (2); an uncertain p^e is one variable, since p stands with no other exponent
+            result = ring.constant(0)
+            for term in terms:
+                product = polynomial(((term.powers, term.coefficient),))
+                for name, exponent in term.parameters:
+                    if exponent:
+                        product *= gens[n + free.index(name)] if name in free else fixed[name] ** exponent
+                if term.function is not None:
+                    product *= gens[after + term.function] * s[term.function]
+                result += product
+            return result
 
-    def polynomial(pairs: Polynomial) -> Any:
-        return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in pairs})
+        s = [linear(function.slope) for function in claim.functions]
+        v, k, h = polynomial(claim.value), [*map(polynomial, claim.law)], [*map(polynomial, claim.penalty)]
+        v_x = [v.derivative(i) for i in range(n)]
+        f, g1, g2 = (
+            [*map(field, claim.drift)],
+            *([[*map(field, row)] for row in g] for g in (claim.g1, claim.g2)),
+        )
+        v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
+        priced = [total(a * u for a, u in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
+        half, gamma = fmpq(1, 2), as_rational(claim.gamma)
+        r = (
+            total(a * b for a, b in zip(v_x, f, strict=True))
+            + total(a * b for a, b in zip(v_g2, k, strict=True))
+            + half * (total(a * a for a in h) + total(a * b for a, b in zip(k, priced, strict=True)))
+            + half / gamma**2 * total(a * a for a in v_g1)
+            + as_rational(claim.decay) * v
+        )
 
-    def field(
-        terms: Terms,
-    ) -> Any:  # (2); an uncertain p^e is one variable, since p stands with no other exponent
-        result = ring.constant(0)
-        for term in terms:
-            product = polynomial(((term.powers, term.coefficient),))
-            for name, exponent in term.parameters:
-                if exponent:
-                    product *= gens[n + free.index(name)] if name in free else fixed[name] ** exponent
-            if term.function is not None:
-                product *= gens[after + term.function] * s[term.function]
-            result += product
-        return result
-
-    s = [linear(function.slope) for function in claim.functions]
-    v, k, h = polynomial(claim.value), [*map(polynomial, claim.law)], [*map(polynomial, claim.penalty)]
-    v_x = [v.derivative(i) for i in range(n)]
-    f, g1, g2 = [*map(field, claim.drift)], *([[*map(field, row)] for row in g] for g in (claim.g1, claim.g2))
-    v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
-    priced = [total(a * u for a, u in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
-    half, gamma = fmpq(1, 2), as_rational(claim.gamma)
-    r = (
-        total(a * b for a, b in zip(v_x, f, strict=True))
-        + total(a * b for a, b in zip(v_g2, k, strict=True))
-        + half * (total(a * a for a in h) + total(a * b for a, b in zip(k, priced, strict=True)))
-        + half / gamma**2 * total(a * a for a in v_g1)
-        + as_rational(claim.decay) * v
-    )
-
-    places = [*map(linear, claim.coordinates), *gens[n:]]
-    r, v, *s = (q.compose(*places, ctx=ring) for q in (r, v, *s))
-    parts: dict[tuple[int, ...], list[dict[Any, fmpq]]] = {(0,) * len(free): [{} for _ in range(1 + len(s))]}
-    for powers, coefficient in r.to_dict().items():
-        e = tuple(map(int, powers))
-        part = parts.setdefault(e[n:after], [{} for _ in range(1 + len(s))])
-        part[e[after:].index(1) + 1 if any(e[after:]) else 0][e[:n]] = coefficient
-    in_z = fmpq_mpoly_ctx.get(names[:n], Ordering.degrevlex)
-    plain, *factors = map(list, zip(*(map(in_z.from_dict, part) for part in parts.values()), strict=True))
-    gradient = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict()) and all(
-        _opposite(a, b) for a, b in zip(priced, v_g2, strict=True)
-    )
-    v, *s = (in_z.from_dict({e[:n]: a for e, a in q.to_dict().items()}) for q in (v, *s))
-    return Residual(v, _named(claim, free, parts), plain, factors, s, gradient)
-
-
-def _named(claim: Claim, free: list[str], products: Iterable[tuple[int, ...]]) -> list[Exponents]:
-    """Products of the variables θ = p^e, as powers of the parameters."""
-    plant = [t for row in (claim.drift, *claim.g1, *claim.g2) for terms in row for t in terms]
-    exponent = {name: e for term in plant for name, e in term.parameters if e}
-    return [
-        tuple((p, e * exponent[p]) for p, e in zip(free, powers, strict=True) if e) for powers in products
-    ]
+        places = [*map(linear, claim.coordinates), *gens[n:]]
+        r, v, *s = (q.compose(*places, ctx=ring) for q in (r, v, *s))
+        parts: dict[tuple[int, ...], list[dict[Any, fmpq]]] = {
+            (0,) * len(free): [{} for _ in range(1 + len(s))]
+        }
+        for powers, coefficient in r.to_dict().items():
+            e = tuple(map(int, powers))
+            part = parts.setdefault(e[n:after], [{} for _ in range(1 + len(s))])
+            part[e[after:].index(1) + 1 if any(e[after:]) else 0][e[:n]] = coefficient
+        in_z = fmpq_mpoly_ctx.get(names[:n], Ordering.degrevlex)
+        self.plain, *self.factors = map(
+            list, zip(*(map(in_z.from_dict, part) for part in parts.values()), strict=True)
+        )
+        self.value, *self.arguments = (
+            in_z.from_dict({e[:n]: a for e, a in q.to_dict().items()}) for q in (v, *s)
+        )
+        self.gradient_law = not any(any(powers[n:]) for q in v_g2 for powers in q.to_dict()) and all(
+            _opposite(a, b) for a, b in zip(priced, v_g2, strict=True)
+        )
+        plant = (t for row in (claim.drift, *claim.g1, *claim.g2) for terms in row for t in terms)
+        exponent = {name: e for term in plant for name, e in term.parameters if e}
+        self.products = [  # of the variables θ = p^e, as powers of the parameters
+            tuple((p, e * exponent[p]) for p, e in zip(free, powers, strict=True) if e) for powers in parts
+        ]
 
 
 def _opposite(first: Any, other: Any) -> bool:
@@ -202,8 +198,8 @@ def _opposite(first: Any, other: Any) -> bool:
     )
 
 
-def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]]:
-    """The corners of the box of the parameters in these products.
+def box_corners(claim: Claim, products: list[Exponents]) -> list[tuple[dict[str, fmpq], list[fmpq]]]:
+    """The corners of the box of the parameters in these products, and each product there.
 
     Between them each product stays between its values there, because no parameter of another exponent than 1 vanishes;
     for the squares that |V_x g1|² brings, a parameter that may vanish has 0 as a third end.
@@ -214,17 +210,13 @@ def box_corners(claim: Claim, products: list[Exponents]) -> list[dict[str, fmpq]
         for p in claim.parameters
         if p.name in used
     }
-    return [
+    corners = (
         dict(zip(box, map(as_rational, corner), strict=True))
         for corner in itertools.product(*(sorted(set(ends)) for ends in box.values()))
-    ]
-
-
-def parameter_corners(claim: Claim, products: list[Exponents]) -> list[list[fmpq]]:
-    """Each product of parameters (columns) at the corners of the box (rows)."""
+    )
     return [
-        [prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products]
-        for at in box_corners(claim, products)
+        (at, [prod((at[p] ** e for p, e in product), start=fmpq(1)) for product in products])
+        for at in corners
     ]
 
 
@@ -234,11 +226,10 @@ _NEAR, _FARTHEST = 64, 10**6  # |ℓᵀx| of a function: in short pieces, and in
 
 
 class Corner(NamedTuple):
-    """Parameters, their products and quotients of functions at which r is not negative definite: −r = zᵀ`form`z."""
+    """Parameters and their products at which r is not negative definite, for some quotients: −r = zᵀ`form`z."""
 
     parameters: dict[str, fmpq]
     weights: list[fmpq]
-    quotients: tuple[fmpq, ...]
     form: fmpq_mat
 
 
@@ -258,13 +249,11 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
         quotient_range(function, (row * widest * row.transpose())[0, 0])
         for function, row in zip(claim.functions, map(row_of, exact.arguments), strict=True)
     ]
-    ranges, weights = [ends for ends in known if ends], parameter_corners(claim, exact.products)
-    if len(ranges) < len(known) or len(weights) * 2 ** len(ranges) > _MOST_CORNERS:
+    ranges, corners = [ends for ends in known if ends], box_corners(claim, exact.products)
+    if len(ranges) < len(known) or len(corners) * 2 ** len(ranges) > _MOST_CORNERS:
         return 0, []
     count, failed, forms = 0, list[tuple[fmpq, Corner]](), [list(map(form_of, row)) for row in parts]
-    for (parameters, products), ends in itertools.product(
-        zip(box_corners(claim, exact.products), weights), itertools.product(*ranges)
-    ):
+    for (parameters, products), ends in itertools.product(corners, itertools.product(*ranges)):
         terms = (
             form * (weight * quotient)
             for weight, row in zip(products, forms, strict=True)
@@ -274,11 +263,11 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
         count += 1
         least = min(leading_minors(total))
         if not least > 0:
-            failed.append((least, Corner(parameters, products, ends, total)))
+            failed.append((least, Corner(parameters, products, total)))
             if len(failed) == _MOST_FAILED:
                 break
-    corners = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
-    return 0 if _farther(claim, widest) else count, corners
+    worst_first = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]
+    return 0 if _farther(claim, widest) else count, worst_first
 
 
 def _farther(claim: Claim, widest: fmpq_mat) -> list[int]:
@@ -294,8 +283,9 @@ def check_reach(claim: Claim, exact: Residual) -> None:
         widest = value.inv() * as_rational(claim.level)
         for i in _farther(claim, widest):
             row = np.array([rounded(widest[j, i]) for j in range(widest.nrows())])
-            place = row / np.sqrt(row[i])  # where z_i is largest on {V = c}
-            raise Refusal("the level set reaches beyond the stated reach", place, claim.level)
+            raise Refusal(  # where z_i is largest on {V = c}
+                "the level set reaches beyond the stated reach", row / np.sqrt(row[i]), claim.level
+            )
 
 
 def corner_text(claim: Claim, corner: Corner) -> str:

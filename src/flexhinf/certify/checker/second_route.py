@@ -77,9 +77,8 @@ def cell_holds(proof: Proof, cell: Cell, corner: int) -> bool:
 def cell_ended(proof: Proof, cell: Cell) -> bool:
     """Whether V > c at the inner end of a cell, in all its directions."""
     context = proof.exact.value.context()
-    places = _places(context, cell, as_rational(cell.begin), fmpq(0))
-    level = context.constant(as_rational(proof.claim.level))
-    return bool(_upper(level - _on_face(proof.exact.value, cell, places, 2), proof.n) < 0)
+    value = _on_face(proof.exact.value, cell, _places(context, cell, as_rational(cell.begin), fmpq(0)), 2)
+    return bool(_upper(context.constant(as_rational(proof.claim.level)) - value, proof.n) < 0)
 
 
 def _places(context: Any, cell: Cell, middle: fmpq, half: fmpq) -> list[Any]:

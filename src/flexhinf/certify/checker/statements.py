@@ -24,7 +24,6 @@ import functools
 import itertools
 import operator
 from collections.abc import Callable
-from itertools import pairwise
 from math import prod, sqrt
 from typing import Any
 
@@ -72,7 +71,7 @@ def _pieces_done(claim: Claim, start: Start, done: Callable[[arb, arb, fmpq, int
     for values in parameter_values(claim, start):
         todo = [  # intervals that cover the path, the piece of the table that they lie in, and halvings
             (left + (right - left) * i / _FIRST, left + (right - left) * (i + 1) / _FIRST, piece, 0)
-            for piece, (left, right) in enumerate(pairwise(knots))
+            for piece, (left, right) in enumerate(itertools.pairwise(knots))
             for i in range(_FIRST)
         ]
         while todo:
@@ -116,8 +115,10 @@ def _path(start: Start, piece: int, about: arb, values: dict[str, arb], terms: i
     for i, row in enumerate(start.path):
         x = arb_series([0], prec=terms)
         for term in row:
-            powers = (values[name] ** exponent for name, exponent in term.parameters)
-            factor = prod(powers, start=arb(term.coefficient) * a ** term.powers[0])
+            factor = prod(
+                (values[name] ** exponent for name, exponent in term.parameters),
+                start=arb(term.coefficient) * a ** term.powers[0],
+            )
             if term.function is not None:
                 function = start.functions[term.function]
                 offset = offset_of(function)
@@ -168,13 +169,10 @@ def proved_peaks(claim: Claim) -> tuple[float, ...]:
         return ()
     with ctx.workprec(BITS):
         level = functools.reduce(arb.max, (_largest_value(claim, start) for start in claim.starts), arb(0))
-        peaks = []
-        for law in claim.law:
-            k = row_of(polynomial_of(law, ring))
-            peaks.append(
-                float((arb((k * w.inv() * k.transpose())[0, 0]) * level).sqrt().upper()) * (1 + 1e-12)
-            )
-    return tuple(peaks) if all(bound < float("inf") for bound in peaks) else ()
+        gains = [row_of(polynomial_of(law, ring)) for law in claim.law]
+        squares = (arb((k * w.inv() * k.transpose())[0, 0]) * level for k in gains)
+        peaks = tuple(float(square.sqrt().upper()) * (1 + 1e-12) for square in squares)
+    return peaks if all(bound < float("inf") for bound in peaks) else ()
 
 
 def _largest_value(claim: Claim, start: Start) -> arb:
@@ -206,7 +204,9 @@ def check_observer(claim: Claim, observer: Observer, gradient_law: bool) -> None
     )
     estimated = [i for i, name in enumerate([s.name for s in claim.states]) if name not in observer.known]
     sensors = matrix_of(observer.measured)
-    drift, noise = _error_drift(claim, estimated, sensors), _disturbance(claim, estimated)
+    drift = _error_drift(claim, estimated, sensors)
+    # G (n_e, w), constant; disturbances of known states move no error, since those are computed
+    noise = fmpq_mat([[_constant(claim, entry, "disturbance") for entry in claim.g1[i]] for i in estimated])
     gain, weight, storage = map(matrix_of, (observer.gain, observer.weight, observer.storage))
     require(
         weight == weight.transpose() and storage == storage.transpose(),
@@ -262,11 +262,6 @@ def _error_drift(claim: Claim, estimated: list[int], sensors: Any) -> Any:
     return fmpq_mat([[linear[i][j] for j in estimated] for i in estimated])
 
 
-def _disturbance(claim: Claim, estimated: list[int]) -> Any:
-    """G (n_e, w) of the errors, constant. Disturbances of known states move no error, since those are computed."""
-    return fmpq_mat([[_constant(claim, entry, "disturbance") for entry in claim.g1[i]] for i in estimated])
-
-
 def _constant(claim: Claim, terms: Terms, what: str) -> fmpq:
     require(
         not any(any(term.powers) for term in terms),
@@ -288,9 +283,12 @@ def _check_slopes(claim: Claim, observer: Observer, estimated: list[int], weight
 
     eᵀJᵀR2Je is convex in J: corners suffice. The hull is max|z_i| ≤ reach plus the largest |z_i| of an error.
     """
-    slopes = _law_slopes(claim, estimated)
     widest = _hull(claim, observer, estimated, storage)
-    polynomials = [{tuple(map(int, e)): v for e, v in jac.to_dict().items()} for row in slopes for jac in row]
+    polynomials = [
+        {tuple(map(int, e)): v for e, v in jac.to_dict().items()}
+        for row in _law_slopes(claim, estimated)
+        for jac in row
+    ]
     middle = [jac.pop((0,) * len(widest), fmpq(0)) for jac in polynomials]
     radius = [
         sum((abs(v) * prod(map(pow, widest, e)) for e, v in jac.items()), fmpq(0)) for jac in polynomials

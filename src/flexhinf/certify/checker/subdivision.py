@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexhinf.certify.checker.bounds import Face
+from flexhinf.certify.checker.bounds import CentredForm, Face
 from flexhinf.certify.checker.guidance import axis_to_cut, refuse
 from flexhinf.certify.checker.residual import require
-from flexhinf.certify.checker.second_route import Cell, EveryCell, Sample
+from flexhinf.certify.checker.second_route import EveryCell, Sample
 
 BATCH = 64
 _GROWTH = 2.0  # of the interval of ρ after a cell that was accepted
@@ -22,24 +22,50 @@ _NARROW, _SHORT = 2.0**-40, 2.0**-24  # half widths and intervals that are not c
 
 
 @dataclass(frozen=True)
-class FaceResult:
-    """Result on one face: cells looked at, accepted, accepted by λ > 0; the largest allowance for rounding; a sample of
-    cells to be proved again, and how many were proved again on the way."""
+class Verification:
+    """Result of the checker, or of one face of it: whether it is proved, why not, and statistics of the proof.
 
-    cells: int
-    accepted: int
-    with_level: int
-    rounding: float
-    sample: tuple[Cell, ...]
-    again: int
+    Attributes
+    ----------
+    reason : str
+        Why not, else empty.
+    cells, accepted, with_level : int
+        Cells that were looked at, that were accepted, and of these the ones that needed V ≤ c.
+    resampled, every_cell : int, bool
+        Cells that were proved a second time, in rationals and balls; whether these are all, and all at which the level
+        set ended.
+    faces : int
+        Of the cube: n where V and r are even but for rounding, else 2n.
+    corners : int
+        Of quotients and parameters, at which r is a negative definite quadratic form in exact rationals; then there are
+        no cells. 0 where cells decide.
+    starts : int
+        Intervals of amplitudes whose starts were shown to be inside.
+    gradient_law, peaks : bool, tuple of float
+        Whether 4. of the theorem is proved too; the bounds of 8., in the inputs' units, empty where it is not proved.
+    rounding : float
+        Largest allowance for rounding in r/ρ².
+    """
+
+    proved: bool
+    reason: str = ""
+    cells: int = 0
+    accepted: int = 0
+    with_level: int = 0
+    resampled: int = 0
+    every_cell: bool = False
+    faces: int = 0
+    corners: int = 0
+    starts: int = 0
+    gradient_law: bool = False
+    peaks: tuple[float, ...] = ()
+    rounding: float = 0.0
+    cpu_s: float = 0.0
 
 
 def subdivide_face(
-    face: Face,
-    chosen: Sample | EveryCell,
-    *,
-    tick: Callable[[int], None] = lambda cells: None,
-) -> FaceResult:
+    face: Face, chosen: Sample | EveryCell, *, tick: Callable[[int], None] = lambda cells: None
+) -> Verification:
     """Prove that each direction of a face is finished after accepted cells that adjoin from ρ = 0 on, or raise a
     `Refusal`."""
     n, reach = face.proof.n, face.proof.claim.reach
@@ -53,7 +79,7 @@ def subdivide_face(
         undecided = ~good & ~finished
         refuse(face.face, cells, undecided, bounds, reach)
         chosen.offer(cells, good, finished, bounds, reach)
-        bad, form = cells[:, undecided], bounds.form.chosen(undecided)
+        bad, form = cells[:, undecided], CentredForm(*(part[:, undecided] for part in bounds.form))
         stack = np.hstack(
             [stack, _further(cells[:, good]), *_cut(bad, axis_to_cut(face.proof.table, form, bad))]
         )
@@ -62,7 +88,9 @@ def subdivide_face(
         with_level += int((good & ~(bounds.largest < 0)).sum())
         rounding = max(rounding, float(bounds.rounding[good].max(initial=0.0)))
         tick(len(good))
-    return FaceResult(count, accepted, with_level, rounding, tuple(chosen.cells), chosen.count)
+    return Verification(
+        True, cells=count, accepted=accepted, with_level=with_level, resampled=chosen.count, rounding=rounding
+    )
 
 
 def _further(cells: np.ndarray) -> np.ndarray:
@@ -85,8 +113,7 @@ def _cut(cells: np.ndarray, axis: np.ndarray) -> list[np.ndarray]:
     inner[-1] = (inner[-2] + inner[-1]) / 2
     i, j = axis[axis > 0] - 1, np.arange(first.shape[1])
     h = len(cells) // 2 - 1 + i
-    first[h, j] /= 2
-    second[h, j] /= 2
-    first[i, j] -= first[h, j]
-    second[i, j] += second[h, j]
+    for half, sign in ((first, -1), (second, 1)):
+        half[h, j] /= 2
+        half[i, j] += sign * half[h, j]
     return [inner, first, second]
