@@ -204,13 +204,9 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
