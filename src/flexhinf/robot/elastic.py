@@ -349,8 +349,8 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             unit, size = text.unit, TURNING[text.unit.lower()]
         got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
         # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        degrees = not (isinstance(text, Stated) or slides) and abs(value) > TURN
-        degrees = degrees and bool(low <= np.deg2rad(value) <= high)
+        within = abs(value) > TURN and low <= np.deg2rad(value) <= high
+        degrees = within and not (isinstance(text, Stated) or slides)
         what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
         if limits is None:
             what = f"The pose turns joint {joint!r} by {got}, more than once around."
@@ -359,9 +359,8 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             advice = (
                 f"{value:g}deg in commands and specifications, np.deg2rad({value:g}) elsewhere; or {advice}"
             )
-        expected = f"{low / size:.6g} to {high / size:.6g} {unit}"
         got += "; were degrees meant?" if degrees else ""
-        raise InvalidInput(what, f"expected {expected}, got {got}", advice)
+        raise InvalidInput(what, f"expected {low / size:.6g} to {high / size:.6g} {unit}, got {got}", advice)
     return values
 
 

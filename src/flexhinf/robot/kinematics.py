@@ -119,9 +119,11 @@ def check_holding(
     an error, by the number of the joint: where its limit is stated, and what a larger limit is called.
     """
     x, u = robot.operating_point(pose)
-    stated = robot.effort_limits if limit is None else limit
     limits = checked_limits(
-        "The efforts", stated, robot.joint_names, signal_names(DRIVES[robot.drive], robot.joint_names)
+        "The efforts",
+        robot.effort_limits if limit is None else limit,
+        robot.joint_names,
+        signal_names(DRIVES[robot.drive], robot.joint_names),
     )
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:

@@ -294,9 +294,7 @@ def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
 def _effort(model: Any, joint: int) -> float:
     """Largest torque or force of the actuators of a joint; infinite where one of them has no limit, or none."""
     total = 0.0
-    for k in range(model.nu):
-        if model.actuator_trnid[k, 0] != joint:
-            continue
+    for k in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
         gear = abs(float(model.actuator_gear[k, 0]))
         if model.actuator_forcelimited[k]:
             total += gear * float(np.abs(model.actuator_forcerange[k]).max())

@@ -142,20 +142,19 @@ def robot_penalty(
     penalty: Penalty,
     joints: Sequence[str],
     states: Sequence[str],
-    groups: Mapping[str, Sequence[str]] | None = None,
-    layout: Layout | None = None,
+    groups: Mapping[str, Sequence[str]],
+    layout: Layout,
 ) -> Penalty:
     """The penalty (single names only) with torques and their rates as functions of the state; others are unchanged.
 
     `states` include the integrals; the names of `groups`, which stand for all joints, an error lists first.
     """
-    layout = layout or Layout(len(joints))
     rigid = [joints[i] for i in layout.rigid]
     named = [signal_names(quantity, joints, rigid) for quantity in ("joint_torque", "joint_torque_rate")]
     if not isinstance(penalty.states, Mapping):
         return penalty
     singles = (*states, *named[0], *named[1])
-    plain = [group for group, members in (groups or {}).items() if set(members) <= set(singles)]
+    plain = [group for group, members in groups.items() if set(members) <= set(singles)]
     check_weighted(penalty.states, list(dict.fromkeys((*plain, *singles))))
     if not {*named[0], *named[1]} & set(penalty.states):
         return penalty

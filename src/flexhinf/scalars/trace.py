@@ -102,17 +102,19 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
         first, second = (*read, empty, empty)[:2]
         operations.append(NAMES[code])
         rows.append((first, second, written[0], constant))
-    arrays: dict[str, Any] = {
-        name: np.array(column, dtype=float if name == "value" else np.int64)
-        for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
-    }
     sizes = [
         *(function.size1_in(k) for k in range(function.n_in())),
         *(function.size1_out(k) for k in range(function.n_out())),
     ]
-    arrays["operation"] = np.array(operations, dtype=np.str_)
-    arrays["sizes"], arrays["arguments"] = np.array(sizes, dtype=np.int64), np.array(function.n_in())
-    return arrays
+    return {
+        **{
+            name: np.array(column, dtype=float if name == "value" else np.int64)
+            for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
+        },
+        "operation": np.array(operations, dtype=np.str_),
+        "sizes": np.array(sizes, dtype=np.int64),
+        "arguments": np.array(function.n_in()),
+    }
 
 
 def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored") -> ca.Function:
