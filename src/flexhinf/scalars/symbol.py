@@ -44,7 +44,8 @@ def _binary(operation: int, reflected: bool = False) -> Any:
         value = _lift(other)
         if value is None:
             return NotImplemented
-        return Symbol(ca.SX.binary(operation, *((value, self.sx) if reflected else (self.sx, value))))
+        left, right = (value, self.sx) if reflected else (self.sx, value)
+        return Symbol(ca.SX.binary(operation, left, right))
 
     return method
 
