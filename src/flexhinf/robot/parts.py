@@ -1,7 +1,7 @@
 """The parts a robot is assembled from, and the keys of robot files that state them.
 
 `TABLES` states each key of a robot file once: what may stand there, its units, and whether it must. `RobotFile` reads,
-checks and converts a file to SI units in one walk. The unit of a spring depends on its joint, N·m/rad where it turns and
+checks and converts a file to SI units in one walk. The unit of a spring depends on its joint, N·m/rad where it turns,
 N/m where it slides, which a file may say only by its URDF: both are read, and compared with the robot that comes of it.
 """
 
