@@ -76,11 +76,11 @@ def line_coefficients(table: np.ndarray, v: np.ndarray, degree: int) -> np.ndarr
 def test_along_lines_the_fields_are_those_of_casadi(name, degree):
     """f, g1 and g2 by symbolic differentiation in t of the flow on a line through the point."""
     flow, x0, u0, d0 = CASES[name]
-    result = expand_control_affine(flow, x0, u0, d0, ARM, degree)
+    result = dict(zip(("f", "g1", "g2"), expand_control_affine(flow, x0, u0, d0, ARM, degree), strict=True))
     n, m, md = len(x0), len(u0), len(d0)
-    assert result.f.shape == (n, size(n, degree))
-    assert result.g1.shape == (n, md, size(n, degree - 1))
-    assert result.g2.shape == (n, m, size(n, degree - 1))
+    assert result["f"].shape == (n, size(n, degree))
+    assert result["g1"].shape == (n, md, size(n, degree - 1))
+    assert result["g2"].shape == (n, m, size(n, degree - 1))
     traced = trace(lambda x, u, d: flow(x, u, d, ARM), n, m, md)
     t, v = ca.SX.sym("t"), np.random.default_rng(0).normal(size=n)
     u, d = ca.SX.sym("u", m), ca.SX.sym("d", md)
@@ -90,26 +90,24 @@ def test_along_lines_the_fields_are_those_of_casadi(name, degree):
         expression, expected, factorial = ca.vec(ca.densify(matrix).T), [], 1.0  # C order
         for k in range(degree + (field == "f")):
             value = ca.Function("value", [t, u, d], [ca.densify(expression)])(0.0, u0, d0)
-            expected.append(
-                np.asarray(value, dtype=float).reshape(getattr(result, field).shape[:-1]) / factorial
-            )
+            expected.append(np.asarray(value, dtype=float).reshape(result[field].shape[:-1]) / factorial)
             expression, factorial = ca.jacobian(expression, t), factorial * (k + 1)
-        got = line_coefficients(getattr(result, field), v, len(expected) - 1)
+        got = line_coefficients(result[field], v, len(expected) - 1)
         np.testing.assert_allclose(got, np.stack(expected, axis=-1), rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.oracle
 def test_the_joint_is_the_series_of_its_sine():
     x0, degree = [0.8, 0.2, 1.1, -0.4], 7
-    result = expand_control_affine(joint, x0, [0.5], [-0.3], ARM, degree)
+    f, g1, g2 = expand_control_affine(joint, x0, [0.5], [-0.3], ARM, degree)
     with mpmath.workdps(40):
         sine = np.array([float(c) for c in mpmath.taylor(mpmath.sin, mpmath.mpf(0.8), degree)])
     weight = ARM.mass * ARM.gravity * ARM.length / ARM.link_inertia
     for k in range(2, degree + 1):
         expected = np.zeros((4, basis.count(4, k)))
         expected[1, 0] = -weight * sine[k]  # q^k is the first monomial of its degree
-        np.testing.assert_allclose(result.f[:, degree_slice(4, k)], expected, rtol=1e-14)
-    linear = result.f[:, degree_slice(4, 1)]
+        np.testing.assert_allclose(f[:, degree_slice(4, k)], expected, rtol=1e-14)
+    linear = f[:, degree_slice(4, 1)]
     k, j, i = ARM.stiffness, ARM.rotor_inertia, ARM.link_inertia
     expected = [
         [0, 1, 0, 0],
@@ -118,8 +116,8 @@ def test_the_joint_is_the_series_of_its_sine():
         [k / j, 0, -k / j, -ARM.damping / j],
     ]
     np.testing.assert_allclose(linear, expected, rtol=1e-14)
-    np.testing.assert_allclose(result.f[:, 0], joint(np.array(x0), [0.5], [-0.3], ARM), rtol=1e-14)
-    for field, column in ((result.g1, [0, 1 / i, 0, 0]), (result.g2, [0, 0, 0, 1 / j])):
+    np.testing.assert_allclose(f[:, 0], joint(np.array(x0), [0.5], [-0.3], ARM), rtol=1e-14)
+    for field, column in ((g1, [0, 1 / i, 0, 0]), (g2, [0, 0, 0, 1 / j])):
         np.testing.assert_allclose(field[:, 0, 0], column, rtol=1e-15)
         assert not field[:, :, 1:].any()
 
@@ -128,13 +126,13 @@ def test_the_joint_is_the_series_of_its_sine():
 def test_near_the_point_the_expansion_is_the_flow():
     flow, x0, u0, d0 = CASES["two links"]
     degree, v = 5, np.array([0.3, -0.5, 0.7, 0.2])
-    result = expand_control_affine(flow, x0, u0, d0, ARM, degree)
+    f, g1, g2 = expand_control_affine(flow, x0, u0, d0, ARM, degree)
     du, dd = np.array([0.4, -0.1]), np.array([-0.6, 0.5])
     errors = []
     for step in (0.08, 0.04):
         powers = monomials(step * v, degree)
         lower = powers[: size(4, degree - 1)]
-        predicted = result.f @ powers + step * ((result.g1 @ lower) @ dd + (result.g2 @ lower) @ du)
+        predicted = f @ powers + step * ((g1 @ lower) @ dd + (g2 @ lower) @ du)
         exact = flow(np.array(x0) + step * v, np.array(u0) + step * du, np.array(d0) + step * dd, ARM)
         errors.append(np.abs(predicted - exact).max())
     assert errors[0] < 1e-4
@@ -144,15 +142,14 @@ def test_near_the_point_the_expansion_is_the_flow():
 def test_a_lower_degree_is_a_prefix():
     flow, *point = CASES["two links"]
     high, low = (expand_control_affine(flow, *point, ARM, degree) for degree in (5, 3))
-    np.testing.assert_allclose(low.f, high.f[:, : size(4, 3)], rtol=1e-13, atol=1e-14)
-    np.testing.assert_allclose(low.g1, high.g1[..., : size(4, 2)], rtol=1e-13, atol=1e-14)
-    np.testing.assert_allclose(low.g2, high.g2[..., : size(4, 2)], rtol=1e-13, atol=1e-14)
+    for few, many, kept in zip(low, high, (size(4, 3), size(4, 2), size(4, 2)), strict=True):
+        np.testing.assert_allclose(few, many[..., :kept], rtol=1e-13, atol=1e-14)
 
 
 def test_no_disturbance_and_no_input():
-    result = expand_control_affine(lambda x, u, d, p: [x[1], np.sin(x[0])], [0.0, 0.0], [], [], None, 3)
-    assert result.g1.shape == result.g2.shape == (2, 0, size(2, 2))
-    np.testing.assert_allclose(result.f[1], [0, 1, 0, 0, 0, 0, -1 / 6, 0, 0, 0])
+    f, g1, g2 = expand_control_affine(lambda x, u, d, p: [x[1], np.sin(x[0])], [0.0, 0.0], [], [], None, 3)
+    assert g1.shape == g2.shape == (2, 0, size(2, 2))
+    np.testing.assert_allclose(f[1], [0, 1, 0, 0, 0, 0, -1 / 6, 0, 0, 0])
 
 
 @pytest.mark.oracle
@@ -215,8 +212,8 @@ def test_rounding_of_a_square_that_cancels_is_not_a_square():
     def flow(x, u, d, p):
         return [((u[0] + 0.1) ** 2 - 0.1 * (u[0] + 0.1) * 2.0 - (u[0] ** 2 - 0.01)) * 3.0 + x[0]]
 
-    result = expand_control_affine(flow, [0.0], [0.3], [], None, 2)
-    np.testing.assert_allclose(result.g2[0, 0], [0.0, 0.0], atol=1e-14)
+    _, _, g2 = expand_control_affine(flow, [0.0], [0.3], [], None, 2)
+    np.testing.assert_allclose(g2[0, 0], [0.0, 0.0], atol=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
+from flexhinf.robot.elastic import Layout
 from flexhinf.robot.signals import robot_penalty
 
 
@@ -60,12 +61,12 @@ def test_a_motion_of_the_whole_costs_nothing() -> None:
 
 
 def test_a_penalty_without_torques_stays_as_it_is_and_its_effort_stays_too() -> None:
-    joints, states = ("a", "b"), ("link_position_a", "link_position_b")
+    of_robot = ("a", "b"), ("link_position_a", "link_position_b"), {}, Layout(2)
     plain = Penalty({"link_position_a": 1.0}, 3.0)
-    assert robot_penalty(plain, joints, states) is plain
+    assert robot_penalty(plain, *of_robot) is plain
     as_matrix = Penalty(np.eye(2))
-    assert robot_penalty(as_matrix, joints, states) is as_matrix
-    mixed = robot_penalty(Penalty({"joint_torque_rate_b": 2.0}, 3.0), joints, states)
+    assert robot_penalty(as_matrix, *of_robot) is as_matrix
+    mixed = robot_penalty(Penalty({"joint_torque_rate_b": 2.0}, 3.0), *of_robot)
     assert mixed.effort == 3.0
 
 

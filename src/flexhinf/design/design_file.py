@@ -469,7 +469,7 @@ def _singular(what: str, at: kinematics.Reached) -> list[str]:
         f"At {what}, {_text(at.pose)}, the robot is near a singular pose: in one direction its point moves by only "
         f"{at.mobility:.2g} of what it does elsewhere, so small errors of the place are large ones of the joints."
     )
-    return [text] if at.near_singular else []
+    return [text] if at.mobility < kinematics.SINGULAR else []
 
 
 def _text(pose: np.ndarray) -> str:

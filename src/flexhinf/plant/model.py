@@ -69,10 +69,7 @@ class ParameterTable:
     values: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.values, Mapping):
-            raise InvalidInput(
-                "The parameters are not named.", f"expected a mapping, got {self.values!r}", "{'mass': 1.0}"
-            )
+        checked_kind("The parameters are not named.", self.values, Mapping, "a mapping", "{'mass': 1.0}")
         checked = {}
         for name, value in self.values.items():
             refuse_if(

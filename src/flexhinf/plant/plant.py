@@ -48,9 +48,15 @@ class Plant(Model):
         See `GeneralisedPlant` for the arguments. The name of a group stands for all
         its signals, in the penalty (with one weight for all, or one each) as in the other arguments.
         """
-        channels = None if disturbances is None else self.expanded(disturbances)
-        weights = Penalty.of(penalty).expanded(self.groups)
-        return GeneralisedPlant(self, weights, self.expanded(integrate), command, channels, pose, equilibrium)
+        return GeneralisedPlant(
+            self,
+            Penalty.of(penalty).expanded(self.groups),
+            self.expanded(integrate),
+            command,
+            None if disturbances is None else self.expanded(disturbances),
+            pose,
+            equilibrium,
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,13 +210,9 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @property
+    @cached_property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
-        return self._r2
-
-    @cached_property
-    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:

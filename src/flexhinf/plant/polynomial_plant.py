@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,9 +18,8 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import evaluate, monomials
-from flexhinf.polynomial.basis import from_kronecker, indices
 from flexhinf.polynomial.truncated import degree_slice, size
-from flexhinf.scalars.jet import jets, terms
+from flexhinf.scalars.jet import coefficients, jets, terms
 from flexhinf.scalars.trace import linear, nonzero, sizes_of_rows, switches
 from flexhinf.validation import checked_array, checked_names, distinct, read_only, real_array, value_text
 
@@ -55,22 +54,20 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
     return half
 
 
-def parts_from_input(name: str, coefficients: Any, n: int) -> dict[int, np.ndarray]:
-    """Parts of g1 or g2: a constant matrix (n, inputs), or a mapping {exponents: (n, inputs)}."""
-    if isinstance(coefficients, Mapping):
-        return parts_from_mapping(name, coefficients, n, 2)
-    matrix = real_array(coefficients)
-    if matrix.ndim != 2:
-        raise InvalidInput(
-            f"{name} is not a matrix.",
-            f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
-            f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
-        )
-    return {0: matrix[:, :, None]}
+def parts_by_degree(name: str, coefficients: Any, n: int, axes: int) -> dict[int, np.ndarray]:
+    """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient.
 
-
-def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[int, np.ndarray]:
-    """Gather {exponents: coefficient} by degree; `axes` is the number of axes of one coefficient."""
+    Two axes are those of g1 and g2, which may also be a constant matrix (n, inputs).
+    """
+    if axes == 2 and not isinstance(coefficients, Mapping):
+        matrix = real_array(coefficients)
+        if matrix.ndim != 2:
+            raise InvalidInput(
+                f"{name} is not a matrix.",
+                f"expected numbers of shape ({n}, inputs), got shape {matrix.shape}: {value_text(coefficients)}",
+                f"a column per input: np.reshape({name}, ({n}, 1)) for one input",
+            )
+        return {0: matrix[:, :, None]}
     refuse_if(
         not isinstance(coefficients, Mapping) or not coefficients,
         f"{name} is not a mapping of monomials.",
@@ -110,16 +107,24 @@ def parts_from_mapping(name: str, coefficients: Any, n: int, axes: int) -> dict[
 
 
 def checked_parts(
-    name: str, parts: dict[int, np.ndarray], n: int, shape: tuple[int | None, ...], lowest: int
+    name: str,
+    parts: dict[int, np.ndarray],
+    n: int,
+    shape: tuple[int | None, ...],
+    lowest: int,
+    rows: Sequence[str] = (),
 ) -> dict[int, np.ndarray]:
-    """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest."""
+    """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest.
+
+    That is one for f and h: their constant part must be rounding, and is dropped. `rows` are names, of f's.
+    """
     refuse_if(not parts, f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]
     refuse_if(n < 1, "The plant has no states.", "expected n >= 1, got 0", "one row of f per state")
     fits = len(lead) == len(shape) and all(want in (None, got) for want, got in zip(shape, lead, strict=True))
     checked: dict[int, np.ndarray] = {}
-    for degree, coefficients in sorted({lowest: np.zeros((*lead, basis.count(n, lowest))), **parts}.items()):
-        part = np.ascontiguousarray(real_array(coefficients))
+    for degree, stated in sorted({lowest: np.zeros((*lead, basis.count(n, lowest))), **parts}.items()):
+        part = np.ascontiguousarray(real_array(stated))
         expected = (
             *("any" if size is None else size for size in (lead if fits else shape)),
             basis.count(n, degree),
@@ -138,23 +143,19 @@ def checked_parts(
         )
         if degree == lowest or part.any():
             checked[degree] = part
+    if lowest and 0 in checked:
+        constant = checked.pop(0)[:, 0]
+        excess = np.abs(constant) - _REST * np.maximum(1.0, np.abs(checked[1]).max(axis=1))
+        worst = int(np.argmax(excess))
+        if excess[worst] > 0:
+            what = "The plant is not in equilibrium" if rows else "The penalty does not vanish"
+            raise InvalidInput(
+                f"{what} at the operating point.",
+                f"expected {name} = 0 there, got {constant[worst]:.6g} in "
+                f"{rows[worst] if rows else f'z{worst + 1}'}",
+                "an operating point that is an equilibrium, and penalties measured from it",
+            )
     return checked
-
-
-def check_rest(name: str, parts: dict[int, np.ndarray], rows: tuple[str, ...]) -> None:
-    """Check that f(x*) = 0 or h(x*) = 0 up to rounding, and drop the constant part."""
-    constant = parts.pop(0, None)
-    if constant is None:
-        return
-    excess = np.abs(constant[:, 0]) - _REST * np.maximum(1.0, np.abs(parts[1]).max(axis=1))
-    worst = int(np.argmax(excess))
-    if excess[worst] > 0:
-        what = "The plant is not in equilibrium" if name == "f" else "The penalty does not vanish"
-        raise InvalidInput(
-            f"{what} at the operating point.",
-            f"expected {name} = 0 there, got {constant[worst, 0]:.6g} in {rows[worst]}",
-            "an operating point that is an equilibrium, and penalties measured from it",
-        )
 
 
 @runtime_checkable
@@ -256,10 +257,10 @@ class PolynomialPlant(Summarised):
         n = max(1, len(first)) if isinstance(first, tuple) else 1
         plant = PolynomialPlant.from_parts(
             n,
-            parts_from_mapping("f", f, n, 1),
-            parts_from_input("g1", g1, n),
-            parts_from_input("g2", g2, n),
-            parts_from_mapping("h", h, n, 1),
+            parts_by_degree("f", f, n, 1),
+            parts_by_degree("g1", g1, n, 2),
+            parts_by_degree("g2", g2, n, 2),
+            parts_by_degree("h", h, n, 1),
             r2,
             state_names,
             operating_point,
@@ -299,13 +300,11 @@ class PolynomialPlant(Summarised):
             points.append(checked_array(what, point, (count,), f"{count} finite numbers", "none: the origin"))
         distinct("Of states and inputs, the name", (*names[0], *names[1]))
         parts = {
-            "f_parts": checked_parts("f", dict(f), n, (n,), 1),
+            "f_parts": checked_parts("f", dict(f), n, (n,), 1, names[0]),
             "g1_parts": checked_parts("g1", dict(g1), n, (n, None), 0),
             "g2_parts": checked_parts("g2", dict(g2), n, (n, len(r2)), 0),
             "h_parts": checked_parts("h", dict(h), n, (None,), 1),
         }
-        check_rest("f", parts["f_parts"], names[0])
-        check_rest("h", parts["h_parts"], tuple(f"z{i + 1}" for i in range(parts["h_parts"][1].shape[0])))
         own = ("state_names", "input_names", "operating_point", "operating_input")
         plant = cls.__new__(cls)
         plant.__setstate__({**parts, "r2": r2, **dict(zip(own, (*names, *points)))})
@@ -345,10 +344,12 @@ class PolynomialPlant(Summarised):
             parts = {}
             for k, matrix in enumerate(matrices):
                 full = matrix.toarray() if hasattr(matrix, "toarray") else np.atleast_2d(real_array(matrix))
-                parts[k] = np.stack([from_kronecker(full[:, j::columns], n, k) for j in range(columns)], 1)
+                parts[k] = np.stack(
+                    [basis.from_kronecker(full[:, j::columns], n, k) for j in range(columns)], 1
+                )
             return parts
 
-        flow, output = ({k: from_kronecker(m, n, k) for k, m in enumerate(terms, 1)} for terms in (f, h))
+        flow, output = ({k: basis.from_kronecker(m, n, k) for k, m in enumerate(rows, 1)} for rows in (f, h))
         return cls.from_parts(n, flow, fields(g1), fields(g2), output, r2, **named)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -404,19 +405,6 @@ STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number
 AFFINE_TOLERANCE = 1e-12
 
 
-class ControlAffineExpansion(NamedTuple):
-    """ẋ = f(x) + g1(x) δd + g2(x) δu in the deviations x, δu, δd from the point, as monomial coefficients.
-
-    The last axis runs over the monomials in the n states, degree after degree (`polynomial.truncated.degree_slice`):
-    f (n, C(n+D, D)) through degree D, its first column the flow at the point; g1 (n, md, C(n+D−1, D−1)) and
-    g2 (n, m, C(n+D−1, D−1)), the columns of the disturbances and of the inputs, through degree D − 1.
-    """
-
-    f: np.ndarray
-    g1: np.ndarray
-    g2: np.ndarray
-
-
 @lru_cache(8)
 def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Which field each monomial in n states and some other variables belongs to, through `degree`, and its place there.
@@ -426,7 +414,7 @@ def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarra
     """
     owner, place = [np.full(1, STATES)], [np.zeros(1, np.intp)]
     for k in range(1, degree + 1):
-        tuples = indices(n + others, k)
+        tuples = basis.indices(n + others, k)
         last = tuples[:, -1].astype(np.intp)
         once = tuples[:, -2] < n if k > 1 else np.ones(len(tuples), bool)
         owner.append(np.where(last < n, STATES, np.where(once, last - n, REST)))
@@ -500,12 +488,10 @@ def expand(function: Callable[[np.ndarray, Any], Any], x0: Any, parameters: Any,
     """
     x = jets(x0, degree)
     with np.errstate(all="ignore"):
-        result = np.asarray(function(x, parameters), dtype=object)
-    rows, monomials, values = terms(result, len(x), degree)
-    _check_finite(rows, values, result.shape, "function")
-    table = np.zeros((result.size, size(len(x), degree)))
-    table[rows, monomials] = values
-    return table.reshape(*result.shape, table.shape[1])
+        table = coefficients(function(x, parameters), len(x), degree)
+    *shape, count = table.shape
+    _check_finite(np.arange(table.size) // count, table.ravel(), tuple(shape), "function")
+    return table
 
 
 def expand_control_affine(
@@ -518,8 +504,12 @@ def expand_control_affine(
     *,
     input_names: Sequence[str] | None = None,
     disturbance_names: Sequence[str] | None = None,
-) -> ControlAffineExpansion:
-    """Taylor coefficients of a flow that is affine in its inputs, f(x) + g1(x) d + g2(x) u, about x0, u0, d0.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Taylor coefficients f, g1, g2 of a flow that is affine in its inputs, ẋ = f(x) + g1(x) δd + g2(x) δu.
+
+    The deviations x, δu, δd are those from x0, u0, d0. The last axes run over the monomials in the n states, degree
+    after degree (`polynomial.truncated.degree_slice`): f (n, C(n+D, D)) through degree D, its first column the flow at
+    the point; g1 (n, md, C(n+D−1, D−1)) and g2 (n, m, C(n+D−1, D−1)) through degree D − 1.
 
     The code `flow(x, u, d, p)` runs once, on polynomials in (x, u, d) of total degree D ≥ 1: a term gᵢ(x) uᵢ of it has
     at most degree D − 1 in the states. Terms of order two in the inputs, of total degree ≤ max(D, 2), show a flow that
@@ -560,7 +550,7 @@ def expand_control_affine(
         number, k = monomials[worst], 2
         while number >= size(n + m + md, k):
             k += 1
-        monomial = indices(n + m + md, k)[number - size(n + m + md, k - 1)]
+        monomial = basis.indices(n + m + md, k)[number - size(n + m + md, k - 1)]
         term = " * ".join(names[i - n] if i >= n else f"x[{i}]" for i in monomial)
         raise InvalidInput(
             "The flow is not affine in its inputs, so it has no form f(x) + g1(x) d + g2(x) u.",
@@ -572,4 +562,4 @@ def expand_control_affine(
     f[rows[kept], place[kept]] = values[kept]
     kept = (owner >= 0) & (place < g.shape[-1])
     g[rows[kept], owner[kept], place[kept]] = values[kept]
-    return ControlAffineExpansion(f, g[:, m:], g[:, :m])
+    return f, g[:, m:], g[:, :m]

@@ -42,15 +42,10 @@ from flexhinf.validation import HUGE, checked_array, real_array, value_text, wit
 
 
 class JointTree:
-    """Joints of a robot's links: names, which of them slide, ranges (rad, m); and the direction of free fall."""
+    """Joints of a robot's links: which of them slide, ranges (rad, m); and the direction of free fall."""
 
     tree: Tree
     down: Any
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints."""
-        return self.tree.names
 
     @property
     def slides(self) -> tuple[bool, ...]:
@@ -158,14 +153,11 @@ class Arm(JointTree):
 
     def required(self) -> tuple[str, ...]:
         """Names of the parameters that the links must have."""
-        names = ["gravity"]
-        for joint in self.tree.names:
-            names += [
-                per_joint("mass", joint, len(self.tree)),
-                *self._names(joint, "centre_of_mass", VECTOR),
-                *self._names(joint, "inertia", INERTIA),
-            ]
-        return tuple(names)
+        quantities = ("mass", *(f"centre_of_mass_{x}" for x in VECTOR), *(f"inertia_{xx}" for xx in INERTIA))
+        of_links = (
+            per_joint(name, joint, len(self.tree)) for joint in self.tree.names for name in quantities
+        )
+        return ("gravity", *of_links)
 
     def packed(self, values: Mapping[str, float]) -> dict[str, Any]:
         """The links' parameters as the plant has them: each link with its payload."""

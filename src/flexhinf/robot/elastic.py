@@ -331,7 +331,7 @@ TURN = 2.0 * np.pi * (1.0 + 1e-9)
 
 def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.ndarray:
     """Link positions (n,) within the limits, from a sequence, a mapping by joint, a number for one joint, or None."""
-    names = links.joint_names
+    names = links.tree.names
     pose = default if pose is None else pose
     if isinstance(pose, Mapping):
         named = {name.removeprefix("link_position_"): value for name, value in pose.items()}
@@ -349,8 +349,8 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             unit, size = text.unit, TURNING[text.unit.lower()]
         got = f"{text.number}{text.unit}" if isinstance(text, Stated) and text.number else f"{value:g} {unit}"
         # Degrees may be meant by a number without a unit, where as many degrees would be allowed.
-        degrees = not (isinstance(text, Stated) or slides) and abs(value) > TURN
-        degrees = degrees and bool(low <= np.deg2rad(value) <= high)
+        within = abs(value) > TURN and low <= np.deg2rad(value) <= high
+        degrees = within and not (isinstance(text, Stated) or slides)
         what, advice = f"The pose is outside the limits of joint {joint!r}.", "a pose within the limits"
         if limits is None:
             what = f"The pose turns joint {joint!r} by {got}, more than once around."
@@ -359,15 +359,12 @@ def checked_pose(pose: Any, default: np.ndarray, links: Any, robot: str) -> np.n
             advice = (
                 f"{value:g}deg in commands and specifications, np.deg2rad({value:g}) elsewhere; or {advice}"
             )
-        expected = f"{low / size:.6g} to {high / size:.6g} {unit}"
         got += "; were degrees meant?" if degrees else ""
-        raise InvalidInput(what, f"expected {expected}, got {got}", advice)
+        raise InvalidInput(what, f"expected {low / size:.6g} to {high / size:.6g} {unit}, got {got}", advice)
     return values
 
 
-#: What a real joint adds that the inverse dynamics can follow: torques on the motor that its velocity gives.
-MODELLED = ("coulomb_friction", "stribeck_friction")
-
+#: What a real joint adds that the inverse dynamics cannot follow; they can follow a torque of the motor's velocity.
 WHY_NOT = {
     "inductance": "the coil needs a fifth derivative",
     "joint_damping": "a damped spring takes away the flat output: its twist obeys a differential equation",
@@ -383,7 +380,7 @@ class InverseFlow:
     """(q, q̇, q̈, q⃛, q⁗) → (x, u) with ẋ = flow(x, u, 0, p) of `ElasticFlow`, on any element.
 
     With q⁗ = v a law's wish, u is the input of exact feedback linearisation [spong1987]. Rigid joints have
-    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `MODELLED`; others are refused by name.
+    J q̈ + B q̇ + F(q̇) + τ_J = τ. Extras out of `DRY`; others are refused by name.
     """
 
     links: Any
@@ -394,9 +391,9 @@ class InverseFlow:
     def __post_init__(self) -> None:
         for name in self.extras:
             refuse_if(
-                name not in MODELLED,
+                name not in DRY,
                 f"The inverse dynamics do not model {name!r}: {WHY_NOT.get(name, 'it is unknown')}.",
-                f"expected extras out of {list(MODELLED)}, got {list(self.extras)}",
+                f"expected extras out of {list(DRY)}, got {list(self.extras)}",
                 f"the feedforward without {name!r}; the law feeds back what it leaves",
             )
 
@@ -406,7 +403,7 @@ class InverseFlow:
             series(q, dq, ddq), series(dq, ddq, dddq), series(ddq, dddq, ddddq), p
         )  # fmt: skip
         load, rate, jerk = (derivative(torque, order) for order in range(3))
-        layout = Layout(len(self.links.joint_names), self.rigid)
+        layout = Layout(len(self.links.tree), self.rigid)
         softness = 1.0 / p.stiffness
         own = [
             layout.at_springs(at) + softness * layout.at_springs(twisting)
@@ -431,6 +428,4 @@ def traced_inverse(flow: InverseFlow, shapes: tuple[tuple[str, tuple[int, ...]],
     def inverse(q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, vector: Any) -> tuple[Any, Any]:
         return flow(q, dq, ddq, dddq, ddddq, table.named(vector))
 
-    return trace(
-        inverse, *[len(flow.links.joint_names)] * 5, table.size, name="inverse", names=(*ORDERS, "p")
-    )
+    return trace(inverse, *[len(flow.links.tree)] * 5, table.size, name="inverse", names=(*ORDERS, "p"))

@@ -119,9 +119,11 @@ def check_holding(
     an error, by the number of the joint: where its limit is stated, and what a larger limit is called.
     """
     x, u = robot.operating_point(pose)
-    stated = robot.effort_limits if limit is None else limit
     limits = checked_limits(
-        "The efforts", stated, robot.joint_names, signal_names(DRIVES[robot.drive], robot.joint_names)
+        "The efforts",
+        robot.effort_limits if limit is None else limit,
+        robot.joint_names,
+        signal_names(DRIVES[robot.drive], robot.joint_names),
     )
     worst = int(np.argmax(np.abs(u) / limits))
     if abs(u[worst]) > limits[worst]:
@@ -139,7 +141,7 @@ def check_holding(
 #: Starts of the search beside the given one; a place counts as reached within this fraction of the robot's size.
 STARTS, CLOSE = 12, 1e-7
 
-#: A pose is near-singular where the point moves in its worst direction by less than this fraction of the best one.
+#: A pose is near-singular where its mobility is less than this.
 SINGULAR = 0.05
 
 
@@ -153,11 +155,6 @@ class Reached:
 
     pose: np.ndarray
     mobility: float
-
-    @property
-    def near_singular(self) -> bool:
-        """Whether the point hardly moves in some direction."""
-        return self.mobility < SINGULAR
 
 
 def link_frames(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -262,19 +259,19 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
 
 DEGREES = 180.0 / np.pi
 
-#: Twist of a spring under the robot's own weight, rad: robots with elastic joints have less than 0.15.
-TWIST = (0.25, 1.5)
+#: Numbers above which something is doubtful, and above which it is refused.
+UNUSUAL = {
+    "twist": (0.25, 1.5),  # Of a spring under the robot's own weight, rad: elastic joints have less than 0.15
+    "length": (5.0, 20.0),  # From a joint's frame to the next one or to a centre of mass, m
+    "gyration": (2.0, 10.0),  # Radius of gyration of a link, m
+    "motor": (1e4, 1e6),  # Motor's inertia over the one it moves; a light wrist with strong gears has 1000
+    "payload": (
+        10.0,
+        100.0,
+    ),  # Mass over that of the moving links: industrial robots carry less than their own
+}
 
-#: Distance of a joint or a centre of mass in the frame before it, m.
-LENGTH = (5.0, 20.0)
-
-#: Radius of gyration of a link, m.
-GYRATION = (2.0, 10.0)
-
-#: Reflected inertia of a motor over the inertia that it moves; the wrist of a light arm with strong gears has 1000.
-MOTOR = (1e4, 1e6)
-
-#: The same where a motor's inertia is stated as if it were reflected and is not.
+#: Motor's inertia over the one it moves, where it is stated as if it were reflected and is not.
 NOT_REFLECTED = 1e-4
 
 #: A joint turns by two turns at most, unless it is continuous.
@@ -293,22 +290,11 @@ FASTEST = 10.0
 #: A joint with this phase per sample behaves as a rigid one in the loop, at a few hundred sub-steps a sample.
 AS_RIGID = 3.0
 
-#: Largest mass that is carried over that of the links that move: industrial robots carry less than their own.
-CARRIED = (10.0, 100.0)
-
 #: Numbers of one joint that are looked at.
 OF_JOINT = ("gear_ratio", "motor_inertia", "static_friction", "coulomb_friction")
 
 #: Units in which inertias are tabulated, and what they are in kg·m².
 INERTIA_UNITS = {"kg·cm²": 1e-4, "kg·mm²": 1e-6, "g·cm²": 1e-7, "g·mm²": 1e-9}
-
-
-def check_plausible(robot: Robot, file: str) -> Robot:
-    """Return the robot; warn of numbers that are probably in another unit, and refuse those that no robot has."""
-    p = Parameters(robot.plant_parameters())
-    _check_geometry(robot, p, file)
-    _check_load(robot, p, file)
-    return robot
 
 
 def check_fast(robot: Robot, period: float) -> None:
@@ -355,8 +341,9 @@ def _mass_matrix(robot: Robot, p: Parameters) -> np.ndarray:
     return np.array(mass_matrix(tree, bodies_of(tree, *numbers), np.asarray(robot.home)), dtype=float)
 
 
-def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
-    tree, masses, centres, inertias = robot.links.rigid(p)
+def check_geometry(robot: Robot, file: str) -> None:
+    """Warn of ranges, places and inertias that are probably in another unit, and refuse those that no robot has."""
+    tree, masses, centres, inertias = robot.links.rigid(Parameters(robot.plant_parameters()))
     for joint, limits in zip(tree.joints, robot.links.limits):
         low, high = limits or (0.0, 0.0)
         ask(
@@ -374,15 +361,15 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
         ):
             length = float(np.linalg.norm(vector))
             ask(
-                length > LENGTH[0],
+                length > UNUSUAL["length"][0],
                 f"{file}: the {what} {joint.name!r} is far away.",
                 f"expected metres, got {length:.4g} m; were millimetres meant?",
                 f"{length / 1000.0:.4g} for {length:.4g} mm",
-                length > LENGTH[1],
+                length > UNUSUAL["length"][1],
             )
         largest = float(np.linalg.eigvalsh(matrix_of(inertia))[-1])
         size = np.sqrt(max(largest, 0.0) / mass) if mass > 0.0 else 0.0
-        if size > GYRATION[0] and not massless:
+        if size > UNUSUAL["gyration"][0] and not massless:
             distances = {unit: abs(np.log(size * np.sqrt(si) / 0.1)) for unit, si in INERTIA_UNITS.items()}
             unit = min(distances, key=lambda name: distances[name])
             ask(
@@ -390,11 +377,13 @@ def _check_geometry(robot: Robot, p: Parameters, file: str) -> None:
                 f"{file}: the inertia of the link behind joint {joint.name!r} is that of a very large body.",
                 f"expected kg·m², got {largest:.4g} kg·m² for {mass:.4g} kg, a radius of gyration of {size:.3g} m",
                 f"{largest * INERTIA_UNITS[unit]:.4g} if {largest:.4g} {unit} were meant",
-                size > GYRATION[1],
+                size > UNUSUAL["gyration"][1],
             )
 
 
-def _check_load(robot: Robot, p: Parameters, file: str) -> None:
+def check_load(robot: Robot, file: str) -> None:
+    """As `check_geometry`: gravity, the payload, springs under the robot's weight, and motors beside what they move."""
+    p = Parameters(robot.plant_parameters())
     nominal, gravity, joints = robot.nominal, robot.nominal["gravity"], robot.links.tree.joints
     n = len(joints)
     poses = [np.asarray(robot.home), *np.random.default_rng(0).uniform(-np.pi, np.pi, (POSES, n))]
@@ -418,11 +407,11 @@ def _check_load(robot: Robot, p: Parameters, file: str) -> None:
     payloads = [number for number in robot.parameters if number.name.startswith("payload_mass")]
     for upper in (payload.interval[1] for payload in payloads):
         ask(
-            own > 0.0 and upper > CARRIED[0] * own,
+            own > 0.0 and upper > UNUSUAL["payload"][0] * own,
             f"{file}: the payload is {upper / (own or 1.0):.3g} times as heavy as the robot.",
             f"expected kg, got up to {upper:.4g} kg for links of {own:.3g} kg; were grams meant?",
             f"{upper / 1000.0:.4g}kg for {upper:.4g} g",
-            upper > CARRIED[1] * own,
+            upper > UNUSUAL["payload"][1] * own,
         )
     load = "own weight and its payload's" if any(mass.value for mass in payloads) else "own weight"
     inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
@@ -432,18 +421,18 @@ def _check_load(robot: Robot, p: Parameters, file: str) -> None:
         twist, ratio = weight / spring, motor / inertia
         rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
         ask(
-            not joint.slides and twist > TWIST[0],
+            not joint.slides and twist > UNUSUAL["twist"][0],
             f"{file}: the spring of joint {joint.name!r} twists {twist * DEGREES:.3g}° under the robot's {load}.",
             f"expected N·m/rad, got {spring:g} for {weight:.3g} N·m; was N·m/deg meant?",
             f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg",
-            twist > TWIST[1],
+            twist > UNUSUAL["twist"][1],
         )
         ask(
-            ratio > MOTOR[0],
+            ratio > UNUSUAL["motor"][0],
             f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
             f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
             f"{rotor * 1e-7:.4g} if {rotor:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
-            ratio > MOTOR[1],
+            ratio > UNUSUAL["motor"][1],
         )
         ask(
             stated["motor_inertia"] is not None and ratio < NOT_REFLECTED,

@@ -8,8 +8,7 @@ of the robot. What would change the dynamics and is not read is refused by name,
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -70,9 +69,7 @@ def read_mjcf(
             REFUSED.get(element.tag, ""),
         )
     check_count("bodies", sum(1 for _ in root.iter("body")), MOST_LINKS)
-    kept = _kept(root)
-    with _refused_by_mujoco():
-        spec = mujoco.MjSpec.from_string(ElementTree.tostring(kept, encoding="unicode"))
+    spec = _by_mujoco(mujoco.MjSpec.from_string, ElementTree.tostring(_kept(root), encoding="unicode"))
     _check(spec)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)  # shapes may overlap
@@ -80,15 +77,12 @@ def read_mjcf(
     arm = RigidArm(movable, locked_joints(movable, joints, locked))
     _check_couplings(root, {name for name in movable if name not in arm.locked})
     _use_shapes(spec)
-    with _refused_by_mujoco():
-        model = spec.compile()
-    return _filled(arm, model)
+    return _filled(arm, _by_mujoco(spec.compile))
 
 
-@contextmanager
-def _refused_by_mujoco() -> Iterator[None]:
+def _by_mujoco(read: Callable[..., Any], *texts: str) -> Any:
     try:
-        yield
+        return read(*texts)
     except Exception as error:  # whatever MuJoCo's parser and compiler refuse
         raise InvalidInput(
             "MuJoCo does not read it.",
@@ -102,17 +96,8 @@ def _refused_by_mujoco() -> Iterator[None]:
 
 def _kept(root: Element) -> Element:
     """The elements that are handed to MuJoCo: no other files, and nothing that does not act on a joint."""
-    kept = Element("mujoco")
-    for group in root:
-        if group.tag in READ:
-            copied = Element(group.tag, group.attrib)
-            actuators = group.tag == "actuator"
-            copied.extend(
-                child if actuators else _pruned(child)
-                for child in group
-                if (child.get("joint") is not None if actuators else child.tag in INSIDE)
-            )
-            kept.append(copied)
+    kept = _pruned(root, READ)
+    kept.attrib.clear()
     for element in kept.iter():
         stated = element.findall("inertial")
         keys = set(stated[0].attrib) if stated else {"pos", "mass", "diaginertia"}
@@ -138,20 +123,20 @@ def _kept(root: Element) -> Element:
     return kept
 
 
-def _pruned(element: Element) -> Element:
+def _pruned(element: Element, inside: Collection[str] = INSIDE) -> Element:
     kept = Element(element.tag, {key: text for key, text in element.attrib.items() if key != "material"})
-    kept.extend(_pruned(child) for child in element if child.tag in INSIDE)
+    if element.tag == "actuator":
+        kept.extend(child for child in element if child.get("joint") is not None)
+    else:
+        kept.extend(_pruned(child) for child in element if child.tag in inside)
     return kept
 
 
 def _check(spec: Any) -> None:
     compiler = spec.compiler
-    changed = {
-        "boundmass": compiler.boundmass > 0.0, "boundinertia": compiler.boundinertia > 0.0,
-        "settotalmass": compiler.settotalmass > 0.0, "balanceinertia": bool(compiler.balanceinertia),
-    }  # fmt: skip
-    for key in (key for key, acts in changed.items() if acts):
-        raise InvalidInput(f"<compiler {key}> is not read.", "it changes masses", "inertials as they are")
+    for key in ("boundmass", "boundinertia", "settotalmass", "balanceinertia"):
+        acts = getattr(compiler, key) > 0.0
+        refuse_if(acts, f"<compiler {key}> is not read.", "it changes masses", "inertials as they are")
     refuse_if(
         spec.option.density != 0.0 or spec.option.viscosity != 0.0,
         "<option> has a medium.",
@@ -261,8 +246,9 @@ def _filled(arm: RigidArm, model: Any) -> RigidArm:
             kind = "revolute" if model.jnt_type[j] == 3 else "prismatic"
             limits: Any = tuple(model.jnt_range[j].tolist()) if model.jnt_limited[j] else None
             anchor = model.jnt_pos[j].tolist()
-            place = place.then(Placement(translation=tuple(anchor)))
-            place = place.then(moved(kind, axis, -float(model.qpos0[j])))
+            place = place.then(Placement(translation=tuple(anchor))).then(
+                moved(kind, axis, -float(model.qpos0[j]))
+            )
             kind = "continuous" if kind == "revolute" and limits is None else kind
             carrier, place = arm.add_joint(carrier, joint, kind, axis, place, limits)
             if joint not in arm.locked:
@@ -308,9 +294,7 @@ def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
 def _effort(model: Any, joint: int) -> float:
     """Largest torque or force of the actuators of a joint; infinite where one of them has no limit, or none."""
     total = 0.0
-    for k in range(model.nu):
-        if model.actuator_trnid[k, 0] != joint:
-            continue
+    for k in np.flatnonzero(model.actuator_trnid[:, 0] == joint):
         gear = abs(float(model.actuator_gear[k, 0]))
         if model.actuator_forcelimited[k]:
             total += gear * float(np.abs(model.actuator_forcerange[k]).max())

@@ -34,9 +34,9 @@ from flexhinf.validation import checked_array, checked_positive, extra_package
 #: Wind-ups of the springs are drawn so many times larger.
 LARGER = 10.0
 
-#: Radii of links and motors as parts of the robot's size, and their colours: those of Okabe and Ito's blue and orange.
-LINK, MOTOR = 0.022, 0.012
-BLUE, ORANGE = (0.0, 0.45, 0.70, 1.0), (0.84, 0.37, 0.0, 1.0)
+#: Lines of links and of motors: wind-up of the springs, radius as a part of the robot's size, and colour, of Okabe and
+#: Ito's: blue and orange.
+LINES = ((0.0, 0.022, (0.0, 0.45, 0.70, 1.0)), (LARGER, 0.012, (0.84, 0.37, 0.0, 1.0)))
 
 #: From the middle of the arm to the camera, in sizes of the robot.
 DISTANCE = 2.5
@@ -120,7 +120,7 @@ class MuJoCoView:
             with viewer.lock():
                 scene = viewer.user_scn
                 scene.ngeom = 0
-                for larger, radius, colour in ((0.0, LINK, BLUE), (LARGER, MOTOR, ORANGE)):
+                for larger, radius, colour in LINES:
                     rgba = np.array(colour, dtype=np.float32)
                     ends = [(line[0], end) for line in self._lines(larger) for end in line[1:]]
                     for begin, end in ends[: scene.maxgeom - scene.ngeom]:
@@ -188,9 +188,8 @@ class MuJoCoPlant(BlackBox):
     ) -> None:
         packed = robot.plant_parameters() if parameters is None else dict(parameters)
         on = checked_extras(extras, False, packed, robot.name)
-        check_expressed(on)
+        self._mujoco: Any = check_expressed(on)
         self._step = checked_positive("The step of integration", step, "seconds", "1e-3")
-        self._mujoco: Any = extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
         self._p = p = Parameters(packed)
         joints = robot.joint_names
         self._n, self._robot = len(joints), robot
@@ -239,8 +238,8 @@ class MuJoCoPlant(BlackBox):
         return x if self._sensors is None else np.asarray(self._sensors(x, None, self._p), dtype=float)
 
 
-def check_expressed(extras: Sequence[str]) -> None:
-    """Refuse extras that MuJoCo's plant does not have, and a missing installation, before any work."""
+def check_expressed(extras: Sequence[str]) -> Any:
+    """The package; refuses extras that MuJoCo's plant does not have, and a missing installation, before any work."""
     for name in extras:
         refuse_if(
             name not in EXPRESSED,
@@ -248,7 +247,7 @@ def check_expressed(extras: Sequence[str]) -> None:
             f"expected extras out of {list(EXPRESSED)}, got {list(extras)}",
             "the same without MuJoCo: robot.plant(extras=...) as the true plant; or without this extra",
         )
-    extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
+    return extra_package("mujoco", "mujoco", "MuJoCo is not installed.")
 
 
 # The model ----------------------------------------------------------------------------------------

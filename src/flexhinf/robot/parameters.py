@@ -389,16 +389,17 @@ def respelled(text: str, *si: str) -> list[str]:
         at = match.end()
     fitting = [unit[1] for name in si if (unit := _unit(name))]
     whole = [spelling + parts[1][at:] for spelling in spellings]
-    others = (name for name in whole if name != parts[1])
-    return [f"{parts[0]} {name}" for name in others if (unit := _unit(name)) and unit[1] in fitting]
+    return [
+        f"{parts[0]} {name}"
+        for name in whole
+        if name != parts[1] and (unit := _unit(name)) and unit[1] in fitting
+    ]
 
 
 @lru_cache(256)
 def _unit(text: str) -> tuple[float, Dimension] | None:
     """Size of a unit in SI units, and its dimension; None for text that is no unit."""
     above, *below = lettered(text).split("/")
-    if not above:
-        return None
     size, total = 1.0, [0] * 5
     for part, sign in [(above.strip(), 1), *((divisor.strip(), -1) for divisor in below)]:
         factor, at = 1.0, 0

@@ -1,8 +1,8 @@
 """The parts a robot is assembled from, and the keys of robot files that state them.
 
-`TABLES` states each key of a robot file once: what may stand there, its units, and whether it must. Files are read,
-checked and converted to SI units in one walk. The unit of a spring depends on its joint, N·m/rad where it turns and N/m
-where it slides, which a file may say only by its URDF: both are read, and compared with the robot that comes of it.
+`TABLES` states each key of a robot file once: what may stand there, its units, and whether it must. `RobotFile` reads,
+checks and converts a file to SI units in one walk. The unit of a spring depends on its joint, N·m/rad where it turns,
+N/m where it slides, which a file may say only by its URDF: both are read, and compared with the robot that comes of it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
@@ -25,7 +25,6 @@ from flexhinf.robot.parameters import (
     QUANTITIES,
     VECTOR,
     Parameter,
-    Stated,
     measured,
     per_joint,
     respelled,
@@ -33,7 +32,7 @@ from flexhinf.robot.parameters import (
 )
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS
-from flexhinf.validation import checked_positive, nearest, real_number, value_text
+from flexhinf.validation import checked_positive, real_number, value_text
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
@@ -302,14 +301,6 @@ NESTING = (
     "has its name in a line name = '…'"
 )
 
-#: What to write for a table that is missing.
-MISSING = {
-    "spring": "[joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint)",
-    "joint": "one [[joint]] table per joint, with name, link, spring and motor",
-    "weights": "weights = {link_position = 60, link_position_integral = 300}",
-    "name": "name = 'shoulder'",
-}
-
 
 class RobotFileWarning(UserWarning):
     """A robot file says something that is allowed and probably not meant."""
@@ -344,94 +335,6 @@ class Key(NamedTuple):
     expected: str = ""
 
 
-class RobotFile:
-    """The tables of one file: `root` has the keys of `TABLES` that are stated or have a default.
-
-    The first mistake is raised, with the number of the others.
-    """
-
-    def __init__(self, data: dict[str, Any], file: str) -> None:
-        self.data, self.file = data, file
-        self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
-        self._mistakes: list[tuple[str, str, str]] = []
-        self.root = self.table(data, TABLES[""], ())
-        if self._mistakes:
-            what, found, advice = self._mistakes[0]
-            others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
-            raise InvalidInput(f"{file}: {what}{others}.", found, advice)
-
-    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
-        """The keys of a table that are stated or have a default."""
-        if not isinstance(data, dict):
-            raise Unusable("a table", "")
-        where, values = place_text(place, self.data), {}
-        unknown = [name for name in data if name not in keys]
-        for name in unknown:
-            self._mistakes.append(
-                (
-                    f"{where} has an unknown key {name!r}",
-                    f"expected keys out of {list(keys)}, got {name!r}",
-                    nearest(name, keys, NESTING if _is_table(data[name]) else "one of these keys"),
-                )
-            )
-        for name, key in keys.items():
-            if name in data:
-                values[name] = self._value(data[name], key, (*place, name))
-            elif key.required and not unknown:
-                unit = f" ({key.units[0]})" if key.units else ""
-                self._mistakes.append(
-                    (
-                        f"{where} has no {name!r}",
-                        f"expected {name!r}{unit}, got only {list(data)}",
-                        MISSING.get(name, f"{name} = …{unit}"),
-                    )
-                )
-            elif key.default is not None:
-                values[name] = key.default
-        return values
-
-    def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
-        try:
-            parsed = key.read(self, value, key, place)
-            if not key.usable(parsed):
-                raise Unusable(key.expected, "")
-            return parsed
-        except Unusable as wrong:
-            *before, name = place if place[-1] != "value" else place[:-1]
-            expected, advice = wrong.args
-            self._mistakes.append((
-                f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
-                f"expected {expected}, got {value_text(value, 60)}",
-                f"{name} = {advice}" if advice else NESTING if _is_table(value) else "correct the value",
-            ))  # fmt: skip
-            return None
-
-    def check_units(self, robot: Any) -> Any:
-        """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
-        slides = dict(zip(robot.joint_names, robot.links.slides))
-        for place, units, number in self.stated:
-            kinds = set(slides.values()) if place[0] == "home" else set()
-            if place[0] == "joint" and len(place) > 2:
-                name = self.data["joint"][place[1]].get("name")
-                kinds = {slides[name]} if name in slides else set()
-            choices = UNITS[DRIVES[robot.drive]] if "effort_limit" in place else units
-            fitting = sorted({choices[kind if len(choices) > 1 else 0] for kind in kinds})
-            if fitting and number.si not in fitting:
-                *before, key = (part for part in place if part not in ("value", "range"))
-                stated = f"{number.number} {number.unit}"
-                expected, advice = number_in(stated, fitting)
-                raise InvalidInput(
-                    f"{self.file}: {place_text(tuple(before), self.data)} has a value of {key!r} in another unit.",
-                    f"expected {expected}, got {value_text(stated, 60)}",
-                    f"{key} = {advice}",
-                )
-        return robot
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
-
-
 def number_in(value: Any, units: Any) -> tuple[str, str]:
     """Texts for an error: what is expected of a number with one of these units, and an example of it."""
     if not units:
@@ -445,7 +348,7 @@ def number_in(value: Any, units: Any) -> tuple[str, str]:
     )
 
 
-def _number(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _number(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str) and key.units:
         try:
             number = measured(value, *key.units)
@@ -459,7 +362,7 @@ def _number(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> fl
     return number
 
 
-def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _percent(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str) and value.rstrip().endswith("%"):
         value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
     number = _number(file, value, key, place)
@@ -472,7 +375,7 @@ def _percent(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> f
     return number
 
 
-def _list(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
+def _list(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
     if not isinstance(value, list) or (key.size and len(value) != key.size):
         text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
         raise Unusable(
@@ -482,7 +385,7 @@ def _list(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list
     return [_number(file, entry, key, place) for entry in value]
 
 
-def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _quantity(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
 
     A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
@@ -494,21 +397,21 @@ def _quantity(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> 
     return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
-def _numbers(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
+def _numbers(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
     return (_list if isinstance(value, list) else _number)(file, value, key, place)
 
 
-def _named(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _named(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise Unusable("numbers by name", "")
     return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
-def _table(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _table(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     return file.table(value, TABLES[key.inside], place)
 
 
-def _rows(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+def _rows(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
     if not isinstance(value, list) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
     return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]
@@ -517,13 +420,7 @@ def _rows(file: RobotFile, value: Any, key: Key, place: tuple[Any, ...]) -> list
 _POSITION, _METRES = UNITS["link_position"], ("m",)
 _EFFORT = tuple(dict.fromkeys(unit for drive in DRIVES.values() for unit in UNITS[drive]))
 _POSITIVE = Key(_number, usable=lambda value: value > 0.0, expected="a number greater than 0")
-_FLAG = Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False)
-_KIND = Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'")
 _TEXT = Key(usable=lambda value: isinstance(value, str), expected="a text")
-_TEXTS = Key(
-    usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
-    expected="a list of names",
-)
 _PERCENT = Key(
     _percent, ("%",),
     usable=lambda value: 0.0 <= value < 100.0, expected="a number of at least 0 and less than 100 per cent",
@@ -540,7 +437,6 @@ _OF_JOINT = {
     name: Key(_quantity, tuple(dict.fromkeys(QUANTITIES[name][:2])), required=name == "stiffness")
     for name in (*SPRING, *MOTOR)
 }
-_EXACT = ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
 
 #: What may stand in each table. The tolerances, in per cent, are those of numbers that state none themselves: of one
 #: joint and its link, or of all. That of the inertia is one number for all moments of a link, so that what is drawn is
@@ -549,16 +445,22 @@ TABLES: dict[str, dict[str, Key]] = {
     "": {
         "name": _TEXT._replace(default=""), "description": _TEXT._replace(default=""),
         "gravity": Key(_quantity, ("m/s²",)), "down": Key(_list, size=3), "home": Key(_list, _POSITION),
-        "urdf": _TEXT, "mjcf": _TEXT, "joints": _TEXTS,
+        "urdf": _TEXT, "mjcf": _TEXT, "joints": Key(
+            usable=lambda value: isinstance(value, list) and all(isinstance(entry, str) for entry in value),
+            expected="a list of names",
+        ),
         "locked": Key(_named, _POSITION, default={}), "penalty": Key(_table, inside="penalty"),
         "tolerances": _TOLERANCES, "payload": Key(_rows, inside="payload", default=[]),
         "joint": Key(_rows, inside="joint", required=True),
     },
     "joint": {
-        "name": _TEXT._replace(required=True), "kind": _KIND, "axis": Key(_list, size=3), "xyz": _THREE,
+        "name": _TEXT._replace(required=True),
+        "kind": Key(usable=lambda value: value in KINDS, expected="'revolute', 'continuous' or 'prismatic'"),
+        "axis": Key(_list, size=3), "xyz": _THREE,
         "rpy": Key(_list, ("rad",), 3), "limits": Key(_list, _POSITION, 2), "parent": _TEXT,
         "speed_limit": _POSITIVE._replace(units=UNITS["link_velocity"]),
-        "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"), "rigid": _FLAG,
+        "effort_limit": _POSITIVE._replace(units=_EFFORT), "link": Key(_table, inside="link"),
+        "rigid": Key(usable=lambda value: isinstance(value, bool), expected="true or false", default=False),
         "spring": Key(_table, inside="spring"), "motor": Key(_table, inside="motor", default={}),
         "tolerances": _TOLERANCES,
     },
@@ -572,7 +474,9 @@ TABLES: dict[str, dict[str, Key]] = {
     } | TOLERANCE,
     "spring": {name: _OF_JOINT[name] for name in SPRING}, "motor": {name: _OF_JOINT[name] for name in MOTOR},
     "tolerances": {
-        name: _PERCENT for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT) if name not in _EXACT
+        name: _PERCENT
+        for name in ("mass", "centre_of_mass", "inertia", *_OF_JOINT)
+        if name not in ("rotor_inertia", "hub_inertia", "gear_ratio", "friction_smoothing")
     },
     "payload": {
         "at": _TEXT, "mass": _MASS._replace(required=True), "centre_of_mass": _CENTRE, "inertia": _INERTIA_TABLE,

@@ -39,7 +39,6 @@ from flexhinf.robot.signals import (
     UNITS,
     Sensors,
     expanded,
-    names_of,
     robot_penalty,
     signal_names,
     units_of,
@@ -50,9 +49,9 @@ from flexhinf.validation import (
     checked_name,
     checked_names,
     checked_text,
+    one_of,
     real_array,
     real_number,
-    unknown_name,
 )
 
 #: A torque (force) of less than this times the robot's weight, at a metre, is rounding.
@@ -145,7 +144,7 @@ class Robot(Summarised):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in the order of all signals."""
-        return self.links.joint_names
+        return self.links.tree.names
 
     @cached_property
     def layout(self) -> Layout:
@@ -168,17 +167,14 @@ class Robot(Summarised):
         }
 
     def __getitem__(self, name: str) -> Parameter:
-        for parameter in self.parameters:
-            if parameter.name == name:
-                return parameter
-        raise unknown_name(f"The robot {self.name!r} has no parameter {name!r}.", name, self.nominal)
+        one_of(f"The robot {self.name!r} has no parameter {name!r}.", name, self.nominal)
+        return next(parameter for parameter in self.parameters if parameter.name == name)
 
     def with_values(self, values: Mapping[str, float]) -> Robot:
         """The same robot with other nominal values; unknown names raise InvalidInput."""
-        for name in values:
-            self[name]
-        parameters = (replace(p, value=real_number(values.get(p.name, p.value))) for p in self.parameters)
-        return replace(self, parameters=tuple(parameters))
+        return self.with_parameters(
+            *(replace(self[name], value=real_number(values[name])) for name in values)
+        )
 
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
@@ -239,13 +235,13 @@ class Robot(Summarised):
         built[key] = Plant(
             ElasticFlow(self.links, self.drive, on, self.layout),
             Sensors(sensors, joints, on, self.layout),
-            states=[name for quantity in quantities for name in names_of(quantity, joints, self.rigid)],
+            states=[name for quantity in quantities for name in signal_names(quantity, joints, self.rigid)],
             inputs=signal_names(DRIVES[self.drive], joints),
             disturbances=(*signal_names("link_torque", joints), *signal_names("motor_torque", joints)),
             parameters=self.plant_parameters(),
             outputs=sensors,
             units=units_of(joints, self.links.slides, self.plant_parameters()),
-            groups={name: names_of(name, joints, self.rigid) for name in UNITS if len(joints) > 1},
+            groups={name: signal_names(name, joints, self.rigid) for name in UNITS if len(joints) > 1},
             limits={
                 name: ends
                 for name, ends in zip(signal_names("link_position", joints), self.links.limits)
@@ -342,12 +338,8 @@ class Robot(Summarised):
         x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, numbers))
         return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
-    def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
-        """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
-        return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
-
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
-        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_flow`.
+        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `InverseFlow`.
 
         They are the coordinates in which the robot is n chains of four integrators. The state of a robot with rigid
         joints, whose accelerations depend on the input, does not give them.

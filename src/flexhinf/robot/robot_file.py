@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -14,27 +14,34 @@ from flexhinf.errors import InvalidInput, located, refuse_if
 from flexhinf.plant import Penalty
 from flexhinf.robot.arm import SHAPES, Frame, Payload, Pendulum, inertia_of_shape, payload_from_text
 from flexhinf.robot.dynamics import ZERO, Joint, Placement
-from flexhinf.robot.kinematics import DEGREES, check_plausible
+from flexhinf.robot.elastic import DRIVES
+from flexhinf.robot.kinematics import DEGREES, check_geometry, check_load
 from flexhinf.robot.mjcf import read_mjcf
-from flexhinf.robot.parameters import INERTIA, Parameter, per_joint, unit_of
+from flexhinf.robot.parameters import INERTIA, Parameter, Stated, per_joint, unit_of
 from flexhinf.robot.parts import (
     NESTING,
+    TABLES,
     ElasticJoint,
+    Key,
     Link,
-    RobotFile,
     SingleLink,
+    Unusable,
     assembled,
+    number_in,
+    place_text,
     single_link_robot,
     value_of,
 )
 from flexhinf.robot.robot import Robot
+from flexhinf.robot.signals import UNITS
 from flexhinf.robot.urdf import GRAVITY, MOST_JOINTS, check_count, check_selection, read_urdf
 from flexhinf.validation import checked_path, distinct, nearest, read_toml, read_xml, unknown_name, value_text
 
 #: How names of MJCF files end; a URDF may end so too, its root element decides.
 MJCF = (".xml", ".mjcf")
 
-#: Entry points by which other packages read further formats: the name is a file's ending without its dot.
+#: Entry points by which other packages read further formats: the name is a file's ending without its dot, and the
+#: reader is called as `load_robot` and returns a robot.
 FORMATS = "flexhinf.robot_formats"
 
 #: Numbers whose tolerance in a table [tolerances] has another name.
@@ -76,7 +83,7 @@ def load_robot(
             f"expected elastic=... beside a URDF, got it beside {path.name!r}",
             "load_robot('arm.toml'), or urdf = '…' in that file",
         )
-        parts = PartsReader(path)
+        parts = RobotFile(path)
         rigid = [parts.root[key] for key in ("urdf", "mjcf") if key in parts.root]
         refuse_if(len(rigid) > 1, f"{path.name}: two files state links.", "got urdf and mjcf", "one of them")
         return (
@@ -84,7 +91,23 @@ def load_robot(
             if rigid
             else parts.whole_robot(joints, locked, payload)
         )
-    if path.suffix.lower() not in (".urdf", *MJCF) and (reader := format_reader(path.suffix)) is not None:
+    ending = path.suffix.lower()
+    points = () if ending in (".urdf", *MJCF) else entry_points(group=FORMATS, name=ending.removeprefix("."))
+    if len(points) > 1:
+        raise InvalidInput(
+            f"Several packages read {path.suffix!r} files.",
+            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
+            "one of these packages uninstalled",
+        )
+    for point in points:
+        try:
+            reader = point.load()
+        except (ImportError, AttributeError) as error:
+            raise InvalidInput(
+                f"The reader of {path.suffix!r} files cannot be imported.",
+                f"expected {point.value}, got {type(error).__name__}: {error}",
+                "the package that states this reader, installed again",
+            ) from error
         robot = reader(path, elastic=elastic, joints=joints, locked=locked, payload=payload)
         refuse_if(
             not isinstance(robot, Robot),
@@ -99,28 +122,7 @@ def load_robot(
             "expected elastic='joints.toml', got none",
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
-    return PartsReader(_existing(elastic)).robot_with(path, joints, locked, payload)
-
-
-def format_reader(suffix: str) -> Callable[..., Robot] | None:
-    """The reader that an installed package states for files of an ending, called as `load_robot`; None without one."""
-    points = entry_points(group=FORMATS, name=suffix.lower().removeprefix("."))
-    if len(points) > 1:
-        raise InvalidInput(
-            f"Several packages read {suffix!r} files.",
-            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
-            "one of these packages uninstalled",
-        )
-    for point in points:
-        try:
-            return point.load()
-        except (ImportError, AttributeError) as error:
-            raise InvalidInput(
-                f"The reader of {suffix!r} files cannot be imported.",
-                f"expected {point.value}, got {type(error).__name__}: {error}",
-                "the package that states this reader, installed again",
-            ) from error
-    return None
+    return RobotFile(_existing(elastic)).robot_with(path, joints, locked, payload)
 
 
 def _existing(source: str | Path) -> Path:
@@ -144,26 +146,118 @@ def _existing(source: str | Path) -> Path:
     )
 
 
-class PartsReader(RobotFile):
-    """Makes a robot of one file; a number takes its tolerance from itself, else its joint, else the whole file."""
+#: What to write for a table that is missing.
+MISSING = {
+    "spring": "[joint.spring] with stiffness = … (N·m/rad; N/m for a prismatic joint)",
+    "joint": "one [[joint]] table per joint, with name, link, spring and motor",
+    "weights": "weights = {link_position = 60, link_position_integral = 300}",
+    "name": "name = 'shoulder'",
+}
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
+
+
+class RobotFile:
+    """One robot file: `root` has the keys of `TABLES` that are stated or have a default.
+
+    Of its mistakes the first one is raised, with the number of the others. A number takes its tolerance from itself,
+    else from its joint, else from the whole file.
+    """
 
     def __init__(self, path: Path) -> None:
         try:
-            data = read_toml(path)
+            self.data = read_toml(path)
         except InvalidInput as error:
             if "joint" not in error.found and "overwrite" not in error.found:
                 raise
             raise InvalidInput(error.what, error.found, f"correct that line; a joint is {NESTING}") from error
-        count = len(data["joint"]) if isinstance(data.get("joint"), list) else 0
-        with located(path.name):
-            check_count("joints", count, MOST_JOINTS)
-        super().__init__(data, path.name)
+        self.file = path.name
+        if isinstance(self.data.get("joint"), list):
+            with located(self.file):
+                check_count("joints", len(self.data["joint"]), MOST_JOINTS)
+        self.stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]] = []
+        self._mistakes: list[tuple[str, str, str]] = []
+        self.root = self.table(self.data, TABLES[""], ())
+        if self._mistakes:
+            what, found, advice = self._mistakes[0]
+            others = f" (and {len(self._mistakes) - 1} more)" if len(self._mistakes) > 1 else ""
+            raise InvalidInput(f"{self.file}: {what}{others}.", found, advice)
         self.name = self.root["name"] or path.stem
-        self._stated: dict[str | None, dict[str, float]] = {
+        self._tolerances: dict[str | None, dict[str, float]] = {
             None: self.root["tolerances"],
             **{row["name"]: row["tolerances"] for row in self.root["joint"]},
         }
         self._used: set[tuple[str | None, str]] = set()
+
+    # Keys -----------------------------------------------------------------------------------------
+    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
+        """The keys of a table that are stated or have a default."""
+        if not isinstance(data, dict):
+            raise Unusable("a table", "")
+        where, values = place_text(place, self.data), {}
+        unknown = [name for name in data if name not in keys]
+        self._mistakes += [
+            (
+                f"{where} has an unknown key {name!r}",
+                f"expected keys out of {list(keys)}, got {name!r}",
+                nearest(name, keys, NESTING if _is_table(data[name]) else "one of these keys"),
+            )
+            for name in unknown
+        ]
+        for name, key in keys.items():
+            if name in data:
+                values[name] = self._value(data[name], key, (*place, name))
+            elif key.required and not unknown:
+                unit = f" ({key.units[0]})" if key.units else ""
+                self._mistakes.append(
+                    (
+                        f"{where} has no {name!r}",
+                        f"expected {name!r}{unit}, got only {list(data)}",
+                        MISSING.get(name, f"{name} = …{unit}"),
+                    )
+                )
+            elif key.default is not None:
+                values[name] = key.default
+        return values
+
+    def _value(self, value: Any, key: Key, place: tuple[Any, ...]) -> Any:
+        try:
+            parsed = key.read(self, value, key, place)
+            if not key.usable(parsed):
+                raise Unusable(key.expected, "")
+            return parsed
+        except Unusable as wrong:
+            *before, name = place if place[-1] != "value" else place[:-1]
+            expected, advice = wrong.args
+            self._mistakes.append((
+                f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
+                f"expected {expected}, got {value_text(value, 60)}",
+                f"{name} = {advice}" if advice else NESTING if _is_table(value) else "correct the value",
+            ))  # fmt: skip
+            return None
+
+    def check_units(self, robot: Any) -> Any:
+        """Return the robot; refuse units of a joint that turns where it slides, and of another drive."""
+        slides = dict(zip(robot.joint_names, robot.links.slides))
+        for place, units, number in self.stated:
+            kinds = set(slides.values()) if place[0] == "home" else set()
+            if place[0] == "joint" and len(place) > 2:
+                name = self.data["joint"][place[1]].get("name")
+                kinds = {slides[name]} if name in slides else set()
+            choices = UNITS[DRIVES[robot.drive]] if "effort_limit" in place else units
+            fitting = sorted({choices[kind if len(choices) > 1 else 0] for kind in kinds})
+            if fitting and number.si not in fitting:
+                *before, key = (part for part in place if part not in ("value", "range"))
+                stated = f"{number.number} {number.unit}"
+                expected, advice = number_in(stated, fitting)
+                raise InvalidInput(
+                    f"{self.file}: {place_text(tuple(before), self.data)} has a value of {key!r} in another unit.",
+                    f"expected {expected}, got {value_text(stated, 60)}",
+                    f"{key} = {advice}",
+                )
+        return robot
 
     # Robots ---------------------------------------------------------------------------------------
     def whole_robot(
@@ -188,8 +282,9 @@ class PartsReader(RobotFile):
                 )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
-                place = Placement.of(row.get("xyz", ZERO), angles)
-                joints.append(Joint(row["name"], placement=place, **stated))
+                joints.append(
+                    Joint(row["name"], placement=Placement.of(row.get("xyz", ZERO), angles), **stated)
+                )
         links = [self._link(row) for row in table["joint"]]
         springs = [self._elastic(row) for row in table["joint"]]
         settings = self._settings(table["joint"])
@@ -331,9 +426,9 @@ class PartsReader(RobotFile):
                 scales.append(Parameter(label, 1.0, tolerance, unit, "tolerance of its inertia"))
         robot = robot.with_parameters(*scales, *added)
         moving = {joint for joint, _ in self._used}
-        for joint in [joint for joint in self._stated if joint in moving]:
+        for joint in [joint for joint in self._tolerances if joint in moving]:
             known = sorted(key for owner, key in self._used if owner == joint)
-            for key in [key for key in self._stated[joint] if key not in known]:
+            for key in [key for key in self._tolerances[joint] if key not in known]:
                 raise InvalidInput(
                     f"{self.file}: [tolerances] has {key!r}, which no joint states."
                     if joint is None
@@ -341,14 +436,16 @@ class PartsReader(RobotFile):
                     f"expected keys out of {known}, got {key!r}",
                     f"state {key!r} with its value first, or leave out its tolerance",
                 )
-        return self.check_units(check_plausible(robot, self.file))
+        check_geometry(robot, self.file)
+        check_load(robot, self.file)
+        return self.check_units(robot)
 
     # Numbers --------------------------------------------------------------------------------------
     def _tolerance(self, joint: str, quantity: str) -> float:
         """Tolerance, per cent, that the tables [tolerances] state for a number without one of its own."""
         key = KEYS.get(quantity, quantity)
         self._used |= {(None, key), (joint, key)}
-        return self._stated.get(joint, {}).get(key, self._stated[None].get(key, 0.0))
+        return self._tolerances.get(joint, {}).get(key, self._tolerances[None].get(key, 0.0))
 
     def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
         """A `Parameter` from the table of a number; of a vector three, with the same tolerance and source."""

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import refuse_if
-from flexhinf.plant import Penalty
-from flexhinf.plant.penalty import check_weighted
+from flexhinf.plant.penalty import Penalty, check_weighted
 from flexhinf.robot.elastic import Layout, spring_torque
-from flexhinf.robot.parameters import parameter_units
+from flexhinf.robot.parameters import parameter_units, per_joint
 from flexhinf.validation import checked_names, distinct
 
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
@@ -44,20 +43,15 @@ UNITS = {
 }
 
 
-def signal_names(quantity: str, joints: Sequence[str]) -> tuple[str, ...]:
-    """One name per joint."""
-    return (quantity,) if len(joints) == 1 else tuple(f"{quantity}_{joint}" for joint in joints)
-
-
 #: Signals that a rigid joint has not: its motor is where its link is, and between them is nothing that twists.
 OF_SPRINGS = ("motor_position", "motor_velocity", "joint_torque", "joint_torque_rate")
 
 
-def names_of(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
-    """One name per joint that has this signal as a state or a torque of its own."""
+def signal_names(quantity: str, joints: Sequence[str], rigid: Sequence[str] = ()) -> tuple[str, ...]:
+    """One name per joint, but for those of `rigid` that have no such state or torque of their own."""
     return tuple(
-        name
-        for name, joint in zip(signal_names(quantity, joints), joints)
+        per_joint(quantity, joint, len(joints))
+        for joint in joints
         if joint not in rigid or quantity not in OF_SPRINGS
     )
 
@@ -81,7 +75,7 @@ def expanded(
     """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor."""
     requested = checked_names("The sensors", names)
     every = {
-        quantity: names_of(quantity, joints, rigid if quantity == "joint_torque" else ())
+        quantity: signal_names(quantity, joints, rigid if quantity == "joint_torque" else ())
         for quantity in quantities
     }
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
@@ -127,19 +121,17 @@ class WeightedStatesAndTorques:
     """h(x): weighted states, then weighted torques K (q2 − q1) of the springs and their rates, as deviations.
 
     One weight per state, integrals included, and per elastic joint: of torques 1/(N·m) or 1/N, of rates s/(N·m) or s/N.
-    Without a layout all joints are elastic.
     """
 
     states: tuple[float, ...]
     torques: tuple[float, ...]
     rates: tuple[float, ...]
-    layout: Layout | None = None
+    layout: Layout
 
     def __call__(self, x: Any, p: Any) -> Any:
         """h (s,) of any element."""
-        layout = self.layout or Layout(len(self.torques))
-        q, dq, theta, dtheta = layout.split(x)
-        torque, rate = (p.stiffness * (b - layout.at_springs(a)) for a, b in ((q, theta), (dq, dtheta)))
+        q, dq, theta, dtheta = self.layout.split(x)
+        torque, rate = (p.stiffness * (b - self.layout.at_springs(a)) for a, b in ((q, theta), (dq, dtheta)))
         weighted = [weight * x[i] for i, weight in enumerate(self.states) if weight]
         for weights, values in ((self.torques, torque), (self.rates, rate)):
             weighted += [weight * values[i] for i, weight in enumerate(weights) if weight]
@@ -150,20 +142,19 @@ def robot_penalty(
     penalty: Penalty,
     joints: Sequence[str],
     states: Sequence[str],
-    groups: Mapping[str, Sequence[str]] | None = None,
-    layout: Layout | None = None,
+    groups: Mapping[str, Sequence[str]],
+    layout: Layout,
 ) -> Penalty:
     """The penalty (single names only) with torques and their rates as functions of the state; others are unchanged.
 
     `states` include the integrals; the names of `groups`, which stand for all joints, an error lists first.
     """
-    layout = layout or Layout(len(joints))
     rigid = [joints[i] for i in layout.rigid]
-    named = [names_of(quantity, joints, rigid) for quantity in ("joint_torque", "joint_torque_rate")]
+    named = [signal_names(quantity, joints, rigid) for quantity in ("joint_torque", "joint_torque_rate")]
     if not isinstance(penalty.states, Mapping):
         return penalty
     singles = (*states, *named[0], *named[1])
-    plain = [group for group, members in (groups or {}).items() if set(members) <= set(singles)]
+    plain = [group for group, members in groups.items() if set(members) <= set(singles)]
     check_weighted(penalty.states, list(dict.fromkeys((*plain, *singles))))
     if not {*named[0], *named[1]} & set(penalty.states):
         return penalty

@@ -362,8 +362,9 @@ def _add_body(arm: RigidArm, carrier: int, link: str, element: Element, place: P
 # Joints of URDF and MJCF --------------------------------------------------------------------------
 def check_count(what: str, count: int, most: int) -> None:
     """Refuse a file with more parts of a kind than any robot has."""
-    found = f"expected at most {most}, got {count}"
-    refuse_if(count > most, f"There are too many {what}.", found, "one robot")
+    refuse_if(
+        count > most, f"There are too many {what}.", f"expected at most {most}, got {count}", "one robot"
+    )
 
 
 def check_selection(joints: Any, locked: Any) -> None:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, per_joint
 from flexhinf.validation import HUGE, nearest, read_text, real_array, value_text
 
 if TYPE_CHECKING:
@@ -51,9 +51,7 @@ class WaypointTable:
 
     def positions(self, joints: Sequence[str], slides: Sequence[bool]) -> np.ndarray:
         """Positions (N, n) of a robot's joints, in their order."""
-        from flexhinf.robot.signals import signal_names  # `flexhinf --help` reads fields, and no robot
-
-        full = dict(zip(signal_names("link_position", joints), joints))
+        full = {per_joint("link_position", joint, len(joints)): joint for joint in joints}
         named = [full.get(name, name) for name in self.joints]
         for name in named:
             if name not in joints:

@@ -189,7 +189,7 @@ def _refused(name: str, advice: str = SMOOTH) -> Callable[..., Any]:
 
 
 class Jet:
-    """One scalar truncated polynomial in the deviations from a point, made by `jets` or `from_coefficients`.
+    """One scalar truncated polynomial in the deviations from a point, made by `jets`.
 
     Parameters
     ----------
@@ -205,19 +205,6 @@ class Jet:
     def __init__(self, support: Support, values: np.ndarray) -> None:
         self.support = support
         self.values = values
-
-    @staticmethod
-    def from_coefficients(vector: Any, n: int, degree: int) -> Jet:
-        """The jet with a dense coefficient vector, shape (C(n+degree, degree),), degree after degree."""
-        vector = np.asarray(vector, dtype=float)
-        if vector.shape != (size(n, degree),):
-            raise InvalidInput(
-                "The coefficient vector does not fit the number of variables and the degree.",
-                f"expected ({size(n, degree)},) for n = {n} and degree {degree}, got {vector.shape}",
-                "one coefficient per monomial of degree 0 … degree",
-            )
-        present = np.flatnonzero(vector)
-        return Jet(space(n, degree).support(present), vector[present])
 
     @property
     def n(self) -> int:
@@ -268,10 +255,6 @@ class Jet:
             )
         return Jet(self.support, self.values / divisor)
 
-    def _to_jet(self, exponent: Jet) -> Jet:
-        constant = exponent.support is exponent.support.space.constant
-        return self._power(exponent.constant) if constant else (self.log() * exponent).exp()
-
     def __neg__(self) -> Jet:
         return Jet(self.support, -self.values)
 
@@ -295,7 +278,10 @@ class Jet:
     )
     __truediv__ = _operator(lambda a, b: a * b._power(-1.0), _divided)
     __rtruediv__ = _operator(lambda a, b: b / a, lambda a, x: a._power(-1.0)._scaled(x))
-    __pow__ = _operator(_to_jet, _power)
+    __pow__ = _operator(
+        lambda a, b: a._power(b.constant) if b.support is b.support.space.constant else (a.log() * b).exp(),
+        _power,
+    )
     __rpow__ = _operator(
         lambda a, b: b**a, lambda a, x: (a * float(truncated.FUNCTIONS["log"](x, 0)[0])).exp()
     )

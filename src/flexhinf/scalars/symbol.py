@@ -39,18 +39,13 @@ def _unary(operation: int) -> Any:
     return method
 
 
-def _binary(operation: int) -> Any:
+def _binary(operation: int, reflected: bool = False) -> Any:
     def method(self: Symbol, other: Any) -> Any:
-        right = _lift(other)
-        return NotImplemented if right is None else Symbol(ca.SX.binary(operation, self.sx, right))
-
-    return method
-
-
-def _reflected(operation: int) -> Any:
-    def method(self: Symbol, other: Any) -> Any:
-        left = _lift(other)
-        return NotImplemented if left is None else Symbol(ca.SX.binary(operation, left, self.sx))
+        value = _lift(other)
+        if value is None:
+            return NotImplemented
+        left, right = (value, self.sx) if reflected else (self.sx, value)
+        return Symbol(ca.SX.binary(operation, left, right))
 
     return method
 
@@ -70,14 +65,14 @@ class Symbol:
     def __init__(self, sx: ca.SX) -> None:
         self.sx = sx
 
-    __add__, __radd__ = _binary(ca.OP_ADD), _reflected(ca.OP_ADD)
-    __sub__, __rsub__ = _binary(ca.OP_SUB), _reflected(ca.OP_SUB)
-    __mul__, __rmul__ = _binary(ca.OP_MUL), _reflected(ca.OP_MUL)
-    __truediv__, __rtruediv__ = _binary(ca.OP_DIV), _reflected(ca.OP_DIV)
-    __pow__, __rpow__ = _binary(ca.OP_POW), _reflected(ca.OP_POW)
+    __add__, __radd__ = _binary(ca.OP_ADD), _binary(ca.OP_ADD, True)
+    __sub__, __rsub__ = _binary(ca.OP_SUB), _binary(ca.OP_SUB, True)
+    __mul__, __rmul__ = _binary(ca.OP_MUL), _binary(ca.OP_MUL, True)
+    __truediv__, __rtruediv__ = _binary(ca.OP_DIV), _binary(ca.OP_DIV, True)
+    __pow__, __rpow__ = _binary(ca.OP_POW), _binary(ca.OP_POW, True)
     __neg__, __abs__ = _unary(ca.OP_NEG), _unary(ca.OP_FABS)
     __lt__, __le__ = _binary(ca.OP_LT), _binary(ca.OP_LE)
-    __gt__, __ge__ = _reflected(ca.OP_LT), _reflected(ca.OP_LE)  # a > b is b < a
+    __gt__, __ge__ = _binary(ca.OP_LT, True), _binary(ca.OP_LE, True)  # a > b is b < a
     __eq__ = _binary(ca.OP_EQ)  # type: ignore[assignment]
     __ne__ = _binary(ca.OP_NE)  # type: ignore[assignment]
     __and__, __or__ = _binary(ca.OP_AND), _binary(ca.OP_OR)

@@ -102,17 +102,19 @@ def function_arrays(function: ca.Function) -> dict[str, np.ndarray]:
         first, second = (*read, empty, empty)[:2]
         operations.append(NAMES[code])
         rows.append((first, second, written[0], constant))
-    arrays: dict[str, Any] = {
-        name: np.array(column, dtype=float if name == "value" else np.int64)
-        for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
-    }
     sizes = [
         *(function.size1_in(k) for k in range(function.n_in())),
         *(function.size1_out(k) for k in range(function.n_out())),
     ]
-    arrays["operation"] = np.array(operations, dtype=np.str_)
-    arrays["sizes"], arrays["arguments"] = np.array(sizes, dtype=np.int64), np.array(function.n_in())
-    return arrays
+    return {
+        **{
+            name: np.array(column, dtype=float if name == "value" else np.int64)
+            for name, column in zip(COLUMNS, zip(*rows) if rows else ((),) * 4)
+        },
+        "operation": np.array(operations, dtype=np.str_),
+        "sizes": np.array(sizes, dtype=np.int64),
+        "arguments": np.array(function.n_in()),
+    }
 
 
 def function_from_arrays(arrays: Mapping[str, np.ndarray], name: str = "stored") -> ca.Function:
@@ -328,17 +330,19 @@ POINTS, RADII = 8, (0.3, 1.0, 3.0)
 #: Differences this small relative to the terms they are made of are rounding.
 ROUNDING = 1e-13
 
-#: Operations that are not smooth, or jump: of the difference of their operands, of the first one, or of both.
-COMPARISONS = {ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX}
-STEPS = {ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_IF_ELSE_ZERO, ca.OP_NOT, ca.OP_ATAN2}
-PAIRS = {ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR}
+#: Operations that are not smooth, or jump, and what is zero where they do.
+SWITCHING: dict[int, Callable[..., list[ca.SX]]] = {
+    **dict.fromkeys((ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_FMIN, ca.OP_FMAX), lambda a, b: [a - b]),
+    **dict.fromkeys((ca.OP_FABS, ca.OP_SIGN, ca.OP_FLOOR, ca.OP_CEIL, ca.OP_NOT), lambda a: [a]),
+    **dict.fromkeys((ca.OP_IF_ELSE_ZERO, ca.OP_ATAN2), lambda a, b: [a]),
+    **dict.fromkeys((ca.OP_FMOD, ca.OP_REMAINDER, ca.OP_COPYSIGN, ca.OP_AND, ca.OP_OR), lambda a, b: [a, b]),
+}
 
-#: Operations with poles, by the place of the operand that decides where: arctan(sin x / cos x) jumps at those.
-POLES = {ca.OP_TAN: 0, ca.OP_INV: 0, ca.OP_DIV: 1}
-
-#: Operations with a branch point, and what is zero there: √(x²) is |x|, and arcsin(sin x) a triangle wave.
-BRANCHES = {
-    ca.OP_SQRT: lambda x: x, ca.OP_ASIN: lambda x: 1.0 - x**2, ca.OP_ACOS: lambda x: 1.0 - x**2,
+#: Operations with poles, arctan(sin x / cos x) jumps at those, or with a branch point, √(x²) is |x| and arcsin(sin x) a
+#: triangle wave; and what is zero there.
+POLES: dict[int, Callable[..., ca.SX]] = {
+    ca.OP_TAN: lambda a: a, ca.OP_INV: lambda a: a, ca.OP_DIV: lambda a, b: b, ca.OP_SQRT: lambda a: a,
+    ca.OP_ASIN: lambda a: 1.0 - a**2, ca.OP_ACOS: lambda a: 1.0 - a**2,
 }  # fmt: skip
 
 #: Operations whose result is a linear combination of their operands.
@@ -361,14 +365,10 @@ def switches(expressions: ca.SX, z: ca.SX, poles: bool = True) -> ca.SX:
     conditions: list[ca.SX] = []
 
     def operation(code: int, operands: list[ca.SX]) -> ca.SX:
-        if code in COMPARISONS:
-            conditions.append(operands[0] - operands[1])
-        elif code in STEPS or code in PAIRS:
-            conditions.extend(operands[: 2 if code in PAIRS else 1])
-        elif poles and code in POLES and not operands[POLES[code]].is_constant():
-            conditions.append(operands[POLES[code]])
-        elif poles and code in BRANCHES:
-            conditions.append(BRANCHES[code](operands[0]))
+        if code in SWITCHING:
+            conditions.extend(SWITCHING[code](*operands))
+        elif poles and code in POLES and not POLES[code](*operands).is_constant():
+            conditions.append(POLES[code](*operands))
         return built(code, operands)
 
     list(walk(function, lambda _, element: z[element], ca.SX, operation))
