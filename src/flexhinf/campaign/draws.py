@@ -231,7 +231,7 @@ class Variable:
                 f"expected finite low <= high, got {value_text(ends)}",
                 "its smallest and its largest value",
             )
-        lowest, highest = self.middle - FARTHEST * self.deviation, self.middle + FARTHEST * self.deviation
+        lowest, highest = self.normal(-FARTHEST), self.normal(FARTHEST)
         if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
             raise InvalidInput(
                 f"A normal distribution of {self.name!r} may change its sign.",
@@ -240,15 +240,9 @@ class Variable:
                 "the distribution truncated-normal",
             )
 
-    @property
-    def middle(self) -> float:
-        """Mean of the distribution."""
-        return 0.5 * (self.low + self.high)
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the normal distribution that is not cut off."""
-        return 0.5 * (self.high - self.low) / SIGMAS
+    def normal(self, deviations: Any) -> Any:
+        """The number so many standard deviations above the middle of the interval."""
+        return 0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) / SIGMAS * deviations
 
     def values(self, u: np.ndarray) -> np.ndarray:
         """The quantiles (N,) of numbers u (N,) inside (0, 1)."""
@@ -259,9 +253,9 @@ class Variable:
         from scipy.special import ndtr, ndtri
 
         if self.distribution == "normal":
-            return self.middle + self.deviation * ndtri(u)
+            return self.normal(ndtri(u))
         inside = ndtri(ndtr(-SIGMAS) + u * (ndtr(SIGMAS) - ndtr(-SIGMAS)))
-        return np.clip(self.middle + self.deviation * inside, self.low, self.high)
+        return np.clip(self.normal(inside), self.low, self.high)
 
     def text(self) -> str:
         """The variable in a line, every digit of its interval in it."""

@@ -217,7 +217,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
         show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
         return
     if o.sample is not None:
-        replayed = campaigns.replayed(campaign, journal, o.sample)
+        replayed = campaigns.Replayed(campaign, journal, o.sample)
         run, table, same, origin = replayed.run, pages.replay_table(replayed), replayed.same, "made the table"
     else:
         case = campaigns.stored_worst(journal, o.worst_case)
