@@ -12,7 +12,6 @@ from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from shlex import join
-from typing import TYPE_CHECKING
 
 import typer
 
@@ -47,9 +46,6 @@ from flexhinf.cli.options import (
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name
 from flexhinf.validation import checked_path, value_text
-
-if TYPE_CHECKING:
-    from flexhinf.loop import Controller
 
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
@@ -325,7 +321,7 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
 
 
-def controller_of(source: str) -> tuple[Controller, str]:
+def controller_of(source: str) -> tuple[fh.Controller, str]:
     """The controller of a report, of a file, or of a design that is made now; and a name for it."""
     from flexhinf.design import stages
     from flexhinf.design.design_file import is_design_file
