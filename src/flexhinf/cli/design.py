@@ -323,7 +323,6 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
 
 def controller_of(source: str) -> tuple[fh.Controller, str]:
     """The controller of a report, of a file, or of a design that is made now; and a name for it."""
-    from flexhinf.design import stages
     from flexhinf.design.design_file import is_design_file
 
     path = file_of(source)
@@ -343,6 +342,8 @@ def controller_of(source: str) -> tuple[fh.Controller, str]:
     if beside.exists():
         other = "the controller" if report.unchanged(path.parent, ("design.toml",)) else "design.toml"
         note(f"{other} was changed since the report: it is designed anew.")
+    from flexhinf.design import stages
+
     with step_progress(stages(robot, specification)) as progress:
         result = fh.design(robot, specification, progress)
     note(pages.verdict(result))
