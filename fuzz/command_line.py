@@ -81,9 +81,8 @@ QUICK = (
 
 
 #: What is replaced by a stop.
-DESIGN = import_module("flexhinf.design")
 WORK = (
-    (DESIGN, "design"), (DESIGN, "compare"), (flexhinf.paper, "reproduce"),
+    (flexhinf, "design"), (flexhinf, "compare"), (flexhinf.paper, "reproduce"),
     (import_module("flexhinf.design.certification"), "certify_design"),
 )  # fmt: skip
 

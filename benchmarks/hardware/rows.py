@@ -69,7 +69,7 @@ def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
         row["sampled_peak_share"] = float((samples.inputs / limits).max())
     if getattr(found, "rest", None) is not None:
         row["hunting"] = [*map(float, found.rest.amplitudes)]
-        row["hunts"] = bool(found.rest.oscillates)
+        row["hunts"] = bool(found.rest.oscillating)
         row["rest_error"] = float(found.rest.errors.max())
     return row | _reach(found.synthesis.noise_search, found.setup)
 

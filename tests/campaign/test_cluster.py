@@ -61,11 +61,11 @@ def test_processes_get_every_batch_at_the_first_time(monkeypatch: pytest.MonkeyP
     """Fifty batches for one worker, two of them on the way; threads stand for processes."""
 
     class Pool(ThreadPoolExecutor):
-        def __init__(self, workers, context, initializer, initargs):
+        def __init__(self, workers, context, initializer):
             super().__init__(workers)
 
     monkeypatch.setattr(campaign_driver, "ProcessPoolExecutor", Pool)
-    monkeypatch.setattr(campaign_driver, "_work", lambda batch: batch)
+    monkeypatch.setattr(campaign_driver, "remote_batch", lambda content, batch, version: batch)
     found = [batch for batch, _ in campaign_driver._pooled(made_campaign(50, 1), range(50), 1)]
     assert sorted(found) == list(range(50))
 

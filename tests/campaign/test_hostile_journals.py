@@ -19,7 +19,7 @@ from tests.campaign.conftest import made_campaign, tolerances
 from flexhinf.campaign import Campaign, Journal, drive, merged
 from flexhinf.campaign.draws import campaign_digest
 from flexhinf.campaign.journal import MANIFEST, SHARDS, TABLE, read_sealed, sealed
-from flexhinf.campaign.results import replayed
+from flexhinf.campaign.results import Replayed
 from flexhinf.errors import InvalidInput
 
 pa = pytest.importorskip("pyarrow")
@@ -398,9 +398,9 @@ def test_a_campaign_with_the_same_settings_and_other_columns_is_refused(folder: 
 
 def test_a_replay_of_a_damaged_part_says_that_the_table_has_no_row(folder: Path) -> None:
     put(folder, 1, part(folder, 2).read_bytes())
-    found = replayed(made_campaign(), opened(folder), 20)
+    found = Replayed(made_campaign(), opened(folder), 20)
     assert found.recorded == {}
-    assert replayed(made_campaign(), opened(folder), 40).same
+    assert Replayed(made_campaign(), opened(folder), 40).same
 
 
 def test_a_campaign_from_python_has_a_duration_for_its_page(loop) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import subprocess
 import sys
@@ -67,7 +66,7 @@ def test_what_was_changed_since_the_report_is_named(
     def stop(*given: object) -> None:
         raise fh.InvalidInput("A design begins.")
 
-    monkeypatch.setattr(importlib.import_module("flexhinf.design"), "design", stop)
+    monkeypatch.setattr(fh, "design", stop)
     files = {"design.toml": b'[design]\nrobot = "paper"\n', "controller": controller.read_bytes()}
     folder = report.write(tmp_path / "arm", files)
     (folder / changed).write_bytes(files[changed] + b"\n")

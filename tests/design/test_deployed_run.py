@@ -50,7 +50,7 @@ def prepared(
 def test_the_step_is_that_of_the_loop_on_our_own_plant(paper: tuple[fh.Robot, fh.Controller]) -> None:
     """MuJoCo's robot against ours, integrated by our Runge–Kutta steps: the same noise, the same command."""
     run = prepared(paper)
-    found = run.make(real_time=False).trajectory
+    found = fh.run_realtime(run.loop, **run.arguments, real_time=False).trajectory
     given = {name: run.arguments[name] for name in ("reference", "noise", "duration", "initial_state")}
     ours = fh.Loop(paper[0].plant(), paper[1]).run(**given)
     for kind in ("state", "input", "estimate"):
@@ -62,7 +62,7 @@ def test_another_robot_a_load_no_noise(paper: tuple[fh.Robot, fh.Controller]) ->
     softer = perturbed(paper[0], ["stiffness=-20%"])
     loaded = {"noise": False, "load": 0.5, "load_at": 0.1}
     run = prepared(paper, softer, loaded, angle_unit="deg")
-    made = run.make(real_time=False)
+    made = fh.run_realtime(run.loop, **run.arguments, real_time=False)
     torque = made.trajectory.signal("disturbance", "link_torque")
     assert torque[99] == 0.0
     assert torque[100] == 0.5
@@ -85,7 +85,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
     np.testing.assert_allclose(run.start, [0.1, 0.0])
     np.testing.assert_allclose(run.goal, [0.2, 0.2])
     np.testing.assert_allclose(run.arguments["initial_estimate"], robot.operating_point([0.1, 0.0])[0])
-    made = run.make(real_time=False)
+    made = fh.run_realtime(run.loop, **run.arguments, real_time=False)
     assert len(made.trajectory.time) == 1201
     error = {line.what: line for line in run.requirements(made)}["tracking error"]
     assert error.found < 2e-3
@@ -95,7 +95,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
 
 def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     run = prepared(paper)
-    made = run.make()
+    made = fh.run_realtime(run.loop, **run.arguments)
     lines = {line.what: line for line in run.requirements(made)}
     missed = int(made.timing.missed.sum())
     assert lines["missed deadlines"].found == pytest.approx(100.0 * missed / 301)
@@ -106,7 +106,7 @@ def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     assert "not settle" in text
     assert len(run_tables(run, made)) == 3
     assert bool(run_notes(made)) >= bool(missed)
-    free = run.make(real_time=False)
+    free = fh.run_realtime(run.loop, **run.arguments, real_time=False)
     assert "missed deadlines" not in {line.what for line in run.requirements(free)}
     assert run_verdict(run, free).startswith("Not in real time: 301 samples")
 

@@ -14,7 +14,7 @@ import pytest
 import flexhinf as fh
 from flexhinf.cli.arguments import _value, error_text
 from flexhinf.design import Specification, design
-from flexhinf.design.design_file import read_request
+from flexhinf.design.design_file import check_stated_units, read_request
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_steps
 from flexhinf.design.plans import plan_move
 from flexhinf.design.responses import ROBOT, joint_limits
@@ -209,21 +209,28 @@ def test_another_number_of_steps_is_refused(robot_of: Named, steps: Any) -> None
 
 
 @pytest.mark.parametrize(
-    ("text", "example"),
-    [("0.01deg", "0.01deg,0.1Nm"), ("0.1Nm,0.1Nm", "0.01deg,0.1Nm"), ("1e-3,1rad/s", "0.01deg,0.1Nm")],
+    ("text", "wrong", "example"),
+    [
+        ("0.01deg", "0.01deg", "0.01deg,0.01deg,0.01Nm,0.01Nm"),
+        ("0.1Nm,0.1Nm", "0.1Nm", "0.1deg,0.1deg,0.1Nm,0.1Nm"),
+        ("1e-3,1rad/s", "1rad/s", "0.001,0.001,1Nm,1Nm"),
+    ],
 )
-def test_a_unit_that_the_sensor_does_not_have_is_refused(text: str, example: str) -> None:
-    with pytest.raises(
-        SpecificationError, match=f"unit, got '{text.split(',')[0]}'|unit, got '{text.split(',')[-1]}'"
-    ) as refused:
-        Specification(measured=("motor_position", "joint_torque"), quantisation=text)  # type: ignore[arg-type]
-    assert error_text(refused.value).endswith("--quantisation 0.01deg,0.1Nm")
+def test_a_unit_that_the_sensor_does_not_have_is_refused(
+    robot_of: Named, text: str, wrong: str, example: str
+) -> None:
+    s = Specification(measured=("motor_position", "joint_torque"), quantisation=text)  # type: ignore[arg-type]
+    with pytest.raises(SpecificationError) as refused:
+        design(robot_of("planar-two-link"), s)
+    assert (refused.value.field, refused.value.found.endswith(repr(wrong))) == ("quantisation", True)
+    assert error_text(refused.value).endswith(f"--quantisation {example}")
 
 
-def test_a_unit_that_no_sensor_has_is_refused_per_signal_too() -> None:
-    with pytest.raises(SpecificationError, match=r"unit, got '0.1Nm'"):
-        Specification(measured=("motor_position",), quantisation="0.1Nm,0.1Nm")  # type: ignore[arg-type]
-    Specification(measured=("motor_position",), quantisation="1rad,1rad")  # type: ignore[arg-type]
+def test_a_unit_that_no_sensor_has_is_refused_per_signal_too(robot_of: Named) -> None:
+    robot, sensors = robot_of("planar-two-link"), ("motor_position",)
+    with pytest.raises(SpecificationError, match=r"got '0.1Nm'"):
+        check_stated_units(robot, Specification(measured=sensors, quantisation="0.1Nm,0.1Nm"))  # type: ignore[arg-type]
+    check_stated_units(robot, Specification(measured=sensors, quantisation="1rad,1rad"))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     changed, run = end_limit_cycle(setup)
     assert run is not None
     assert run.without is not None
-    assert (run.without.oscillates, run.oscillates) == (True, False)
+    assert (bool(run.without.oscillating), bool(run.oscillating)) == (True, False)
     np.testing.assert_array_equal(changed.dead_zone, [1e-3, 0.0])  # at most a hundredth of the step
     np.testing.assert_array_equal(changed.bumpless_controller.integral_dead_zone, [1e-3, 0.0])
     assert run.amplitudes.max() < 0.2 * run.without.amplitudes.max()
@@ -70,7 +70,7 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     assert "1 %" in note
     kept, stated = end_limit_cycle(with_options(setup, integral_dead_zone=0.0))
     assert stated is not None
-    assert stated.oscillates
+    assert stated.oscillating
     assert kept.dead_zone is None
 
 
@@ -78,7 +78,7 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
 def test_friction_in_the_model_of_the_estimator_ends_it_too(setup):
     known = check_limit_cycle(with_options(setup, extras="coulomb_friction", friction_model=True))
     assert known is not None
-    assert not known.oscillates
+    assert not known.oscillating
 
 
 def test_linear_figures_are_those_without_friction(setup):
@@ -158,4 +158,4 @@ def test_the_papers_arm_with_its_motor_measured_comes_to_rest_with_a_dead_zone_o
     np.testing.assert_array_equal(changed.dead_zone, [1e-3])
     known = check_limit_cycle(replace(setup, specification=Specification(**options, friction_model=True)))
     assert known is not None
-    assert known.oscillates
+    assert known.oscillating

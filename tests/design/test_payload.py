@@ -34,7 +34,7 @@ def evaluation() -> LawEvaluation:
     s = Specification(preset="damped", measured=("link_position", "motor_position"), estimator="ekf")
     chosen = choose(robot, GOAL, START, s)
     setup = LoopSetup(robot, s, fh.solve_hji(chosen.problem, chosen.gamma, 2), GOAL, START, quiet=True)
-    return LawEvaluation("law", setup).in_scenario(RUNS)
+    return LawEvaluation("law", setup, RUNS)
 
 
 def test_both_ends_of_the_range_are_carried(evaluation: LawEvaluation) -> None:

@@ -119,7 +119,7 @@ def test_what_is_met_within_the_tolerance_only_is_said() -> None:
 def test_failures_come_first_in_the_line() -> None:
     line = Requirement("overshoot", 5.0, 9.0, "%", True, "the step", "", joint="elbow")
     status = judged((line,), inside=False, noise=1.0)
-    assert not status.met
+    assert status.not_met
     assert status.line.startswith("Not met: overshoot 9 % in elbow (required ≤ 5 %). Risky: ")
     assert status.line.partition("Not proved: ")[2].endswith("outside the sampled region.")
 

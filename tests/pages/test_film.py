@@ -34,7 +34,7 @@ def made() -> tuple[DeployedRun, RealTimeRun]:
     controller = fh.Controller(law, ukf, 1e-3, (-9.0, 8.0), start="bumpless")
     s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.3)
     prepared = prepare_run(controller, (robot, s), robot, s)
-    return prepared, prepared.make(real_time=False)
+    return prepared, fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
 
 
 def test_what_is_drawn(made: tuple[DeployedRun, RealTimeRun]) -> None:
@@ -131,7 +131,7 @@ def test_a_rigid_joint_has_its_motor_at_the_link(monkeypatch: pytest.MonkeyPatch
     law = fh.linear_law(robot.problem({"link_position": 60, "link_position_integral": 300}), gamma=math.inf)
     s = Specification(start="0.2,0.1", pose="0.4,0.3", duration=0.01)
     prepared = prepare_run(fh.Controller(law, ukf, 1e-3, start="bumpless"), (robot, s), robot, s)
-    run = prepared.make(real_time=False)
+    run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
     film = ArmFilm(prepared, run)
     np.testing.assert_array_equal(film.windup[:, 0], 0.0)
     np.testing.assert_array_equal(film.motors[:, 1], run.trajectory.signal("state", "motor_position_elbow"))

@@ -36,7 +36,6 @@ from .results import (
     Sensitivity as Sensitivity,
     compare as compare,
     merged as merged,
-    replayed as replayed,
     sensitivity as sensitivity,
     success_interval as success_interval,
 )

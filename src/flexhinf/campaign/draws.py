@@ -113,7 +113,7 @@ class _Reader:
         if id(value) not in self.known:
             self.kept.append(value)
             self.known[id(value)] = f"inside {_name(type(value))}"  # where it holds itself
-            self.known[id(value)] = _hash(self._part(value) or self._instance(value))
+            self.known[id(value)] = _hash(self._part(value))
         return self.known[id(value)]
 
     def _part(self, value: Any) -> str:
@@ -138,7 +138,19 @@ class _Reader:
                 return f"built in {_name(value)}"
             case types.FunctionType() | type():
                 return self._function(value)
-        return ""
+        # An object: its class and its attributes, without cached properties. Objects of other packages may hold
+        # anything, addresses and rounding among it: they go by their class.
+        kind = type(value)
+        content: dict[str, Any] = {}
+        if _package(kind) == self.package != "flexhinf":
+            parts = [part for base in kind.__mro__ for part in vars(base).items()]
+            cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
+            stated = fields(value) if is_dataclass(value) else ()
+            names = [entry.name for entry in stated] or [
+                name for name in getattr(value, "__dict__", {}) if name not in cached
+            ]
+            content = {name: getattr(value, name, None) for name in names}
+        return f"{self.text(kind)} {self.text(content)}"
 
     def _function(self, value: types.FunctionType | type) -> str:
         if _package(value) != self.package or self.package == "flexhinf":
@@ -160,23 +172,6 @@ class _Reader:
         constants = [None if docstring and constant == docstring else constant for constant in code.co_consts]
         names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
         return f"{code.co_code.hex()} {names} {[self.text(constant) for constant in constants]}"
-
-    def _instance(self, value: Any) -> str:
-        """Text of an object: its class and its attributes, without cached properties.
-
-        Objects of other packages may hold anything, addresses and rounding among it: they go by their class.
-        """
-        kind = type(value)
-        content: dict[str, Any] = {}
-        if _package(kind) == self.package != "flexhinf":
-            parts = [part for base in kind.__mro__ for part in vars(base).items()]
-            cached = {name for name, part in parts if isinstance(part, functools.cached_property)}
-            stated = fields(value) if is_dataclass(value) else ()
-            names = [entry.name for entry in stated] or [
-                name for name in getattr(value, "__dict__", {}) if name not in cached
-            ]
-            content = {name: getattr(value, name, None) for name in names}
-        return f"{self.text(kind)} {self.text(content)}"
 
 
 def _globals(code: types.CodeType) -> list[str]:
@@ -231,7 +226,7 @@ class Variable:
                 f"expected finite low <= high, got {value_text(ends)}",
                 "its smallest and its largest value",
             )
-        lowest, highest = self.middle - FARTHEST * self.deviation, self.middle + FARTHEST * self.deviation
+        lowest, highest = self.normal(-FARTHEST), self.normal(FARTHEST)
         if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
             raise InvalidInput(
                 f"A normal distribution of {self.name!r} may change its sign.",
@@ -240,15 +235,9 @@ class Variable:
                 "the distribution truncated-normal",
             )
 
-    @property
-    def middle(self) -> float:
-        """Mean of the distribution."""
-        return 0.5 * (self.low + self.high)
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of the normal distribution that is not cut off."""
-        return 0.5 * (self.high - self.low) / SIGMAS
+    def normal(self, deviations: Any) -> Any:
+        """The number so many standard deviations above the middle of the interval."""
+        return 0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) / SIGMAS * deviations
 
     def values(self, u: np.ndarray) -> np.ndarray:
         """The quantiles (N,) of numbers u (N,) inside (0, 1)."""
@@ -259,9 +248,9 @@ class Variable:
         from scipy.special import ndtr, ndtri
 
         if self.distribution == "normal":
-            return self.middle + self.deviation * ndtri(u)
+            return self.normal(ndtri(u))
         inside = ndtri(ndtr(-SIGMAS) + u * (ndtr(SIGMAS) - ndtr(-SIGMAS)))
-        return np.clip(self.middle + self.deviation * inside, self.low, self.high)
+        return np.clip(self.normal(inside), self.low, self.high)
 
     def text(self) -> str:
         """The variable in a line, every digit of its interval in it."""

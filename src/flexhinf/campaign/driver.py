@@ -8,7 +8,7 @@ import pickle
 import signal
 import threading
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass
@@ -126,7 +126,7 @@ def _as_done(
 
 
 def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
-    """Run a batch of a pickled campaign on a worker, and return its rows."""
+    """Run a batch of a pickled campaign in another process, and return its rows."""
     refuse_if(
         version != __version__,
         "The workers run another version of flexhinf.",
@@ -250,11 +250,11 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
 
 def _pooled(campaign: Campaign, batches: Sequence[int], workers: int) -> Iterator[tuple[int, Rows]]:
     context = multiprocessing.get_context("spawn")  # compiled code and threads do not survive a fork
-    pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker, initargs=(campaign,))
-    pending: dict[Future[Rows], int] = {}
+    pool = ProcessPoolExecutor(workers, context, initializer=_begin_worker)
+    content, pending = pickle.dumps(campaign), {}
     try:
         yield from _as_done(
-            lambda batch: pool.submit(_work, batch),
+            lambda batch: pool.submit(remote_batch, content, batch, __version__),
             lambda: wait(pending, return_when=FIRST_COMPLETED).done,
             batches,
             lambda: 2 * workers,
@@ -282,10 +282,7 @@ def _run(
         )
 
 
-_campaign: list[Campaign] = []  # of a worker process
-
-
-def _begin_worker(campaign: Campaign) -> None:
+def _begin_worker() -> None:
     """Set up a worker: it ignores Ctrl-C, which the driver handles, and ends when the driver was killed.
 
     Workers wait for work on a pipe that they hold open themselves: without the thread they would wait for ever.
@@ -299,11 +296,6 @@ def _begin_worker(campaign: Campaign) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_the_driver, daemon=True).start()
-    _campaign.append(campaign)
-
-
-def _work(batch: int) -> Rows:
-    return run_batch(_campaign[0], batch)
 
 
 def run_campaign(

@@ -20,7 +20,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -391,13 +390,6 @@ class Journal:
             )
         return good, bad
 
-    @cached_property
-    def _draw(self) -> Tolerances | None:
-        """The draw of the samples; None for a user's function, whose code is not in the manifest."""
-        return Tolerances.stated(
-            self.settings, [column.name for column in self.columns if column.kind == "parameter"]
-        )
-
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
         """What is wrong with the file of a batch whose name has this digest; empty for a valid file.
 
@@ -436,7 +428,11 @@ class Journal:
                     f"a file that unpacks to {unpacked} bytes": unpacked > _SPARE + rows * size,
                 }):  # fmt: skip
                     return wrong
-                expected = {} if self._draw is None else self._draw.numbers(samples, self.samples, seed)
+                # a user's function, whose code is not in the manifest, is no such draw
+                draw = Tolerances.stated(
+                    self.settings, [c.name for c in self.columns if c.kind == "parameter"]
+                )
+                expected = {} if draw is None else draw.numbers(samples, self.samples, seed)
                 own = file.read(columns=list(dict.fromkeys((*OWN, *expected))))
                 values = {name: numpy_column(own.column(name)) for name in own.column_names}
                 lost = ~np.isin(values["status"].astype(str), (COMPLETED, UNSTABLE))
@@ -575,6 +571,6 @@ def differing(
     return [pair for pair in pairs if pair[1] != pair[2]]
 
 
-def listed(texts: Sequence[str], most: int) -> str:
-    """The first texts in one line, and how many more there are."""
+def listed(texts: Sequence[str], most: int = 6) -> str:
+    """The first `most` texts in one line, and how many more there are."""
     return "; ".join([*texts[:most], *([f"{len(texts) - most} more"] if len(texts) > most else [])])

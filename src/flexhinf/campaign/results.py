@@ -22,7 +22,6 @@ from flexhinf.campaign.batches import PART, TRACED, Campaign, Column, rows_of
 from flexhinf.campaign.journal import Journal, differing, listed, numpy_column, read_columns
 from flexhinf.campaign.metrics import COMPLETED, Requirement
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.loop import Trajectory
 from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
@@ -344,32 +343,23 @@ class CampaignJudgement:
         return [rule for rule, bad in zip(self.requirements, self.violations[sample]) if bad]
 
 
-@dataclass(frozen=True, eq=False)
 class Replayed:
-    """A sample that was run again: its row in the journal (empty where it is not in it yet), and that of the run."""
+    """A sample that is run again, alone; InvalidInput if it is not there or could not be run.
 
-    sample: int
-    run: Trajectory
-    recorded: Mapping[str, object]
-    again: Mapping[str, object]
+    `recorded`, `again`: its row in the journal (empty where it is not in it yet), and that of the `run`. `same`:
+    whether both are the same, bit by bit.
+    """
 
-    @property
-    def same(self) -> bool:
-        """Whether both rows are the same, bit by bit."""
+    def __init__(self, campaign: Campaign, journal: Journal, sample: int) -> None:
+        self.sample, self.run = sample, campaign.replay(sample)
+        rows = rows_of(campaign, [sample])
+        self.again = {name: column.tolist()[0] for name, column in rows.items() if column.ndim == 1}
+        self.recorded = journal.row(sample)
         pairs = [(self.recorded.get(name), value) for name, value in self.again.items()]
-        return not self.recorded or all(a == b or (a != a and b != b) for a, b in pairs)  # NaN is not itself
+        self.same = not self.recorded or all(
+            a == b or (a != a and b != b) for a, b in pairs
+        )  # NaN is not itself
 
-
-def replayed(campaign: Campaign, journal: Journal, sample: int) -> Replayed:
-    """Run one sample of a campaign again, alone; InvalidInput if it is not there or could not be run."""
-    run = campaign.replay(sample)
-    rows = rows_of(campaign, [sample])
-    again = {name: column.tolist()[0] for name, column in rows.items() if column.ndim == 1}
-    return Replayed(sample, run, journal.row(sample), again)
-
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Of every interval, each by itself.
 CONFIDENCE = 0.95
@@ -383,9 +373,6 @@ SAME = 1e-4
 _FREE = {
     "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
 }  # fmt: skip
-
-#: Differences that a refusal lists.
-_LISTED = 6
 
 
 class PairedMetric:
@@ -541,7 +528,7 @@ def compare(
     refuse_if(
         differences,
         "The campaigns are not on the same samples; their differences would not be those of the controllers.",
-        listed(differences, _LISTED),
+        listed(differences),
         "the same draw, samples, seed, plant, noise and duration for both, and another controller",
     )
     return PairedCampaigns(own, other, requirements)

@@ -134,8 +134,9 @@ def worst_case(
     known_metric(metric, [column.name for column in campaign.columns if column.judged])
     check_starts(starts)
     seed = checked_integer("seed", campaign.seed if seed is None else seed, 0, 2**63 - 1, "0")
-    options = {"campaign": campaign.digest, "metric": metric, "least": least, "starts": starts, "seed": seed}
-    settings = {name: str(value) for name, value in options.items()}
+    settings = {
+        "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
+    }  # fmt: skip
     with suppress(InvalidInput):  # none, or damaged: it is searched
         if journal is not None and (stored := stored_worst(journal, metric)).settings == settings:
             return stored
@@ -193,7 +194,7 @@ def worst_case(
         starts, together, all_corners, runs + len(others), int((~inside).sum()), settings,
     )  # fmt: skip
     if journal is not None:
-        journal.store(_path(journal, metric), asdict(case))
+        journal.store(FOLDER / f"{metric}.json", asdict(case))
     return case
 
 
@@ -252,7 +253,7 @@ def stored_worst(journal: Journal, metric: str) -> WorstCase:
 
     InvalidInput if nothing was searched, or the file is damaged or of another campaign.
     """
-    path = _path(journal, metric)
+    path = FOLDER / f"{known_metric(metric, journal.metrics)}.json"
     try:
         case = journal.stored(path, WorstCase)
         if (case.settings["campaign"], case.metric) == (journal.digest, metric):
@@ -280,7 +281,3 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
         with suppress(InvalidInput):  # the command that searches says so and repairs it
             cases.append(stored_worst(journal, metric))
     return cases
-
-
-def _path(journal: Journal, metric: str) -> Path:
-    return FOLDER / f"{known_metric(metric, journal.metrics)}.json"

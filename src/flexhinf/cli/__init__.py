@@ -35,18 +35,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "numpy" not in sys.modules:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     received: list[int] = []
-    with _ended_in_order(received), _every_character(), _without_windows():
+    # Drawings go into files, and Matplotlib fails on a backend that it does not know.
+    backend = os.environ.pop("MPLBACKEND", None)
+    with _ended_in_order(received), _every_character():
         try:
             from flexhinf.cli.commands import run
 
             code = run(arguments)
             for stream in _streams():
                 stream.flush()
-        except SystemExit as error:  # what rich and typer make of a pipe without a reader
-            if not isinstance(error.__context__, BrokenPipeError):
+        except (SystemExit, BrokenPipeError) as error:
+            # rich and typer make the first of a pipe without a reader
+            if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
                 raise
-            code = _NO_READER
-        except BrokenPipeError:
             code = _NO_READER
         except (KeyboardInterrupt, Exception) as error:
             # before the command began, again while it cleared away, or as a library passed the interruption on
@@ -65,6 +66,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     )
             else:
                 raise
+        finally:
+            if backend is not None:
+                os.environ["MPLBACKEND"] = backend
     return 128 + received[0] if received and code == 128 + signal.SIGINT else code
 
 
@@ -95,17 +99,6 @@ def _every_character() -> Iterator[None]:
                         os.close(nowhere)
                 with suppress(OSError):
                     stream.reconfigure(errors=errors)
-
-
-@contextmanager
-def _without_windows() -> Iterator[None]:
-    """Leave out MPLBACKEND: drawings go into files, and Matplotlib fails on a backend that it does not know."""
-    named = os.environ.pop("MPLBACKEND", None)
-    try:
-        yield
-    finally:
-        if named is not None:
-            os.environ["MPLBACKEND"] = named
 
 
 @contextmanager

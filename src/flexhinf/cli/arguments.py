@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.exceptions import TyperException
 
+from flexhinf import robot as robots
 from flexhinf.cli.options import PEAKS, PointOptions
 from flexhinf.design.specification import FIELDS, SpecificationError
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
@@ -123,13 +124,12 @@ def read_source(
     Of a report's folder its design file is meant.
     """
     from flexhinf.design.design_file import meant_file, read_request, with_joints
-    from flexhinf.robot import RobotFileWarning
 
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", RobotFileWarning)
+        warnings.simplefilter("always", robots.RobotFileWarning)
         request = read_request(meant_file(source), elastic or None, fields, payload or None)
         request = with_joints(request, goal, tool)
-    texts = [str(record.message) for record in caught if issubclass(record.category, RobotFileWarning)]
+    texts = [str(record.message) for record in caught if issubclass(record.category, robots.RobotFileWarning)]
     for text in (*texts, *request.notes):
         note(text)
     return replace(request, warnings=tuple(texts))

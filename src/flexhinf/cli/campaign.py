@@ -37,7 +37,6 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import CampaignOptions
 
 if TYPE_CHECKING:
-    from flexhinf.campaign import MergedTable, Requirement
     from flexhinf.campaign.driver import Executor, Report
     from flexhinf.design import DesignCampaign
 
@@ -139,7 +138,7 @@ def _executor(o: BatchOptions) -> Executor | None:
 
 
 def _searched(
-    o: RunCampaignOptions, requirements: Sequence[Requirement], known: Sequence[str], gain: bool
+    o: RunCampaignOptions, requirements: Sequence[campaigns.Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
     if o.metric and not o.worst_case:
@@ -217,7 +216,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
         show([pages.gain_replay_table(rows, [search.again(row) for row in rows])])
         return
     if o.sample is not None:
-        replayed = campaigns.replayed(campaign, journal, o.sample)
+        replayed = campaigns.Replayed(campaign, journal, o.sample)
         run, table, same, origin = replayed.run, pages.replay_table(replayed), replayed.same, "made the table"
     else:
         case = campaigns.stored_worst(journal, o.worst_case)
@@ -231,7 +230,7 @@ def replay(context: typer.Context, o: ReplayOptions) -> None:
         note(f"the numbers differ in their last bits: another kind of processor, or other versions, {origin}")
 
 
-def _finish(table: MergedTable, requirements: list[Requirement]) -> int:
+def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requirement]) -> int:
     from flexhinf.design.campaign_folder import stored_campaign, stored_gains
 
     journal, folder = table.journal, table.journal.folder
@@ -296,7 +295,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         )
         return
 
-    def judged(table: MergedTable) -> Any:
+    def judged(table: campaigns.MergedTable) -> Any:
         folder = table.journal.folder
         return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
 

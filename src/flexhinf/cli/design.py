@@ -12,10 +12,10 @@ from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from shlex import join
-from typing import TYPE_CHECKING
 
 import typer
 
+import flexhinf as fh
 from flexhinf import export, pages, report
 from flexhinf.cli.arguments import (
     NOT_MET,
@@ -47,10 +47,6 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import option_name
 from flexhinf.validation import checked_path, value_text
 
-if TYPE_CHECKING:
-    from flexhinf.design.deployed_run import DeployedRun
-    from flexhinf.loop import Controller
-
 #: Of verdicts.
 COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "bright_black"}
 
@@ -67,12 +63,12 @@ def design(context: typer.Context, o: DesignOptions) -> int:
     (the report is written, and says so); 2 for a mistake, or for what cannot
     be met (nothing is written); 130 if interrupted.
     """
-    from flexhinf.design import design as make_design, stages
+    from flexhinf.design import stages
 
     request = request_of(context, o, o.robot, o.elastic)
     folder = report.check(o.out)
     with step_progress(stages(request.robot, request.specification) + 1) as progress:
-        result = make_design(request.robot, request.specification, progress)
+        result = fh.design(request.robot, request.specification, progress)
         progress("report")
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = pages.design_text(result, request, folder)
@@ -96,16 +92,14 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     """
     from rich.console import Console
 
-    from flexhinf.design import compare as make_comparison, law_names, stages
+    from flexhinf.design import law_names, stages
 
     request = request_of(context, o, o.robot, o.elastic)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = report.check(o.out)
     count = stages(request.robot, request.specification, law_names(chosen))
     with step_progress(count + 1) as progress:
-        result = make_comparison(
-            request.robot, request.specification, chosen, o.tune, progress, o.same_sensors
-        )
+        result = fh.compare(request.robot, request.specification, chosen, o.tune, progress, o.same_sensors)
         progress("report")
         files = pages.comparison_files(result, reproduce_command(context), request.warnings)
     report.write(folder, files)
@@ -117,7 +111,6 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
 @with_options(PaperOptions)
 def paper(context: typer.Context, o: PaperOptions) -> None:
     """Reproduce every figure and judge every claim of Elsa & Akbari (2014)."""
-    from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
 
@@ -139,7 +132,6 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
         f"γ* of the paper's problem = {result.metrics['gamma_star']:.4f}, "
         f"γ of its law here = {result.metrics['gamma']:.4f}"
     )
-    console = Console()
     for heading, claims in ((title, result.claims), ("Our own question", result.questions)):
         table = Table(title=heading, title_justify="left", show_lines=True)
         table.add_column("claim, and by what it is judged")
@@ -147,9 +139,9 @@ def paper(context: typer.Context, o: PaperOptions) -> None:
         for claim in report.by_verdict(claims):
             text = f"{escape(claim.text)}\n[dim]{escape(claim.criterion)}[/]"
             table.add_row(text, f"[{COLOURS[claim.verdict]}]{claim.verdict}[/]")
-        console.print(table)
+        show([table])
         if claims is result.claims:
-            console.print(f"{report.summary(claims)} No printed curve was compared with a computed one.")
+            show([f"{report.summary(claims)} No printed curve was compared with a computed one."])
     typer.echo(f"report: {folder / 'index.html'}")
 
 
@@ -250,7 +242,6 @@ def certify(context: typer.Context, o: CertifyOptions) -> int:
 
 def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
     """Check a certificate; nothing but its file is read, so options that state what is to be proved are a mistake."""
-    from flexhinf.certify import load_certificate
     from flexhinf.certify.certificate import theorem_text, verification_text
 
     for name in stated_options(context):
@@ -266,7 +257,7 @@ def _check(context: typer.Context, path: Path, o: CertifyOptions) -> int:
         f"expected --check FILE without a robot or a design, got {o.robot!r}",
         f"flexhinf certify --check {path}",
     )
-    certificate = load_certificate(path / CERTIFICATE if path.is_dir() else path)
+    certificate = fh.load_certificate(path / CERTIFICATE if path.is_dir() else path)
     with ProofProgress() as bar:
         bar.step("check")
         result = certificate.check(threads=o.threads, sample=None if o.every_cell else 10, tick=bar.cells)
@@ -305,11 +296,9 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
     the robot: motor inputs and disturbances in, measurements and states out,
     its parameters to be set. Needs a C compiler.
     """
-    from flexhinf.design import load_design
-
     if o.plant:
         path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
-        robot, s = load_design(path)
+        robot, s = fh.load_design(path)
         rest = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(
@@ -332,34 +321,31 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
 
 
-def controller_of(source: str) -> tuple[Controller, str]:
+def controller_of(source: str) -> tuple[fh.Controller, str]:
     """The controller of a report, of a file, or of a design that is made now; and a name for it."""
-    from flexhinf.design.design_file import is_design_file, load_design
-    from flexhinf.loop import load_controller
-    from flexhinf.report import unchanged
-    from flexhinf.robot import catalogue
+    from flexhinf.design.design_file import is_design_file
 
     path = file_of(source)
     if not is_design_file(path):
         robot_file = path.suffix.lower() in (".toml", ".urdf", ".xml") and path.exists()
         refuse_if(
-            (source in catalogue() or robot_file) and not Path(source).is_dir(),
+            (source in fh.catalogue() or robot_file) and not Path(source).is_dir(),
             "A robot has no controller; a design of it has one.",
             f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
             f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
         )
-        return load_controller(path), "controller"
-    robot, specification = load_design(path)
+        return fh.load_controller(path), "controller"
+    robot, specification = fh.load_design(path)
     beside = path.parent / "controller"
-    if unchanged(path.parent, ("design.toml", "controller")):
-        return load_controller(beside), robot.name
+    if report.unchanged(path.parent, ("design.toml", "controller")):
+        return fh.load_controller(beside), robot.name
     if beside.exists():
-        other = "the controller" if unchanged(path.parent, ("design.toml",)) else "design.toml"
+        other = "the controller" if report.unchanged(path.parent, ("design.toml",)) else "design.toml"
         note(f"{other} was changed since the report: it is designed anew.")
-    from flexhinf.design import design as make_design, stages
+    from flexhinf.design import stages
 
     with step_progress(stages(robot, specification)) as progress:
-        result = make_design(robot, specification, progress)
+        result = fh.design(robot, specification, progress)
     note(pages.verdict(result))
     return result.controller(), robot.name
 
@@ -370,12 +356,11 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     With `only_design`, the first sentence of the refusal, and the command `then`: also where it is no design file.
     """
     from flexhinf.design.design_file import is_design_file
-    from flexhinf.robot import catalogue
 
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
     what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
-    if not os.path.exists(file) and source not in catalogue():
+    if not os.path.exists(file) and source not in fh.catalogue():
         raise InvalidInput(
             f"There is no file or design {value_text(source, 120)}.",
             f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
@@ -402,25 +387,33 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     Exit code: 0 if every deadline and every requirement was met; 1 if not;
     2 for a mistake; 130 if interrupted.
     """
-    file_of(o.source)
+    from flexhinf.design.deployed_run import perturbed, prepare_run
+    from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
+
+    needs = "A run needs a design file, which states robot, start and goal."
+    path = file_of(o.source, needs, "flexhinf run DIR --mujoco")
     refuse_if(
         not o.mujoco,
         "It is not said which robot is driven.",
         "expected --mujoco, the robot in MuJoCo, got none",
         "--mujoco",
     )
-    from flexhinf.robot.mujoco import MuJoCoView, check_display
-
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
     if o.view:
         check_display()
     compiled = None if o.library is None else export.load_compiled(o.library)
-    prepared = _prepared(context, o)
-    with MuJoCoView(prepared.robot, prepared.box) if o.view else nullcontext() as viewer:
-        watch = None if viewer is None else viewer.show
-        run = prepared.make(
-            library=compiled, real_time=o.realtime, priority=o.priority, core=o.core, watch=watch
-        )
+    request = request_of(context, o, str(path))
+    check_expressed(request.specification.extras)
+    robot = perturbed(request.robot, o.perturb)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # `request_of` has told them
+        designed, (controller, _) = fh.load_design(path), controller_of(o.source)
+    prepared = prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)
+    with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
+        run = fh.run_realtime(
+            prepared.loop, **prepared.arguments, library=compiled, real_time=o.realtime, priority=o.priority,
+            core=o.core, watch=None if viewer is None else viewer.show,
+        )  # fmt: skip
     try:
         for path in logs:
             export.write_log(run, path)
@@ -439,20 +432,3 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     if run.stopped is None:
         return 0 if pages.run_met(prepared, run) else NOT_MET
     return 128 + run.stopped if run.stopped else 0  # 0: the view was closed
-
-
-def _prepared(context: typer.Context, o: RunOptions) -> DeployedRun:
-    from flexhinf.design import load_design
-    from flexhinf.design.deployed_run import perturbed, prepare_run
-    from flexhinf.robot.mujoco import check_expressed
-
-    needs = "A run needs a design file, which states robot, start and goal."
-    path = file_of(o.source, needs, "flexhinf run DIR --mujoco")
-    request = request_of(context, o, str(path))
-    check_expressed(request.specification.extras)
-    robot = perturbed(request.robot, o.perturb)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # `request_of` has told them
-        designed = load_design(path)
-        controller, _ = controller_of(o.source)
-    return prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)

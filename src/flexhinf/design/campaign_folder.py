@@ -43,9 +43,6 @@ FOLDERS = ("a", "b")
 #: law that is. Start, goal and limits are compared as numbers.
 SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
 
-#: Differences that a refusal lists.
-_LISTED = 6
-
 
 @dataclass(eq=False)
 class DesignPair:
@@ -74,7 +71,7 @@ class DesignPair:
             rows,
             "The designs are not for the same robot, sensors, motors and step; their runs cannot be compared "
             "sample by sample.",
-            listed(rows, _LISTED),
+            listed(rows),
             "designs that differ in preset, weights, degrees, γ or estimator only",
         )
 
@@ -120,7 +117,7 @@ def open_campaign(
     InvalidInput before any work if the folder holds something else or a campaign with other settings; FlexhinfError as
     `flexhinf.design.design`.
     """
-    _ = request.stated, request.metrics  # refuses what does not fit
+    _ = request.stated  # refuses what does not fit
     journal, place = Journal.read(folder, (SETUP,)), Path(folder).expanduser().absolute()
     if journal is None:
         (place / SETUP).mkdir(parents=True, exist_ok=True)

@@ -65,11 +65,6 @@ class ImpulseRuns:
     ring_down: metrics.RingDown | None
 
     @property
-    def diverged(self) -> bool:
-        """Whether any run diverged."""
-        return self.ring_down is None
-
-    @property
     def damping(self) -> float:
         """Smallest damping ratio of all runs; −∞ where one diverged."""
         return -np.inf if self.ring_down is None else self.ring_down.damping
@@ -114,22 +109,18 @@ class ImpulseRuns:
         return float(np.abs(self.velocity(joint)[time >= AFTER / oscillation.frequency]).max())
 
 
-def impulse_sizes(setup: LoopSetup, peak: np.ndarray) -> np.ndarray:
-    """Impulses (n,), N·m·s or N·s, for the peak inputs (n,) of the step."""
-    scales = JointScales.of(setup.model, setup.goal_equilibrium)
-    return FRACTION * default_load(scales.per_input, peak) / scales.vibration
-
-
 def impulse_runs(
-    setup: LoopSetup, impulses: np.ndarray, most: float, sub_steps: int | None = None
+    setup: LoopSetup, peak: np.ndarray, most: float, sub_steps: int | None = None
 ) -> ImpulseRuns:
-    """A run for each joint, its impulse (n,), N·m·s or N·s, smaller where a motor would come near its limit.
+    """A run for each joint, its impulse by the peak inputs (n,) of the step, smaller where a motor would come near its
+    limit.
 
     `most`: longest run, s. `sub_steps`: Runge–Kutta steps per period of the true plant.
     """
     period, quiet = setup.specification.period, setup.without_noise
-    lowest = JointScales.of(setup.model, setup.goal_equilibrium).held
-    duration = round(min(most, PERIODS * 2.0 * np.pi / lowest) / period) * period
+    scales = JointScales.of(setup.model, setup.goal_equilibrium)
+    impulses = FRACTION * default_load(scales.per_input, peak) / scales.vibration
+    duration = round(min(most, PERIODS * 2.0 * np.pi / scales.held) / period) * period
     state, held = setup.equilibrium(setup.goal)
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     room = np.maximum(setup.limits.effort - np.abs(held), 1e-12)
@@ -143,8 +134,7 @@ def impulse_runs(
     stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
     for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - held
-        none = np.zeros((MOST_LAGS, inputs.shape[1]))
-        before = [np.vstack([none[:lag], inputs[:-lag]]) for lag in lags]
+        before = [np.vstack([np.zeros((lag, inputs.shape[1])), inputs[:-lag]]) for lag in lags]
         believed = signals.get("estimate", signals["state"][:, :0])
         estimate = believed - state[: believed.shape[1]]
         stored.append(np.hstack([signals["state"] - state, estimate, *before, inputs]))
@@ -221,11 +211,6 @@ class LimitCycleCheck:
         """Joints that move by more than the limit; all where the run diverged."""
         return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
 
-    @property
-    def oscillates(self) -> bool:
-        """Whether any joint oscillates."""
-        return bool(self.oscillating)
-
     def requirement(self, units: Sequence[str]) -> required.Requirement:
         """The requirement that dry friction causes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
@@ -242,7 +227,7 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
     """
     first = check_limit_cycle(setup)
     stated = setup.specification.integral_dead_zone is not None
-    if first is None or stated or not (first.oscillates and first.cycles and has_integrals(setup.law)):
+    if first is None or stated or not (first.oscillating and first.cycles and has_integrals(setup.law)):
         return setup, first
     step = np.abs(setup.goal - setup.start)
     most = WIDEST * np.where(step > 0.0, step, step.max())
@@ -254,7 +239,7 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
         run = check_limit_cycle(changed)
         if run is None or not run.cycles:
             break
-        if not run.oscillates:
+        if not run.oscillating:
             return changed, replace(run, without=first)
     return setup, replace(first, tried=run)
 

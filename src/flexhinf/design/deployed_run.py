@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
 from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.export.realtime import RealTimeRun, run_realtime
+from flexhinf.export.realtime import RealTimeRun
 from flexhinf.loop import Controller, Loop, Step
 from flexhinf.loop.simulation.inputs import sample_count
 from flexhinf.options import CampaignOptions, quantity
@@ -37,8 +37,7 @@ class DeployedRun:
     """A prepared run: loop, robot and options."""
 
     robot: Robot  # The driven one
-    specification: Specification
-    # Of the robot that the controller was designed for: sensors, noise and limits
+    # Of the robot that the controller was designed for, and of this run's specification: sensors, noise and limits
     plants: loop_setup.LoopPlants
     box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
@@ -48,23 +47,17 @@ class DeployedRun:
     plan: responses.Plan | None  # The move; None for a step
     arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
 
-    def make(self, **options: Any) -> RealTimeRun:
-        """Execute the run; options and errors are those of `flexhinf.run_realtime`."""
-        return run_realtime(self.loop, **self.arguments, **options)
-
     def response(self, run: RealTimeRun) -> responses.Response:
         """The run with its metrics for each joint."""
         return responses.Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and that no deadline of an input was missed."""
-        limits, response = self.plants.limits, self.response(run)
+        s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
         lines = (
-            required.step_requirements(self.specification, limits, response, WHERE)
+            required.step_requirements(s, limits, response, WHERE)
             if self.plan is None
-            else required.move_requirements(
-                self.specification, limits, responses.Move.along(self.plan, response)
-            )
+            else required.move_requirements(s, limits, responses.Move.along(self.plan, response))
         )
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
@@ -131,7 +124,7 @@ def prepare_run(
         arguments |= {"initial_input": held} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
-    return DeployedRun(robot, s, plants, box, loop, start, goal, plan, arguments)
+    return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments)
 
 
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
@@ -188,55 +181,44 @@ def robot_sample(
 ERROR, TORQUE = "initial_error", "link_torque"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class DesignCampaign:
-    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged."""
+    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged.
+
+    `specification`: that of the design. `plan`: the move that the design is judged along, as `stated_move`; None for a
+    step. `ends`: link positions (n,) where a run begins, and where it should end, rad or m. `robot`: the true robot
+    with the tolerances of the campaign. `variables`: quantities that vary from sample to sample. `metrics`: those of
+    each run, with the limits of the design.
+
+    Raises InvalidInput: for a parameter that does not act, or where nothing varies.
+    """
 
     request: design_file.DesignRequest
     options: CampaignOptions
 
-    @property
-    def specification(self) -> Specification:
-        """The specification of the design."""
-        return self.request.specification
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The true robot with the tolerances of the campaign; InvalidInput for a parameter that does not act."""
-        design, payload = self.request, self.options.payload
-        robot = (
-            design.robot if payload is None else load_robot(design.source, design.elastic, payload=payload)
-        )
-        off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
-        for name, spread in self.options.tolerances:
+    def __post_init__(self) -> None:
+        o, design, s = self.options, self.request, self.request.specification
+        self.specification = s
+        self.plan, start, goal = plans.run_ends(design.robot, s)
+        self.ends = start, goal
+        limits = responses.joint_limits(design.robot, s)
+        self.metrics = required.RunMetrics(limits, self.ends)
+        if self.plan is not None:
+            instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
+            travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+            self.metrics = required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
+        robot = design.robot
+        if o.payload is not None:
+            robot = load_robot(design.source, design.elastic, payload=o.payload)
+        off = elastic.inactive_parameters(s.extras, robot.joint_names)
+        for name, spread in o.tolerances:
             if name in off:
                 raise InvalidInput(
                     f"The parameter {name!r} does not act in this design's true plant.",
-                    f"expected one of its extras {list(self.specification.extras)} or of every plant, got {name!r}",
+                    f"expected one of its extras {list(s.extras)} or of every plant, got {name!r}",
                     "the design with --extras for it",
                 )
             robot = robot.with_parameters(_spread(robot[name], spread))
-        return robot
-
-    @cached_property
-    def _run(self) -> tuple[responses.Plan | None, np.ndarray, np.ndarray]:
-        return plans.run_ends(self.request.robot, self.specification)
-
-    @property
-    def plan(self) -> responses.Plan | None:
-        """The move that the design is judged along, as `stated_move`; None for a step."""
-        return self._run[0]
-
-    @property
-    def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Link positions (n,) where a run begins, and where it should end, rad or m."""
-        return self._run[1:]
-
-    @cached_property
-    def variables(self) -> tuple[Variable, ...]:
-        """Quantities that vary from sample to sample; InvalidInput if none does."""
-        o, robot = self.options, self.robot
-        off = elastic.inactive_parameters(self.specification.extras, robot.joint_names)
         acting = [p for p in robot.uncertain if p.name not in off]
         variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
         for size, name, signal in (
@@ -253,7 +235,7 @@ class DesignCampaign:
             "expected a tolerance, a range of the payload, an initial error or a disturbance",
             "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
         )
-        return tuple(variables)
+        self.robot, self.variables = robot, tuple(variables)
 
     @property
     def stated(self) -> dict[str, str]:
@@ -277,11 +259,12 @@ class DesignCampaign:
         s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
-        options: dict[str, Any] = {"duration": duration, "noise": plants.noise}
-        if self.plan is not None:
-            options["reference"] = plans.move_reference(model, self.plan, plants.dry_friction)
-        else:
-            options["reference"] = plans.step_command(model, s, *self.ends, controller.law)
+        reference = (
+            plans.step_command(model, s, *self.ends, controller.law)
+            if self.plan is None
+            else plans.move_reference(model, self.plan, plants.dry_friction)
+        )
+        options: dict[str, Any] = {"duration": duration, "noise": plants.noise, "reference": reference}
         if o.disturbance:  # of one N·m or N; what a sample draws is the factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
@@ -292,16 +275,6 @@ class DesignCampaign:
             self.metrics.metrics(plant.states, controller.states, controller.commanded),
             signals.signal_names("link_position", robot.joint_names), o.batch, self.stated,
         )  # fmt: skip
-
-    @cached_property
-    def metrics(self) -> required.RunMetrics:
-        """Metrics of each run, with the limits of the design."""
-        s, limits = self.specification, responses.joint_limits(self.request.robot, self.specification)
-        if self.plan is None:
-            return required.RunMetrics(limits, self.ends)
-        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
-        travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-        return required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
 
     @property
     def requirements(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import numpy as np
 from flexhinf import analysis
 from flexhinf.analysis import modes, sampled_controller
 from flexhinf.design import checks, requirements as required, responses
-from flexhinf.design.loop_setup import LoopSetup, with_derived
+from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
@@ -46,22 +46,14 @@ class LawEvaluation:
     parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
     other_noise: bool = True  # corners with other R^v too, which takes most of an evaluation's time
 
-    def in_scenario(
-        self, scenario: responses.Scenario, step: responses.Response | None = None
-    ) -> LawEvaluation:
-        """This evaluation in the runs of a scenario; linear metrics that were computed are kept, and a `step`."""
-        same = with_derived(self, scenario=scenario)
-        if step is not None:
-            vars(same)["step"] = step
-        return same
-
     def compute(self, *names: str) -> None:
         """Compute these attributes now, instead of when they are first read."""
         for name in names:
             getattr(self, name)
 
     @property
-    def _runs(self) -> responses.Scenario:
+    def runs(self) -> responses.Scenario:
+        """The scenario of an evaluation that has one."""
         assert self.scenario is not None, "an evaluation without a scenario has no runs"
         return self.scenario
 
@@ -74,7 +66,7 @@ class LawEvaluation:
     @cached_property
     def step(self) -> responses.Response:
         """The step as the controller is deployed: without a jump of the input."""
-        return self.setup.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
+        return self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
     def unlimited_step(self) -> responses.Response:
@@ -83,30 +75,29 @@ class LawEvaluation:
         if limits is None or (step.diverged_at is None and np.all(np.abs(step.inputs).max(axis=0) < limits)):
             return step
         free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
-        return free.step(self._runs.step_duration, sub_steps=self._runs.sub_steps)
+        return free.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
     def move(self) -> responses.Move:
         """The planned move with feedforward: the same reference for every law."""
-        return self.setup.move(self._runs.plan, sub_steps=self._runs.sub_steps, rest=self._runs.rest)
+        return self.setup.move(self.runs.plan, sub_steps=self.runs.sub_steps, rest=self.runs.rest)
 
     @cached_property
     def load_response(self) -> responses.LoadResponse:
         """Response at the goal to constant torques on all links."""
-        return self.setup.load_response(self._runs.load, self._runs.load_duration, self._runs.sub_steps)
+        return self.setup.load_response(self.runs.load, self.runs.load_duration, self.runs.sub_steps)
 
     @cached_property
     def ring_down(self) -> checks.ImpulseRuns:
         """Impulse responses at the goal, one for each joint."""
-        runs = self._runs
-        sizes = checks.impulse_sizes(self.setup, np.abs(self.step.inputs).max(axis=0))
-        return checks.impulse_runs(self.setup, sizes, runs.step_duration, runs.sub_steps)
+        runs, peak = self.runs, np.abs(self.step.inputs).max(axis=0)
+        return checks.impulse_runs(self.setup, peak, runs.step_duration, runs.sub_steps)
 
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property
     def step_samples(self) -> required.MonteCarlo | None:
         """The steps of the sampled robots with the deployed controller; None without sampled robots."""
-        runs, setup = self._runs, self.setup
+        runs, setup = self.runs, self.setup
         return (
             required.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
             if runs.robots
@@ -136,9 +127,8 @@ class LawEvaluation:
     @cached_property
     def state_margins(self) -> analysis.Margins:
         """Margins with the true state fed back: those of the law without its estimator."""
-        if self.loop.filter is None:
-            return self.margins
-        return analysis.margins(self.setup.equilibrium_loop(estimated=False))
+        estimated = self.loop.filter is not None
+        return analysis.margins(self.setup.equilibrium_loop(estimated=False)) if estimated else self.margins
 
     @cached_property
     def frequency_response(self) -> analysis.FrequencyResponse:
@@ -247,7 +237,7 @@ class LawEvaluation:
         move_{error, remaining, peak_input}, drawn_* (step and move on sampled robots), and those of `linear_metrics`.
         """
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
-        runs, step = self._runs, self.step_samples
+        runs, step = self.runs, self.step_samples
         if step is not None:
             errors = required.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
             metrics |= {

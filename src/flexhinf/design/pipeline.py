@@ -18,7 +18,7 @@ from flexhinf.analysis import modes
 from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import LoopSetup, with_derived
 from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.rigid import RigidComparison, compare_rigid
@@ -67,11 +67,6 @@ class Status:
     # Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
     # within the tolerances; else empty
     scope: str = ""
-
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return not self.not_met
 
     @property
     def line(self) -> str:
@@ -309,8 +304,7 @@ class Comparison(Summarised):
 
 def checked_specification(robot: Robot, specification: Specification) -> Specification:
     """The specification; refuses what is no robot, such as its file, or no specification."""
-    load = "flexhinf.load_robot('arm.toml')"
-    checked_kind("This is no robot.", robot, Robot, "a flexhinf.Robot", load)
+    checked_kind("This is no robot.", robot, Robot, "a flexhinf.Robot", "flexhinf.load_robot('arm.toml')")
     advice = "flexhinf.Specification(pose='90deg')"
     checked_kind(
         "This is no specification.", specification, Specification, "a flexhinf.Specification", advice
@@ -360,8 +354,8 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     linear = LawEvaluation(DESIGN, setup)
     law_modes = _law_modes(linear, synthesis)
     progress("compile the closed loop, and run the step")
-    scenario, step = _scenario(linear, synthesis, responses.SAMPLES)
-    evaluation = linear.in_scenario(scenario, step)
+    evaluation = _in_scenario(linear, synthesis, responses.SAMPLES)
+    duration = evaluation.runs.step_duration
     evaluation.compute("margins")  # before a second thread: filters of warnings are the whole process's
 
     def runs() -> RigidComparison | None:
@@ -376,15 +370,15 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.compute("corners", "frequency_response")
         progress("the worst disturbance, and the dissipation budget of the step")
-        worth = certification.attenuation(setup, synthesis, scenario.step_duration)
+        worth = certification.attenuation(setup, synthesis, duration)
         on_mujoco = None
         if s.mujoco:
             progress("the step on MuJoCo's plant")
-            on_mujoco = setup.step(scenario.step_duration, plant=setup.mujoco_plant(setup.goal))
+            on_mujoco = setup.step(duration, plant=setup.mujoco_plant(setup.goal))
         progress("load, move and sampled robots")
         same_on_rigid = on_rigid.result()
     progress("payloads at the ends of their ranges")
-    payloads = checks.evaluate_payloads(setup, scenario)
+    payloads = checks.evaluate_payloads(setup, evaluation.runs)
     lines = _requirements(evaluation, synthesis, on_mujoco, rest, payloads)
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
@@ -415,10 +409,11 @@ def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
     return responses.run_length(slowest) + linear.setup.command_time
 
 
-def _scenario(
+def _in_scenario(
     linear: LawEvaluation, synthesis: steps.Synthesis, samples: Sequence[tuple[int, int]]
-) -> tuple[responses.Scenario, responses.Response]:
-    """The runs that all laws are compared in, and the design's own step; its peak without noise sets the load."""
+) -> LawEvaluation:
+    """The evaluation in the runs that all laws are compared in, with its step, whose peak without noise sets the load;
+    linear metrics that were computed are kept."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
     duration = step_duration(linear, synthesis)
     step, scales = setup.step(duration), modes.JointScales.of(setup.model, setup.goal_equilibrium)
@@ -434,7 +429,10 @@ def _scenario(
     )
     count = responses.sample_count(robot, len(synthesis.problem.state_names), s, samples)
     robots, rest = responses.sample_robots(robot, count, s.seed), duration if stated else None
-    return responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, rest), step
+    runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, rest)
+    evaluation = with_derived(linear, scenario=runs)
+    vars(evaluation)["step"] = step
+    return evaluation
 
 
 def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
@@ -557,19 +555,18 @@ def compare(
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
-    scenario, step = _scenario(linear, synthesis, responses.COMPARED_SAMPLES)
-    own = linear.in_scenario(scenario, step)
+    own = _in_scenario(linear, synthesis, responses.COMPARED_SAMPLES)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
     limits, resolution = tuning.stated_limits(setup, unit), setup.position_resolution()
     criterion = tuning.criterion_for(
-        tune, tuning.reference_metrics(own), scenario.step_duration, limits, unit, resolution
+        tune, tuning.reference_metrics(own), own.runs.step_duration, limits, unit, resolution
     )
     # where searches over bandwidths begin
     bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
     tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)
     rows = tuple(_row(kind, tuned[kind.name], progress) for kind in kinds)
-    return Comparison(robot, s, synthesis, criterion, rows, scenario)
+    return Comparison(robot, s, synthesis, criterion, rows, own.runs)
 
 
 def _row(kind: LawKind, tuned: tuning.TunedLaw | str, progress: Progress) -> ComparedLaw:

@@ -72,10 +72,6 @@ MOST = {
     "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
 }
 
-#: A step of a sensor by what it measures, for advice, and the SI units that it may be stated in.
-EXAMPLES = {"position": "0.01deg", "velocity": "0.1deg/s", "torque": "0.1Nm"}
-SENSOR_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N·m", "N")}
-
 
 class SpecificationError(InvalidInput):
     """A field of a specification that cannot be used.
@@ -240,7 +236,6 @@ class Specification:
                     if isinstance(error, WaypointError) or not error.what.startswith(refused(name)):
                         raise
                     raise SpecificationError(name, error.what, error.found, example=error.advice) from None
-        _check_sensor_units(self)
         for name, (most, why) in MOST.items():
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
@@ -306,25 +301,6 @@ def _checked(make: Any) -> Any:
 
 
 setattr(Specification, "__init__", _checked(Specification.__init__))  # noqa: B010  pyright
-
-
-def _check_sensor_units(s: Specification) -> None:
-    """Refuse a step in a unit that its kind of sensor does not have; a number without a unit fits every sensor."""
-    parts = s.quantisation if isinstance(s.quantisation, tuple) else (s.quantisation,)
-    kinds = [next((kind for kind in EXAMPLES if kind in name), "") for name in s.measured]
-    single = len(parts) == len(s.measured)  # otherwise one for all sensors, or one per signal
-    fitting = all if len(parts) == 1 else any
-    for k, part in enumerate(parts):
-        which = slice(k, k + 1) if single else slice(None)
-        if isinstance(part, options.Stated) and not fitting(
-            part.si in SENSOR_UNITS.get(kind, ()) for kind in kinds[which]
-        ):
-            raise _refusal(
-                "quantisation",
-                f"expected a step for each of {list(s.measured)} in its own unit, got '{part.number}{part.unit}' for "
-                f"{' and '.join(map(repr, s.measured[which]))}",
-                ",".join(EXAMPLES.get(kind, "1e-4") for kind in kinds),
-            )
 
 
 def _refusal(name: str, found: str, example: str = "") -> SpecificationError:

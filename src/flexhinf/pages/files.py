@@ -235,7 +235,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "slowest_values": dict(samples.values[samples.slowest]),
         },
         "ring_down": {
-            **_picked(ring_down, "damping diverged"),
+            "damping": ring_down.damping, "diverged": ring_down.ring_down is None,
             "fit_error": ring_down.ring_down and ring_down.ring_down.error,
             "joints": ring_down_rows(ring_down),
         },
@@ -254,7 +254,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
         ],
         "rest": rest
         and {
-            **_picked(rest, "extras limit dead_zone hunts=oscillates"),
+            **_picked(rest, "extras limit dead_zone"), "hunts": bool(rest.oscillating),
             "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
             "duration_s": float(rest.response.run.time[-1]),
             "diverged_at_s": rest.response.diverged_at,

@@ -70,7 +70,9 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
     """Tables of the requirements, of the metrics of each joint, and of the times of the samples."""
     timing, tables = run.timing, list[Table]()
     if not run.trajectory.message and len(run.trajectory.time):
-        units = Units(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
+        units = Units(
+            prepared.plants.model, prepared.robot.joint_names, prepared.plants.specification.in_degrees
+        )
         if run.stopped is None:
             title = f"{prepared.robot.name}: what is required of this run (* our default)"
             tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
@@ -111,7 +113,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     if run.stopped is not None:
         return f"{text} Stopped at {number(run.trajectory.time[-1] if len(run.trajectory.time) else 0.0)} s."
     response, several = prepared.response(run), len(prepared.robot.joint_names) > 1
-    units = Units(prepared.plants.model, prepared.robot.joint_names, prepared.specification.in_degrees)
+    units = Units(prepared.plants.model, prepared.robot.joint_names, prepared.plants.specification.in_degrees)
 
     def named(text: str, joint: str) -> str:
         return f"{text} ({joint})" if several and joint else text

@@ -400,11 +400,11 @@ def long_run(design: Design) -> Blocks:
             "remain. `--integral-dead-zone` states another zone, 0 none."
         )
     if not run.cycles:
-        if run.oscillates:
+        if run.oscillating:
             yield note("The long run at rest with the robot's dry friction diverges.")
         return
     dry, outcome = [name for name in run.extras if name in DRY], ""
-    if run.oscillates:
+    if run.oscillating:
         outcome, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting", ""
         both = all(
             any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
