@@ -71,11 +71,10 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
     problem, attained, failure = synthesis.problem, None, ""
-    if proved is not None and proved.certificate is not None:
-        problem, level = (
-            proved.problem,
-            proved.inner_level,
-        )  # the penalty whose gain is proved, and its region
+    if (
+        proved is not None and proved.certificate is not None
+    ):  # the penalty whose gain is proved, and its region
+        problem, level = proved.problem, proved.inner_level
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         attained, failure = _attained(problem, law, s, level, STEPS * duration)
     terms: tuple[BudgetTerm, ...] = ()
@@ -229,8 +228,10 @@ def _step_law(
 ) -> tuple[proved_step.BoxProof, proved_step.Ranges]:
     """The chosen law with the design's step and the z and d of `measured_problem`; and the ranges of the tolerances."""
     problem, step = measured_problem(robot, synthesis.goal, s), float((synthesis.goal - synthesis.start)[0])
-    law = proved_step.BoxProof(solution=synthesis.solution, problem=problem, step=step)
-    return law, parameter_ranges(robot, problem.plant)
+    return (
+        proved_step.BoxProof(solution=synthesis.solution, problem=problem, step=step),
+        parameter_ranges(robot, problem.plant),
+    )
 
 
 def proved(
@@ -283,10 +284,13 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
     if box is not None:  # its V is not that of the law, and its robots are many
         return Evidence(certificate, None, None, (), attained)
     weights = None if callable(s.checked_penalty) else checked_penalty(s, robot.plant())
-    worst = tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts)
-    surface = starts.start_surface(solution, certificate, weights)
-    limit = starts.limit_slice(solution, certificate, weights)
-    return Evidence(certificate, surface, limit, worst, attained)
+    return Evidence(
+        certificate,
+        starts.start_surface(solution, certificate, weights),
+        starts.limit_slice(solution, certificate, weights),
+        tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts),
+        attained,
+    )
 
 
 #: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
@@ -354,8 +358,7 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
     elif not chosen.looked:
         text = ", and no region was sampled"
     elif np.isnan(chosen.level):
-        why = chosen.limit.removeprefix("no region: ").rstrip(".")
-        text = f", and the sampled check gives no region ({why})"
+        text = f", and the sampled check gives no region ({chosen.limit.removeprefix('no region: ').rstrip('.')})"
     elif inside is False:
         text = ": it starts outside the sampled region"
         missing = ("the step starts outside the sampled region",)
@@ -397,8 +400,9 @@ def prove_design(
         else:
             certificate = replace(certificate, sampled_level=chosen.level, attained_gain=attained)
             budget = (replace(t, budget=replace(t.budget, level=certificate.level)) for t in worth.budget)
-            spent = time.thread_time() - began
-            return DesignProof(certificate, "", start, within_level(tuple(budget)), spent)
+            return DesignProof(
+                certificate, "", start, within_level(tuple(budget)), time.thread_time() - began
+            )
     return DesignProof(None, reasons[0], cpu_seconds=time.thread_time() - began)
 
 
@@ -411,8 +415,9 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
     if synthesis.proved is not None or not robot.uncertain or _refused(s, synthesis):
         return proof
     if degree > 2:
-        reason = f"a law of degree {degree - 1} is not tried; --degrees 2, or --preset proved"
-        return replace(proof, box_reason=reason)
+        return replace(
+            proof, box_reason=f"a law of degree {degree - 1} is not tried; --degrees 2, or --preset proved"
+        )
     (law, ranges), left = _step_law(robot, s, synthesis), max(s.proof_seconds - proof.cpu_seconds, 0.0)
     try:
         return replace(

@@ -241,8 +241,11 @@ class LawFactory:
         """Values of a law's parameters that stand for the design's own law; None for a law that is never that one."""
         at_goal = self.synthesis.law is self.synthesis.solution  # not a schedule of several poses
         same = kind.degree == 0 or (kind.degree == self.synthesis.chosen.degree and at_goal)
-        never = not same or "gamma_ratio" not in kind.tuned
-        return None if never else {**self.start(kind), "velocity_weight": NO_VELOCITY}
+        return (
+            {**self.start(kind), "velocity_weight": NO_VELOCITY}
+            if same and "gamma_ratio" in kind.tuned
+            else None
+        )
 
     def bounds(self, kind: LawKind) -> dict[str, tuple[float, float]]:
         """Lower and upper bounds of a law's parameters."""

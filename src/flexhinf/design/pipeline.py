@@ -8,9 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from operator import attrgetter
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_name
 from flexhinf.design.loop_setup import LoopSetup, with_derived
 from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Requirement
+from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import by_step, steps
@@ -47,13 +47,6 @@ NOISE_FRACTION = 0.05
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
-
-T = TypeVar("T")
-
-
-def forwarded(path: str, kind: type[T], doc: str) -> T:
-    """A property that reads an attribute of a part by its path; `kind` is its type."""
-    return cast("T", property(attrgetter(path), doc=doc))
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,9 @@ class BoxProof:
 
     def value(self, x: np.ndarray) -> Any:
         """The storage function at deviations (n,) or (N, n) from the goal."""
-        own = self.p is None
-        return self.scale * self.solution.value(x) if own else 0.5 * np.sum((x @ self.p) * x, axis=-1)
+        return (
+            self.scale * self.solution.value(x) if self.p is None else 0.5 * np.sum((x @ self.p) * x, axis=-1)
+        )
 
     @property
     def inner_level(self) -> float:
@@ -102,8 +103,9 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
         with suppress(NotWithinTolerances):  # on a region, where the slopes are smaller, there may be one
             return common_box(law, ranges)
     statement = box.tolerance_statement(law.solution, law.problem, ranges, 1.0)
-    start = step_start(statement, law.solution, law.step)
-    values = starts.largest_values(statement, start, np.linspace(0.0, abs(law.step), 200))
+    values = starts.largest_values(
+        statement, step_start(statement, law.solution, law.step), np.linspace(0.0, abs(law.step), 200)
+    )
     about = float(law.problem.r2[0, 0] / law.solution.expansion.r2[0, 0])
     gamma, scale = box.sampled_gain(statement, ROOM * float(values.max()), about)
     if not np.isfinite(gamma):
@@ -134,7 +136,8 @@ def prove_box(
     `progress`: as of `certify_tolerances`.
     """
     about = about_text(robot, np.asarray(law.problem.operating_point)[:1], law.solution.degree)
-    began, reason, margins = time.thread_time(), "", margins or margins_of(law)
+    began, reason = time.thread_time(), ""
+    margins = margins or (MARGINS if law.p is None else QUADRATIC_MARGINS)
     for margin in margins:
         gamma, p = margin * law.gamma, law.p if law.common is None else law.common.p(margin)
         left = seconds - (time.thread_time() - began)
@@ -156,16 +159,12 @@ def prove_box(
         except cells.OutOfTime:
             reason = f"γ = {gamma:.4g}: no proof was found within {seconds:g} s of CPU time"
         else:
-            spent = time.thread_time() - began
-            return replace(law, gamma=gamma, p=p, certificate=certificate, cpu_seconds=spent)
+            return replace(
+                law, gamma=gamma, p=p, certificate=certificate, cpu_seconds=time.thread_time() - began
+            )
     raise NotWithinTolerances(
         reason, "preset='proved', which searches a law that can, or longer `proof_seconds`"
     )
-
-
-def margins_of(law: BoxProof) -> tuple[float, ...]:
-    """γ over that of `sampled_box` that are tried, in turn."""
-    return MARGINS if law.p is None else QUADRATIC_MARGINS
 
 
 def reason_of(error: FlexhinfError) -> str:
@@ -176,8 +175,10 @@ def reason_of(error: FlexhinfError) -> str:
 
 def about_text(robot: Robot, goal: np.ndarray, degree: int) -> str:
     """Robot, goal pose (n,) with units, and degree of V, for a certificate."""
-    pairs = zip(goal, robot.links.slides, strict=True)
-    pose = ", ".join(f"{value:.6g} {'m' if slides else 'rad'}" for value, slides in pairs)
+    pose = ", ".join(
+        f"{value:.6g} {'m' if slides else 'rad'}"
+        for value, slides in zip(goal, robot.links.slides, strict=True)
+    )
     return f"{robot.name}, goal {pose}, degree {degree} of V"
 
 
@@ -206,6 +207,8 @@ class ProvedLaw(BoxProof):
     """Result of a search for a law that can be proved, with the proof."""
 
     bandwidth: np.ndarray  # rad/s
+    damping: float  # Ratio that the weights were searched for
+    ratio: float  # γ/γ* of the law's own design
     design_problem: DesignProblem  # Whose solution the law is; its γ is the law's
     peak_effort: float = np.inf  # Largest |u| of the step on the nominal robot
     candidates: int = 1  # Laws within the limit whose inequality no sample refused
@@ -284,21 +287,21 @@ def search_proved_step(
             s = replace(base, preset=preset, damping=damping, pose=tuple(pose), start=tuple(start))
             chosen = choose(robot, pose, start, s)
             assert chosen.target is not None
-            bandwidth = factor * chosen.target.bandwidth
+            bandwidth, searched_damping = factor * chosen.target.bandwidth, chosen.target.damping
             if factor != 1.0:
                 chosen = choose(robot, pose, start, replace(s, bandwidth=tuple(bandwidth.tolist())))
-            levels = [ratio * chosen.gamma_star for ratio in ratios]
             laws = [
-                (solve_hji(chosen.problem, gamma, degree), gamma) for gamma in levels for degree in degrees
-            ]
+                ProvedLaw(
+                    solution=solve_hji(chosen.problem, ratio * chosen.gamma_star, degree), problem=measured,
+                    step=np.nan if step is None else step, bandwidth=bandwidth, damping=searched_damping, ratio=ratio,
+                    design_problem=replace(chosen, gamma=ratio * chosen.gamma_star),
+                )
+                for ratio in ratios for degree in degrees
+            ]  # fmt: skip
         except FlexhinfError as error:  # no weights for this bandwidth and damping
             reasons.append(reason_of(error))
             continue
-        for solution, gamma in laws:
-            law = ProvedLaw(
-                solution=solution, problem=measured, step=np.nan if step is None else step, bandwidth=bandwidth,
-                design_problem=replace(chosen, gamma=gamma),
-            )  # fmt: skip
+        for law in laws:
             try:
                 candidates.append(_within(law, ranges, step, effort_limit))
             except FlexhinfError as error:
@@ -312,7 +315,7 @@ def search_proved_step(
             reasons.append(refused)
             slow_enough = float(np.min(candidate.bandwidth))
             continue
-        for margin in margins_of(candidate):
+        for margin in MARGINS if candidate.p is None else QUADRATIC_MARGINS:
             progress(f"prove a step of {abs(candidate.step):.4g} with gamma = {margin * candidate.gamma:.4g}")
             try:
                 proved = prove_box(
@@ -340,8 +343,8 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
     start = step_start(statement, solution, wanted)
 
     def peak(amplitude: float) -> float:
-        x = path_start(statement, start, amplitude)
-        return _peak_effort(solution, measured, x, LENGTH / float(np.min(candidate.bandwidth)))
+        duration = LENGTH / float(np.min(candidate.bandwidth))
+        return _peak_effort(solution, measured, path_start(statement, start, amplitude), duration)
 
     low, largest = 0.0, abs(wanted)
     if not peak(largest) <= limit:  # nor what is not a number

@@ -12,7 +12,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, cast
+from operator import attrgetter
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -38,6 +39,14 @@ SAMPLES = ((15, 200), (10_000, 20))
 
 #: The same of a comparison, for each of its laws.
 COMPARED_SAMPLES = ((15, 50), (10_000, 20))
+
+
+T = TypeVar("T")
+
+
+def forwarded(path: str, kind: type[T], doc: str) -> T:
+    """A property that reads an attribute of a part by its path; `kind` is its type."""
+    return cast("T", property(attrgetter(path), doc=doc))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +165,6 @@ class Response:
         """True link velocities (N, n)."""
         return self.run.signals["state"][:, len(self.goal) : 2 * len(self.goal)]
 
-    @property
-    def peak_input(self) -> float:
-        """Largest |input| of all motors; infinite where the run diverged."""
-        return np.inf if self.diverged_at is not None else float(np.abs(self.inputs).max())
-
     @cached_property
     def metrics(self) -> list[dict[str, Any]]:
         """Metrics of each joint's true link position; an empty list where the run diverged.
@@ -185,6 +189,9 @@ class Response:
         return rows
 
     peak = _worst("peak_input", "Largest |input| of all motors, with the joint that it drives.")
+    peak_input = forwarded(
+        "peak.value", float, "Largest |input| of all motors; infinite where the run diverged."
+    )
     overshoot = _worst(
         "overshoot_percent", "Largest overshoot of all joints that move, per cent of the joint's own step."
     )
@@ -377,8 +384,8 @@ class JointLimits:
 
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
         """Use of the required peak input, or of other limits (n,) of the inputs."""
-        required = self.peak if limits is None else limits
-        return self._use(response, np.abs(response.inputs), required, self.effort_units)
+        limits = self.peak if limits is None else limits
+        return self._use(response, np.abs(response.inputs), limits, self.effort_units)
 
     def speed_use(self, response: Response) -> LimitUse:
         """Use of the speed limits."""
@@ -390,8 +397,9 @@ class JointLimits:
         return self._use(response, beyond, np.ones(len(self.joints)), self.position_units)._replace(limit=0.0)
 
     def _use(self, run: Response, values: np.ndarray, limits: np.ndarray, units: Sequence[str]) -> LimitUse:
-        counted = values if run.diverged_at is None else None
-        return limit_use(counted, limits, self.joints, units, run.run.time)
+        return limit_use(
+            values if run.diverged_at is None else None, limits, self.joints, units, run.run.time
+        )
 
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
@@ -412,8 +420,11 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
 def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
     """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
     zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
-    none = zone is None or not np.any(zone)
-    return None if none else per_joint(robot.joint_names, "integral_dead_zone", zone)
+    return (
+        per_joint(robot.joint_names, "integral_dead_zone", zone)
+        if zone is not None and np.any(zone)
+        else None
+    )
 
 
 def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,39 +20,29 @@ from flexhinf.robot.elastic import Layout
 SIDES = ("link", "motor")
 
 
-@dataclass(frozen=True)
-class RigidFlow:
+def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
     """ẋ of (M(q) + J) q̈ + C q̇ + G + B q̇ = τ + d_link + d_motor, x = (q, q̇), of any element.
 
     From the elastic robot's own equations with its springs unloaded: links and motors, side by side, accelerate by
     a_link and a_motor, and the rigid joint makes them move together,
     q̈ = a_motor + √J⁻¹ (1 + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor). A column of M⁻¹ is what one more N·m on a link does.
 
-    `elastic`: without extras.
+    `elastic`: the equations, without extras.
     """
 
-    elastic: Any
+    root = np.atleast_1d(np.sqrt(p.motor_inertia))
+    n = len(root)
+    q, dq = x[:n], x[n:]
 
-    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
-        """The rates of both states."""
-        root = np.atleast_1d(np.sqrt(p.motor_inertia))
-        n = len(root)
-        q, dq = x[:n], x[n:]
+    def rates(torques: Any) -> tuple[Any, Any]:
+        rate = elastic(np.concatenate([q, dq, q, dq]), u, torques, p)
+        return rate[n : 2 * n], rate[3 * n : 4 * n]
 
-        def rates(torques: Any) -> tuple[Any, Any]:
-            rate = self.elastic(np.concatenate([q, dq, q, dq]), u, torques, p)
-            return rate[n : 2 * n], rate[3 * n : 4 * n]
-
-        link, motor = rates(d)
-        columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
-        matrix = [[root[i] * columns[j][i] * root[j] + float(i == j) for j in range(n)] for i in range(n)]
-        return np.concatenate([dq, motor + _eliminated(matrix, list(root * (link - motor))) / root])
-
-
-def _eliminated(matrix: list[list[Any]], right: list[Any]) -> np.ndarray:
-    """Solution of a symmetric positive definite system of any element; polynomials cannot be compared: no pivots."""
-    n = len(right)
-    for k in range(n):
+    link, motor = rates(d)
+    columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
+    matrix = [[root[i] * columns[j][i] * root[j] + float(i == j) for j in range(n)] for i in range(n)]
+    right = list(root * (link - motor))
+    for k in range(n):  # elimination without pivots: polynomials cannot be compared
         for i in range(k + 1, n):
             factor = matrix[i][k] / matrix[k][k]
             matrix[i] = [left - factor * above for left, above in zip(matrix[i], matrix[k])]
@@ -59,7 +50,7 @@ def _eliminated(matrix: list[list[Any]], right: list[Any]) -> np.ndarray:
     for k in reversed(range(n)):
         known = sum((matrix[k][j] * right[j] for j in range(k + 1, n)), start=0.0)
         right[k] = (right[k] - known) / matrix[k][k]
-    return np.array(right)
+    return np.concatenate([dq, motor + np.array(right) / root])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,13 +122,17 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     n = plant.n // 4
     link, motor, integrals = np.split(np.asarray(weights, dtype=float), [2 * n, 4 * n])
     rigid = Plant(
-        RigidFlow(plant.flow), lambda x, u, p: x[:n], states=plant.states[: 2 * n], inputs=plant.inputs,
+        partial(rigid_flow, plant.flow), lambda x, u, p: x[:n], states=plant.states[: 2 * n], inputs=plant.inputs,
         disturbances=plant.disturbances, parameters=plant.parameters.values, units=plant.units,
     )  # fmt: skip
-    equilibrium = (problem.operating_point[: 2 * n], problem.operating_input)
     weighted = Penalty((*np.hypot(link, motor), *integrals), penalty.effort)
     return GeneralisedPlant(
-        rigid, weighted, problem.integrate, problem.command, problem.disturbances, equilibrium=equilibrium
+        rigid,
+        weighted,
+        problem.integrate,
+        problem.command,
+        problem.disturbances,
+        equilibrium=(problem.operating_point[: 2 * n], problem.operating_input),
     )
 
 

@@ -33,6 +33,7 @@ from flexhinf.design.laws import (
 )
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation
 from flexhinf.design.requirements import peak_option
+from flexhinf.design.responses import forwarded
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 
 #: Runs of the criterion, by the metric that is infinite where one diverged.
@@ -297,8 +298,12 @@ def criterion_for(
 
 def check_mode(mode: str, advice: str) -> None:
     """Refuse what is none of `MODES`."""
-    found = f"expected {', '.join(MODES)}, got {mode!r}"
-    refuse_if(mode not in MODES, "There is no such way to tune.", found, advice)
+    refuse_if(
+        mode not in MODES,
+        "There is no such way to tune.",
+        f"expected {', '.join(MODES)}, got {mode!r}",
+        advice,
+    )
 
 
 def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
@@ -321,8 +326,9 @@ def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[L
     open_ended, front = replace(criterion, shared=()), []
     known = (m for m in metrics if math.isfinite(m.peak_input) and math.isfinite(m.load_deviation))
     for each in sorted(known, key=lambda m: (m.peak_input, m.load_deviation)):
-        better = not front or each.load_deviation < front[-1].load_deviation
-        if better and open_ended.judge(each).excess == 0.0:
+        if (not front or each.load_deviation < front[-1].load_deviation) and open_ended.judge(
+            each
+        ).excess == 0.0:
             front.append(each)
     return tuple(front)
 
@@ -367,15 +373,8 @@ class TunedLaw:
         )
         return "" if self.feasible else f"{text}; the nearest: {self.reason}"
 
-    @property
-    def name(self) -> str:
-        """Name of the law."""
-        return self.kind.name
-
-    @property
-    def setup(self) -> LoopSetup:
-        """The law's own loop."""
-        return self.evaluation.setup
+    name = forwarded("kind.name", str, "Name of the law.")
+    setup = forwarded("evaluation.setup", LoopSetup, "The law's own loop.")
 
     @property
     def parameters(self) -> Mapping[str, float]:
@@ -442,7 +441,7 @@ class Tuner:
             return TunedLaw(kind, self.own, metrics, self.criterion.cost(metrics), True)
         s = self.own.setup.specification
         sets = (() if self.same_sensors or s.estimator == "none" else kind.sensors) or (tuple(s.measured),)
-        laws = [self._search(kind, sensors) for sensors in sets]
+        laws = (self._search(kind, sensors) for sensors in sets)
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
@@ -453,8 +452,7 @@ class Tuner:
         if law.kind.name == DESIGN:
             return law
         others = [other for other in others if other.parameters and other is not law]
-        sensors = tuple(law.setup.specification.measured)
-        return self._search(law.kind, sensors, law.search, others, exchange)
+        return self._search(law.kind, tuple(law.setup.specification.measured), law.search, others, exchange)
 
     @property
     def _budget(self) -> tuple[int, int, int, int | None]:
@@ -472,8 +470,10 @@ class Tuner:
         allowed = unstable_corners(self.own)
         feasible = sorted((c for c in tuning.candidates if c.feasible), key=lambda c: c.order)
         for candidate in feasible[:LOOKED_AT]:
-            evaluation = self.evaluation(kind, sensors, candidate.parameters, self._budget[3])
-            if unstable_corners(evaluation) <= allowed:
+            if (
+                unstable_corners(self.evaluation(kind, sensors, candidate.parameters, self._budget[3]))
+                <= allowed
+            ):
                 return candidate
         return next((own for own in self._own_candidate(kind) if own.feasible), tuning.best)
 
@@ -514,8 +514,9 @@ class Tuner:
             starts += [{**begin, **both} for both in shared[:EXCHANGED]]
 
         def judge(values: Mapping[str, float]) -> Judgement:
-            evaluation = self.evaluation(kind, sensors, values, degree)
-            return self.criterion.judge(metrics_of(evaluation, self.criterion))
+            return self.criterion.judge(
+                metrics_of(self.evaluation(kind, sensors, values, degree), self.criterion)
+            )
 
         bounds, count = {name: limits[name] for name in start}, len(start)
         samples, simplex = (first, 0) if before is None else (0 if exchange else samples, simplex)

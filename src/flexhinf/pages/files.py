@@ -293,7 +293,7 @@ def _weights(design: Design) -> dict[str, Any]:
     problem, whole = design.design_problem, design.synthesis.robust
     search, target, r = problem.search, problem.target, problem.robustness
     tried = """damping_weights target_frequency bandwidth=behaviour.bandwidth damping=behaviour.damping
-        nominal_damping=behaviour.nominal_damping gamma_star=design.gamma_star"""
+        nominal_damping=behaviour.nominal_damping gamma_star"""
     return {
         **_picked(problem, "preset source"),
         "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},

@@ -42,7 +42,7 @@ def test_each_bandwidth_is_the_first_crossing_of_the_frequency_response(
     robot_of: Callable[[str], Any], name: str, price: float
 ) -> None:
     rng, family = np.random.default_rng(1), _family(robot_of(name), 4)
-    gain, joints = _gain(family, rng, price), len(family.joints)
+    gain, joints = _gain(family, rng, price), len(family.robot.joint_names)
     found = behaviour_of(family, gain)
     n = family.a.shape[1]
     command = np.vstack([np.zeros((n - joints, joints)), -np.eye(joints)])
@@ -67,7 +67,7 @@ def test_the_damping_is_the_smallest_of_the_members_vibrations(
     """Vibrations told apart by hand: the fastest pair of each joint."""
     rng, family = np.random.default_rng(2), _family(robot_of(name))
     gain = 0.0 * _gain(family, rng, 1.0)
-    joints = len(family.joints)
+    joints = len(family.robot.joint_names)
     gain[:, :joints] = -np.diag(
         1e-3 * _stiffness_per_input(family)
     )  # hardly anything: the robot's own vibrations
@@ -87,7 +87,7 @@ def test_the_damping_is_the_smallest_of_the_members_vibrations(
 def _stiffness_per_input(family: LinearFamily) -> np.ndarray:
     """Springs in units of the input: ∂q̈2/∂q1 over ∂q̈2/∂u."""
     a, b = family.a[0], family.b[0]
-    n = len(family.joints)
+    n = len(family.robot.joint_names)
     return np.diag(a[3 * n : 4 * n, :n]) / np.diag(b[3 * n : 4 * n])
 
 

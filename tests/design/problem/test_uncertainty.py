@@ -106,7 +106,6 @@ def test_the_stiffness_is_the_channel_of_the_textbook(
     wanted = 12.0 * np.outer([1.0, -1.0], [1.0, 0.0, -1.0, 0.0])
     found = np.outer(channel.torque, channel.by_state)
     assert min(np.abs(found - wanted).max(), np.abs(found + wanted).max()) < 1e-9
-    assert channel.quantity == "stiffness"
     assert channel.group == ("stiffness", "state")
     assert np.linalg.norm(channel.torque) == pytest.approx(np.linalg.norm(channel.by_state))
 

@@ -36,7 +36,6 @@ from flexhinf.analysis import LinearCorners, modes
 from flexhinf.design.problem.weights import (
     Channel,
     DampingOutOfReach,
-    LinearDesign,
     LinearFamily,
     LinearProblem,
     RobustProblem,
@@ -48,7 +47,7 @@ from flexhinf.design.problem.weights import (
 )
 from flexhinf.design.specification import RINGS, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
-from flexhinf.hinf import linear_law, smallest_gamma
+from flexhinf.hinf import HJISolution, linear_law, smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
 
@@ -89,13 +88,13 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
         joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
         quantity = name.removesuffix(f"_{joint}") if joint else name
         # Singular parts of half the difference between the ends, each made as long as the end that it reaches less.
-        for by_input, (up, down) in enumerate((largest[:, :, : plant.n], largest[:, :, plant.n :])):
+        for kind, (up, down) in zip(("state", "input"), np.split(largest, [plant.n], axis=2)):
             left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
             for size, t, c in zip(sizes, left.T, right):
                 if size > SMALL * sizes[0]:
                     root = np.sqrt(max(size, abs(t @ up @ c), abs(t @ down @ c)))
-                    driven = (no_state, root * c) if by_input else (root * c, no_input)
-                    channel_list.append(Channel(quantity, root * t, *driven))
+                    driven = (no_state, root * c) if kind == "input" else (root * c, no_input)
+                    channel_list.append(Channel((quantity, kind), root * t, *driven))
     return tuple(channel_list)
 
 
@@ -148,24 +147,17 @@ def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignPr
 PREFIX = "tolerance"
 
 
-@dataclass(frozen=True)
-class UncertainFlow:
-    """The robot's ẋ with torques L w at links and motors, beside its own disturbances; L is a parameter."""
-
-    flow: Any
-    torques: int  # number of the robot's own disturbances: torques at links and motors
-
-    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
-        """The rates of all states, of any element."""
-        own, tolerances = d[: self.torques], d[self.torques :]
-        return self.flow(x, u, own + np.asarray(p.tolerance_channels) @ tolerances, p)
+def uncertain_flow(flow: Any, torques: int, x: Any, u: Any, d: Any, p: Any) -> Any:
+    """The robot's ẋ, of any element, with torques L w at links and motors beside its own, the first `torques` of the
+    disturbances; L is a parameter."""
+    return flow(x, u, d[:torques] + np.asarray(p.tolerance_channels) @ d[torques:], p)
 
 
 def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
     """The robot's plant with disturbances w that enter as torques L w; `enter` (2 joints, k) is L."""
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     return Plant(
-        UncertainFlow(plant.flow, len(plant.disturbances)),
+        partial(uncertain_flow, plant.flow, len(plant.disturbances)),
         plant.output,
         states=plant.states,
         inputs=plant.inputs,
@@ -300,13 +292,13 @@ class ToleranceChannels:
         )
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
         check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
-        nominal = linear.nominal
-        plain, own = nominal.design_at(self.s.gamma_ratio), linear.design(problem.gamma, problem.gamma_star)
+        nominal, star = linear.nominal, linear.nominal.gamma_star()
+        plain, own = nominal.design(self.s.gamma_ratio * star), linear.design(problem.gamma)
         by_quantity: dict[str, list[float]] = {}
         for channel, log in zip(linear.channels, linear.log):
             by_quantity.setdefault("_by_".join(channel.group), []).append(float(np.exp(log)))
         robustness = Robustness(
-            linear.fraction / self.enlarged, len(linear.channels), problem.gamma_star, plain.gamma_star,
+            linear.fraction / self.enlarged, len(linear.channels), problem.gamma_star, star,
             nominal.attained(plain.gain), nominal.attained(own.gain),
             {group: (min(each), max(each)) for group, each in by_quantity.items()}, self.enlarged,
             check.count, check.failing, check.complete,
@@ -414,17 +406,16 @@ def required_bandwidth(s: Specification, scales: modes.JointScales, joints: int)
 def _searched(
     few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
-    robot, goal, joints = few.robot, few.goal, len(few.goal)
+    robot, goal = few.robot, few.goal
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    target = TargetBehaviour(required_bandwidth(s, scales, joints), required_damping(s))
+    target = TargetBehaviour(required_bandwidth(s, scales, len(goal)), required_damping(s))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
         every = robot.plant().disturbances
         torques = np.eye(len(every))[:, [every.index(name) for name in base().disturbances or ()]]
 
-    def nominal(target_frequency: np.ndarray, damping: np.ndarray) -> LinearProblem:
-        rows = scales.rows(target_frequency, damping)
-        return LinearProblem.of(few, rows, command_of(s) is not None, torques)
+    def nominal(*weights: np.ndarray) -> LinearProblem:
+        return LinearProblem.of(few, scales.rows(*weights), command_of(s) is not None, torques)
 
     def widened(
         family: LinearFamily,
@@ -433,8 +424,10 @@ def _searched(
     ) -> tuple[SearchResult, LinearFamily]:
         """Search weights for a family, then for the family with the worst of many corners added; and that family."""
 
-        def synthesis(*weights: np.ndarray) -> LinearDesign:
-            return problem_of(*weights).design_at(s.gamma_ratio)
+        def synthesis(*weights: np.ndarray) -> tuple[HJISolution, float]:
+            problem = problem_of(*weights)
+            star = problem.gamma_star()
+            return problem.design(s.gamma_ratio * star), star
 
         start = begun and begun.chosen
         if len(family.a) == 1:

@@ -22,11 +22,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 
+from flexhinf.analysis.linear_loop import exponential
 from flexhinf.analysis.modes import modes_of, sampled_modes, stiffness_and_inertia
 from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
-from flexhinf.hinf import linear_law
+from flexhinf.hinf import HJISolution, linear_law
 from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
@@ -46,20 +46,10 @@ class LinearFamily:
     a: np.ndarray  # (N, n, n)
     b: np.ndarray  # (N, n, m)
     torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter the nominal robot
-    joints: tuple[str, ...]
     energy: tuple[np.ndarray, np.ndarray]  # nominal stiffness and inertia: they tell vibrations apart
     robot: Robot
     goal: np.ndarray  # (n,), link positions, rad or m
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
-
-    @cached_property
-    def sampled(self) -> tuple[np.ndarray, np.ndarray]:
-        """(Φ, Γ) of the nominal robot over one period with a constant input."""
-        n, m = self.b[0].shape
-        both = np.zeros((n + m, n + m))
-        both[:n] = np.hstack([self.a[0], self.b[0]])
-        held = scipy.linalg.expm(both * self.period)
-        return held[:n, :n], held[:n, n:]
 
     @cached_property
     def many(self) -> LinearFamily:
@@ -81,15 +71,15 @@ class LinearFamily:
             signs = 1.0 - 2.0 * ((np.arange(2 ** len(names))[:, None] >> np.arange(len(names))) & 1)
         for row in signs.tolist() if names else ():
             values = plant.parameters.known(robot.corner(dict(zip(names, row))))
-            at = robot.operating_point(goal, parameters=values)
-            matrices.append(plant.with_parameters(**values).linearise(*at))
+            matrices.append(
+                plant.with_parameters(**values).linearise(*robot.operating_point(goal, parameters=values))
+            )
         a = np.zeros((len(matrices), n + joints, n + joints))
         b = np.zeros((len(matrices), n + joints, len(plant.inputs)))
         a[:, :n, :n], b[:, :n] = [each[0] for each in matrices], [each[1] for each in matrices]
         a[:, n:, :joints] = np.eye(joints)
         torques = np.pad(matrices[0][2], ((0, joints), (0, 0)))
-        energy = stiffness_and_inertia(plant, equilibrium)
-        return LinearFamily(a, b, torques, robot.joint_names, energy, robot, goal, period)
+        return LinearFamily(a, b, torques, stiffness_and_inertia(plant, equilibrium), robot, goal, period)
 
 
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
@@ -112,12 +102,14 @@ class Behaviour:
 
 def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     """Behaviour of the loops with u = u* + K x, K (m, n)."""
-    loops, joints = family.a + family.b @ gain, len(family.joints)
-    modes = [modes_of(loop, family.joints, *family.energy) for loop in loops]
+    loops, joints = family.a + family.b @ gain, len(family.robot.joint_names)
+    modes = [modes_of(loop, family.robot.joint_names, *family.energy) for loop in loops]
     if family.period:
-        phi, held = family.sampled
+        phi, held = exponential(family.a[0], family.b[0], family.period)
         every = np.linalg.eig(phi + held @ gain)
-        modes[0] = sampled_modes(*every, family.period, family.joints, *family.energy, lasting=TWO_SAMPLES)
+        modes[0] = sampled_modes(
+            *every, family.period, family.robot.joint_names, *family.energy, lasting=TWO_SAMPLES
+        )
     damping = [
         min((mode.damping for mode in each if mode.eigenvalue.imag > 0.0), default=np.inf)
         if all(mode.stable for mode in each)
@@ -129,7 +121,10 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
         every = _bandwidths(loops, joints)
         bandwidth, worst = every.min(axis=0), worst + np.argmin(every, axis=0).tolist()
     vibrations = [mode for each in modes for mode in each if mode.vibration]
-    own = [min((m.damping for m in vibrations if m.joint == name), default=np.inf) for name in family.joints]
+    own = [
+        min((m.damping for m in vibrations if m.joint == name), default=np.inf)
+        for name in family.robot.joint_names
+    ]
     return Behaviour(bandwidth, min(damping), damping[0], np.array(own), worst)
 
 
@@ -155,15 +150,6 @@ def _bandwidths(loops: np.ndarray, joints: int) -> np.ndarray:
 
 # The H∞ gain of the nominal robot -----------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
-class LinearDesign:
-    """A gain at a level above the smallest one."""
-
-    gain: np.ndarray  # (m, n), u − u* = K x
-    p: np.ndarray  # (n, n), V = ½ xᵀ P x
-    gamma_star: float  # the smallest feasible level, to `ROUGH`
-
-
-@dataclass(frozen=True, eq=False)
 class LinearProblem:
     """The linear problem of the nominal robot: ẋ = A x + B1 d + B2 u, z = (C x, R2^½ u)."""
 
@@ -179,7 +165,7 @@ class LinearProblem:
     ) -> LinearProblem:
         """Problem with h(x) = C x, R2 = I, `rows` (s, n) = C; disturbances are the command, by ė = q − d, and `torques`
         (2 joints, k) at links and motors."""
-        a, b2, joints = family.a[0], family.b[0], len(family.joints)
+        a, b2, joints = family.a[0], family.b[0], len(family.robot.joint_names)
         parts = [0.0 - np.eye(len(a), joints, joints - len(a))] if command else []
         parts += [] if torques is None else [family.torques @ torques]
         return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
@@ -193,17 +179,12 @@ class LinearProblem:
         """Smallest feasible level, to `ROUGH`."""
         return linear_smallest_gamma(self.linear_part(), ROUGH)
 
-    def design(self, gamma: float, gamma_star: float) -> LinearDesign:
+    def design(self, gamma: float) -> HJISolution:
         """The gain −R2⁻¹ B2ᵀ P at a level."""
         g1, g2 = ({0: b[:, :, None]} for b in (self.b1, self.b2))
-        plant = PolynomialPlant.from_parts(len(self.a), {1: self.a}, g1, g2, {1: self.c}, self.r2)
-        p = linear_law(plant, gamma).P
-        return LinearDesign(-np.linalg.solve(self.r2, self.b2.T @ p), p, gamma_star)
-
-    def design_at(self, ratio: float) -> LinearDesign:
-        """The gain at `ratio` times the smallest level."""
-        star = self.gamma_star()
-        return self.design(ratio * star, star)
+        return linear_law(
+            PolynomialPlant.from_parts(len(self.a), {1: self.a}, g1, g2, {1: self.c}, self.r2), gamma
+        )
 
     def attained(self, gain: np.ndarray) -> float:
         """H∞ norm from d to z of the loop of a stabilising gain: the level that it attains, to `ROUGH`."""
@@ -217,15 +198,12 @@ class LinearProblem:
 class Channel:
     """A rank-one part of what a tolerance does; it is driven either by the state or by the input."""
 
-    quantity: str  # the parameter without its joint; channels of one quantity and kind share a scaling
+    group: tuple[
+        str, str
+    ]  # the parameter without its joint, and "state" or "input"; a group shares a scaling
     torque: np.ndarray  # (2 joints,), t at links and motors
     by_state: np.ndarray  # (n,), c on the plant's states
     by_input: np.ndarray  # (m,), e
-
-    @property
-    def group(self) -> tuple[str, str]:
-        """Quantity, and what drives it."""
-        return self.quantity, "input" if np.any(self.by_input) else "state"
 
 
 #: Largest level that is tried, relative to that of the nominal problem.
@@ -292,14 +270,9 @@ class RobustProblem:
             low, high = (low, middle) if self.feasible(middle) else (middle, high)
         return high
 
-    def design(self, gamma: float, gamma_star: float) -> LinearDesign:
+    def design(self, gamma: float) -> HJISolution:
         """The gain at a level."""
-        return self.scaled(gamma).design(gamma, gamma_star)
-
-    def design_at(self, ratio: float) -> LinearDesign:
-        """The gain at `ratio` times the smallest level."""
-        star = self.gamma_star()
-        return self.design(ratio * star, star)
+        return self.scaled(gamma).design(gamma)
 
     def covering(self) -> RobustProblem:
         """With the largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH`."""
@@ -308,8 +281,7 @@ class RobustProblem:
             return whole
         while high - low > FRACTION_WIDTH:
             middle = 0.5 * (low + high)
-            fits = replace(self, fraction=middle).feasible(level)
-            low, high = (middle, high) if fits else (low, middle)
+            low, high = (middle, high) if replace(self, fraction=middle).feasible(level) else (low, middle)
         return replace(self, fraction=low)
 
 
@@ -336,12 +308,12 @@ def find_scalings(
         return problem.gamma_star() < other.gamma_star()
 
     first = RobustProblem(nominal, torques, channels, np.zeros(len(channels)))
-    best = _balanced(first, nominal.design_at(ratio))
+    best = _balanced(first, nominal.design(ratio * nominal.gamma_star()))
     for _ in range(BALANCES):
         if best.fraction < LEAST_FRACTION:
             break
         within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
-        again = _balanced(first, within.design_at(ratio))
+        again = _balanced(first, within.design(ratio * within.gamma_star()))
         if not better(again, best):
             break
         best = again
@@ -373,17 +345,18 @@ def find_scalings(
     return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
 
 
-def _balanced(problem: RobustProblem, design: LinearDesign) -> RobustProblem:
+def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
     """With s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost; and with the
     fraction of the tolerances that is covered so."""
     from scipy.linalg import solve_continuous_lyapunov
 
-    loop, p = problem.nominal.a + problem.nominal.b2 @ design.gain, design.p
+    gain, p = design.gain, design.P
+    loop = problem.nominal.a + problem.nominal.b2 @ gain
     x = solve_continuous_lyapunov(loop, -np.diag(1.0 / np.abs(np.diag(p))))
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ design.gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
+        z = channel.by_input @ gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return replace(problem, log=log).covering()
 
@@ -432,7 +405,8 @@ class Candidate:
 
     target_frequency: np.ndarray  # (n,), ω of each joint, rad/s
     damping_weights: np.ndarray  # (n,), ζ of each joint
-    design: LinearDesign
+    design: HJISolution
+    gamma_star: float  # the smallest feasible level of these weights, to `ROUGH`
     behaviour: Behaviour
 
     @property
@@ -457,17 +431,17 @@ class SearchResult:
 def search(
     target: TargetBehaviour,
     family: LinearFamily,
-    synthesis: Callable[[np.ndarray, np.ndarray], LinearDesign],
+    synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]],
     held: float,
     each: bool = True,
     near: Candidate | None = None,
 ) -> SearchResult:
     """The weights with which the linear part behaves as required.
 
-    `synthesis` makes the design of ω (n,) and ζ (n,); `held` is the lowest vibration with held motors, rad/s. The ζ of
-    single joints are lowered at the end (`each`). From weights `near`, for another bandwidth or damping, the search
-    begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the behaviour cannot be met:
-    which limit binds, and the best that was found.
+    `synthesis` makes the design of ω (n,) and ζ (n,), with its smallest level; `held` is the lowest vibration with held
+    motors, rad/s. The ζ of single joints are lowered at the end (`each`). From weights `near`, for another bandwidth or
+    damping, the search begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the
+    behaviour cannot be met: which limit binds, and the best that was found.
     """
     start, proportional = 1.5 * target.bandwidth, ()
     if near is not None:
@@ -486,7 +460,7 @@ def search(
 class _Search:
     target: TargetBehaviour
     family: LinearFamily
-    synthesis: Callable[[np.ndarray, np.ndarray], LinearDesign]
+    synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]]
     fastest: float  # target frequency that is tried, rad/s
     start: np.ndarray  # (n,), target frequencies
     tried: list[Candidate] = field(default_factory=list)
@@ -499,7 +473,7 @@ class _Search:
         frequency = self.tried[-1].target_frequency if self.tried else np.minimum(self.start, self.fastest)
         for _ in range(TURNS):
             try:
-                design = self.synthesis(frequency, weights)
+                design, star = self.synthesis(frequency, weights)
             except FlexhinfError:
                 break
             behaviour = behaviour_of(self.family, design.gain)
@@ -508,7 +482,7 @@ class _Search:
             self.reached = max(self.reached, float((behaviour.bandwidth / bandwidth).min()))
             ratio = bandwidth / np.maximum(behaviour.bandwidth, 1e-3 * bandwidth)
             if np.all(np.abs(ratio - 1.0) <= FITS):
-                self.tried.append(Candidate(frequency, weights, design, behaviour))
+                self.tried.append(Candidate(frequency, weights, design, star, behaviour))
                 return self.tried[-1]
             frequency = frequency * np.clip(ratio, 0.4, 2.5) ** CAUTION
             if np.any(frequency > self.fastest):

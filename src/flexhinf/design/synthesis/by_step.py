@@ -55,8 +55,9 @@ class Task:
 
     def setup(self, law: Law, levels: EstimatorNoise | None = None, **changes: Any) -> LoopSetup:
         """The loop of a law, with these noise levels and changes of the specification."""
-        s = replace(self.s, **changes)
-        return LoopSetup(self.robot, s, law, self.goal, self.start, estimator_noise=levels)
+        return LoopSetup(
+            self.robot, replace(self.s, **changes), law, self.goal, self.start, estimator_noise=levels
+        )
 
     def solved(
         self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None, **changes: Any
@@ -108,10 +109,8 @@ def solve_degrees(
         progress(f"degree {degree}: solve")
         start = time.perf_counter()
         solution = solve_hji(problem, gamma=gamma, degree=degree)
-        seconds = time.perf_counter() - start
-        yield DegreeChoice(
-            degree, solution, max((r.residual for r in solution.records), default=math.nan), seconds
-        )
+        largest = max((r.residual for r in solution.records), default=math.nan)
+        yield DegreeChoice(degree, solution, largest, time.perf_counter() - start)
 
 
 def with_region(
@@ -266,8 +265,12 @@ class _Trial:
         step = self.step if setup is self.setup else setup.step(self.length)
         lines = step_requirements(s, limits, step, "the step")
         if setup.robot.uncertain and s.draws != 0:
-            robots = sample_robots(setup.robot, SAMPLES, s.seed)
-            runs = sampled_runs(setup, robots, self.length, step.run.settings["sub_steps"])
+            runs = sampled_runs(
+                setup,
+                sample_robots(setup.robot, SAMPLES, s.seed),
+                self.length,
+                step.run.settings["sub_steps"],
+            )
             lines += sample_requirements(s, limits, runs)
         return frozenset(line.what for line in lines if not line.met)
 
@@ -342,8 +345,9 @@ class _BandwidthSearch:
         self.more = np.zeros_like(self.limits)
         self.sampled = sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
         # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
-        parameters = (None, *self.sampled)
-        self.held = np.array([robot.operating_point(task.goal, s.extras, values)[1] for values in parameters])
+        self.held = np.array(
+            [robot.operating_point(task.goal, s.extras, values)[1] for values in (None, *self.sampled)]
+        )
 
     def shares(self, peaks: np.ndarray) -> np.ndarray:
         return np.where(np.isfinite(self.limits), peaks / self.limits, 0.0)
@@ -389,8 +393,9 @@ class _BandwidthSearch:
         """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the expected peaks."""
         try:
             assert self.first.target is not None
-            damping = self.first.target.damping
-            problem = self.task.choose(self.first, bandwidth=bandwidth.tolist(), damping=damping)
+            problem = self.task.choose(
+                self.first, bandwidth=bandwidth.tolist(), damping=self.first.target.damping
+            )
             peaks = self.nominal_step(problem)[0] + self.more
         except FlexhinfError:
             return None, np.full_like(self.limits, np.inf)

@@ -200,18 +200,17 @@ class _Search:
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
-        """Search: the default levels, the families, then single levels; with the trade-off of all candidates."""
         default = self.candidate(EstimatorNoise.stated(self.setup.specification))
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
             return None
         # What every candidate so far misses, or the law, is counted only in part; see the head of this file.
         for limit in LIMITS:
-            best = min(candidate.missed.get(limit, 0.0) for candidate in self.tried)
-            least = max(best, self.unavoidable.get(limit, 0.0))
+            least = max(self.unavoidable.get(limit, 0.0), min(c.missed.get(limit, 0.0) for c in self.tried))
             if least > NEAR:
-                far = limit == "damping" and least > FAR
-                enough = float(np.log(self.damping / RINGS)) if far else -np.inf
+                enough = (
+                    float(np.log(self.damping / RINGS)) if limit == "damping" and least > FAR else -np.inf
+                )
                 self.unavoidable[limit] = max(least + SHORT_OF_BEST, enough)
         default = default and self.counted(default)
         chosen = self.with_corners(default) if default and not default.avoidable else None
@@ -308,11 +307,10 @@ class _Search:
     ) -> dict[str, float]:
         """ln(metric/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
         s = self.setup.specification
-        required = (1.0 + 0.5 * TOLERANCE) * self.damping  # aimed at without allowance
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
             s.gain_margin_limit / max(gain_margin, NOTHING),
-            required / max(damping, NOTHING),
+            (1.0 + 0.5 * TOLERANCE) * self.damping / max(damping, NOTHING),  # aimed at without allowance
             *others,
         )
         return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
@@ -355,8 +353,9 @@ class _Search:
     def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
         if not self.setup.robot.uncertain:
             return candidate
-        process = candidate.levels.covariance(self.setup.model.states)
-        growth = self.loop.modes(self.corners, process, self.equilibria)
+        growth = self.loop.modes(
+            self.corners, candidate.levels.covariance(self.setup.model.states), self.equilibria
+        )
         self.equilibria = growth.equilibrium
         return replace(candidate, unstable=int((growth.rate >= 0.0).sum()))
 

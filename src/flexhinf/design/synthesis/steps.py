@@ -145,17 +145,18 @@ class _WholeLoop:
         self.task.progress(f"weights and noise levels for the tolerances: {self.count} loops tried")
         corner = "" if best.corner < 0 else self.box.population.describe(best.corner)
         weights = frequency, damping, fraction = self.settings(best.x)
-        factors = np.exp(best.x[:4]).tolist()
-        outcome = WholeLoopSearch(own, best, *factors, fraction=fraction, count=self.count, corner=corner)
+        outcome = WholeLoopSearch(
+            own, best, *np.exp(best.x[:4]).tolist(), fraction=fraction, count=self.count, corner=corner
+        )
         if best is own:
             return replace(own.solved, preset="robust"), self.levels, outcome
-        design = self.channels.linear(*weights).design(best.solved.gamma, best.solved.gamma_star)
-        chosen = Candidate(frequency, damping, design, behaviour_of(self.channels.family, design.gain))
-        result = SearchResult(chosen, (*self.damped.candidates, chosen))
+        design, star = self.channels.linear(*weights).design(best.solved.gamma), best.solved.gamma_star
+        chosen = Candidate(frequency, damping, design, star, behaviour_of(self.channels.family, design.gain))
         source = (
             f"searched on the running loop: its corners are stable up to {best.scale:.3g} times the tolerances, "
             f"{own.scale:.3g} with the preset damped"
         )
+        result = SearchResult(chosen, (*self.damped.candidates, chosen))
         problem = self.channels.checked(best.solved, result, fraction)
         return replace(problem, source=source, target=self.target), best.levels, outcome
 
@@ -223,10 +224,22 @@ class _WholeLoop:
                         scale, corner = self.edge(loop, beyond)
                     gained = -np.log(scale / self.own.scale)
                     if gained < best:
-                        candidate = LoopCandidate(
-                            x.copy(), problem, levels, scale, corner, overshoot, used, loop_margins, noises
+                        self.kept.append(
+                            (
+                                gained,
+                                LoopCandidate(
+                                    x.copy(),
+                                    problem,
+                                    levels,
+                                    scale,
+                                    corner,
+                                    overshoot,
+                                    used,
+                                    loop_margins,
+                                    noises,
+                                ),
+                            )
                         )
-                        self.kept.append((gained, candidate))
         except FlexhinfError:
             return NOTHING
         return float(gained + MISSED * missed)
@@ -253,8 +266,9 @@ class _WholeLoop:
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
-        corners = [self.box.population.values[k] for k in which]
-        runs = requirements.sampled_runs(setup, corners, duration, nominal.run.settings["sub_steps"])
+        runs = requirements.sampled_runs(
+            setup, [self.box.population.values[k] for k in which], duration, nominal.run.settings["sub_steps"]
+        )
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
         used = np.max([np.where(np.isfinite(share), share, 0.0).max() for share in shares])
         return runs.overshoot, float(used)
@@ -307,20 +321,15 @@ class Synthesis:
     robust: WholeLoopSearch | None = None  # of weights and noise levels for the tolerances; preset robust
     proved: proved_step.ProvedLaw | None = None  # with its certificate for all tolerances; preset proved
 
-    @property
-    def solution(self) -> HJISolution:
-        """The chosen solution at the goal."""
-        return self.chosen.solution
+    solution = responses.forwarded("chosen.solution", HJISolution, "The chosen solution at the goal.")
+    problem = responses.forwarded(
+        "design_problem.nominal", GeneralisedPlant, "The nominal problem about the goal."
+    )
 
     @property
     def sampled(self) -> bool:
         """Whether there is a sampled region of the chosen solution."""
         return self.chosen.looked and not np.isnan(self.chosen.level)
-
-    @property
-    def problem(self) -> GeneralisedPlant:
-        """The nominal problem about the goal."""
-        return self.design_problem.nominal
 
     def setup(self, robot: Robot, s: Specification) -> LoopSetup:
         """The loop that the law runs in."""
@@ -351,8 +360,9 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
         most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
     )
     more = partial(steps.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
-    several = None if s.via or synthesis.proved else more
-    law, along = checks.scheduled(synthesis.setup(robot, s), move, limits, several)
+    law, along = checks.scheduled(
+        synthesis.setup(robot, s), move, limits, None if s.via or synthesis.proved else more
+    )
     return replace(synthesis, law=law, along=along)
 
 
@@ -503,8 +513,8 @@ class _Steps(Task):
         there = replace(self, goal=self.robot.operating_point(pose)[0][: len(self.start)])
         same: dict[str, Any] = {"bandwidth": None, "damping": self.s.damping}
         if (target := problem.target) is not None:
-            damping = min(required_damping(self.s, target), target.damping)
-            same = {"bandwidth": target.bandwidth.tolist(), "damping": damping}
+            same["bandwidth"] = target.bandwidth.tolist()
+            same["damping"] = min(required_damping(self.s, target), target.damping)
         chosen = there.choose(**same)
         if whole is not None:
             channels, chosen = chosen.channels, there.choose(**same, preset="damped")
@@ -543,10 +553,8 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     limits = responses.joint_limits(robot, s)
 
     def stated(joint: int) -> tuple[str, str]:
-        """Who states the smaller limit of a joint's input, and the fields of the specification that raise it.
-
-        Files are often written with an effort of 1 or 10 where nobody knew the motor.
-        """
+        # Who states the smaller limit of a joint's input, and the fields of the specification that raise it. Files are
+        # often written with an effort of 1 or 10 where nobody knew the motor.
         file = responses.ROBOT
         if limits.peak_source == file == limits.saturation_source:
             return (
