@@ -210,9 +210,13 @@ class GeneralisedPlant(Summarised):
         }
 
     # The problem ----------------------------------------------------------------------------------
-    @cached_property
+    @property
     def r2(self) -> np.ndarray:
         """R2 of Eq. (4), (m, m), read-only."""
+        return self._r2
+
+    @cached_property
+    def _r2(self) -> np.ndarray:
         return read_only(self.penalty.r2(len(self.plant.inputs)))
 
     def flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
