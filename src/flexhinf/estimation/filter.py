@@ -114,22 +114,13 @@ def applied(vector: Any, matrix: Any) -> Any:
     return matrix @ vector
 
 
-def model_steps(plant: Plant, period: float, x: Any) -> tuple[int, int]:
-    """Stages of a Runge–Kutta step, and how many steps make a period: the fewest evaluations of the flow.
-
-    Eight stages are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such a step is as long as
-    a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many short ones.
-    """
-    mode = plant.fastest_mode(x)
-    counts = {stages: sub_steps(period, mode, largest) for stages, largest in MODEL_STEP.items()}
-    long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
-    return (8, counts[8]) if long else (4, counts[4])
-
-
 class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
-    Between samples the plant is integrated by Runge–Kutta steps with u held: see `model_steps`.
+    Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
+    fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
+    a step is as long as a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many
+    short ones.
 
     Parameters
     ----------
@@ -177,7 +168,10 @@ class RecursiveFilter(Estimator):
         )
         self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
-        self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
+        mode = plant.fastest_mode(self.initial.mean)
+        counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
+        long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
+        self.stages, self.sub_steps = (8, counts[8]) if long else (4, counts[4])
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
 
