@@ -15,7 +15,14 @@ from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages,
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.scalars.trace import elementary
-from flexhinf.validation import checked_array, checked_positive, read_only, real_array, value_text
+from flexhinf.validation import (
+    checked_array,
+    checked_kind,
+    checked_positive,
+    read_only,
+    real_array,
+    value_text,
+)
 
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
@@ -154,12 +161,7 @@ class RecursiveFilter(Estimator):
         mean: Any,
         covariance: Any,
     ) -> None:
-        if not isinstance(plant, Plant):
-            raise InvalidInput(
-                "An estimator needs a model.",
-                f"expected a Plant, got {type(plant).__name__}",
-                "robot.plant()",
-            )
+        checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.plant = plant
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))

@@ -247,7 +247,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     def deviations(self, run: Any, points: Any, mean: Any) -> Any:
         """Points minus a mean, (n, 2n + 1)."""
-        return run.columns(less, (points.T, mean.reshape(1, len(mean)))).T
+        return run.columns(_less, (points.T, mean.reshape(1, len(mean)))).T
 
     def inside(self, run: Any, points: Any) -> Any:
         """Points clipped to the bounds."""
@@ -262,8 +262,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return states
 
 
-def less(row: Any, mean: Any) -> Any:
-    """Deviations of numbers from their mean."""
+def _less(row: Any, mean: Any) -> Any:
     return row - mean
 
 
@@ -479,8 +478,7 @@ def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[s
     """
     hidden = unobservable(drift, measured)
     modes = np.linalg.eigvals(hidden.T @ drift @ hidden)
-    rounding = 4.0 * np.finfo(float).eps * len(drift) * np.linalg.norm(drift)
-    if np.any(modes.real >= -rounding):
+    if np.any(modes.real >= -4.0 * np.finfo(float).eps * len(drift) * np.linalg.norm(drift)):
         raise _not_seen(drift, hidden, states, "an error in it does not decay")
 
 

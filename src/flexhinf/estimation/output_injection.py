@@ -136,6 +136,7 @@ class OutputInjectionObserver(RecursiveFilter):
             )
         else:
             self._gain = placed_gain(self._drift, self._sensors, transition, self.period, poles, plant.states)
+        self._correction = np.eye(plant.n) - self._gain @ self._sensors
         check_decay(self.error_matrix)
         if covariance is None:
             correction, gain, noise = self._correction, self._gain, self.process_noise
@@ -158,10 +159,6 @@ class OutputInjectionObserver(RecursiveFilter):
     def gain(self) -> np.ndarray:
         """L, (n, p): gain from the innovation to the estimate."""
         return self._gain.copy()
-
-    @property
-    def _correction(self) -> np.ndarray:
-        return np.eye(self.plant.n) - self._gain @ self._sensors
 
     @property
     def error_matrix(self) -> np.ndarray:
@@ -258,8 +255,7 @@ class OutputInjectionObserver(RecursiveFilter):
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
 
     def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
-        """The smallest state with the output of the estimate, and the flag of a time update."""
-        return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)
+        return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)  # the flag of a time update
 
     def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
         """φ(y, u) = f(x, u) − A x at any x with the output y."""
@@ -272,8 +268,7 @@ def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:
 
 
 def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
-    """The second part of the straight line: Γ₁ (φ(T) − φ(0)) after a time update."""
-    return mean + moved * (ramp @ (after - before))
+    return mean + moved * (ramp @ (after - before))  # Γ₁ (φ(T) − φ(0)) after a time update
 
 
 def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
