@@ -525,9 +525,9 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     if not np.any(goal != start):
         raise InvalidInput(
             "There is nothing to move: the step starts at its goal.",
-        f"expected another start than {goal.tolist()}",
-        "another `start` or `pose`",
-    )
+            f"expected another start than {goal.tolist()}",
+            "another `start` or `pose`",
+        )
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
