@@ -139,9 +139,7 @@ ROUGH = 1e-5
 REAL = 100.0
 
 
-def _pair(name: str, *texts: str) -> Any:
-    """Properties for both numbers of a pair that is computed once, from their docstrings."""
-
+def _pair(name: str, *texts: str) -> Any:  # properties of both numbers of a pair that is computed once
     def part(k: int) -> Any:
         return property(lambda margins: attrgetter(name)(margins)[k], doc=texts[k])
 
@@ -165,7 +163,10 @@ class Margins:
         peaks = f"peak_sensitivity={self.peak_sensitivity:.4g}, gain_margin={self.gain_margin:.4g}"
         return f"Margins(stable={self.stable}, {peaks}, damping={self.damping:.3g})"
 
-    stable = property(attrgetter("linear.running.stable"), doc="Whether the closed loop is stable.")
+    @cached_property
+    def stable(self) -> bool:
+        """Whether the closed loop is stable."""
+        return self.linear.running.stable
 
     @property
     def _accuracy(self) -> float:
