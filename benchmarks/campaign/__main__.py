@@ -24,7 +24,7 @@ from benchmarks.campaign.floating_point import LANES, peak, work_of
 from benchmarks.filterpy_loop import FilterpyLoop
 from benchmarks.measure import Timing, alternate
 from benchmarks.record import keep
-from flexhinf.loop.simulation.inputs import standard_normal
+from flexhinf.codegen.noise import normal_numbers
 
 PERIOD, GOAL, Q, R, THREADS = 1e-3, math.pi / 2, 1e-6, 1e-6, 2
 #: The environment of numba and JAX, which are in no lock of ours: `make peers`.
@@ -222,7 +222,7 @@ def single_run(steps: int) -> list[dict[str, Any]]:
     difference = float(np.max(np.abs(np.array(results) / ours - 1.0)))
     assert difference < 1e-6, f"C++ by hand differs by {difference}: nothing to compare"
     kernel = prepared.code.kernel().bind(*prepared.buffers())
-    noise = partial(standard_normal, 0, steps, 1)
+    noise = partial(normal_numbers, 0, np.arange(steps), 0, 0)
     works = {"run": (partial(loop.run, *command), steps), "kernel": (kernel, steps), "noise": (noise, steps)}
     t = {name: 1e9 * timing.best for name, timing in alternate(works, 15).items()}
     ratio, rest = t["run"] / nanoseconds, t["run"] - t["kernel"] - t["noise"]

@@ -84,7 +84,7 @@ def _whole_jacobian(
     y = measure_function(plant, controller)(
         state, inputs[named["u"].tolist()], ca.SX.zeros(len(controller.measured)), ca.vertcat(0.0, p)
     )
-    u_now, _, after = controller.traced(y, ca.DM(reference), inputs, ca.DM(controller.data_vector))
+    u_now, _, after = controller.traced()(y, ca.DM(reference), inputs, ca.DM(controller.data_vector))
     later, held = state, ca.vertcat(loop.period / loop.sub_steps, p)
     moved = rk4_function(plant)
     for _ in range(loop.sub_steps):

@@ -24,7 +24,7 @@ def test_the_smallest_cost_is_found_over_all_parameters() -> None:
         lambda p: Judgement((log(p["a"]) - 1.0) ** 2 + (log(p["b"]) + 0.5) ** 2), {"a": 1.0, "b": 1.0}, BOUNDS,
         refinements=80,
     )  # fmt: skip
-    assert found.feasible
+    assert found.best.feasible
     np.testing.assert_allclose(
         [log(found.best.parameters["a"]), log(found.best.parameters["b"])], [1.0, -0.5], atol=0.02
     )
@@ -65,8 +65,8 @@ def test_where_no_limit_can_be_kept_the_nearest_is_told() -> None:
         {"a": 5.0},
         {"a": (0.1, 10.0)},
     )
-    assert not found.feasible
-    assert found.reason == "too large"
+    assert not found.best.feasible
+    assert found.best.judgement.reason == "too large"
     assert found.best.parameters["a"] == pytest.approx(1.0, rel=0.05)
 
 
@@ -137,5 +137,5 @@ def test_two_laws_use_up_the_same_peak_voltage_and_no_more(made: Any, kind: str)
 
     start = 3.0 if kind == "pd" else 1.0
     found = tune(judge, {"k": start}, {"k": (start / 1e4, start * 1e4)})
-    assert found.feasible
+    assert found.best.feasible
     assert 57.0 < peak(found.best.parameters["k"]) <= 60.0

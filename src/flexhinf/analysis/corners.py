@@ -179,12 +179,13 @@ SAMPLED = (400, 60)
 
 
 def corner_plants(
-    loop: EquilibriumLoop, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
+    states: int, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
 ) -> tuple[Population, bool]:
-    """The corners at which `tolerance_corners` looks, the nominal plant last, and whether these are all corners."""
+    """The corners at which `tolerance_corners` looks, of a loop of so many states, the nominal plant last, and whether
+    these are all corners; without states (0) their number is no matter of the effort."""
     number = uncertain if isinstance(uncertain, int) else len(uncertain)
-    complete = number <= ALL_OF and 2.0**number * loop.states**3 <= OPERATIONS
-    count = 2**number if complete else SAMPLED[loop.states > LARGE]
+    complete = number <= ALL_OF and 2.0**number * states**3 <= OPERATIONS
+    count = 2**number if complete else SAMPLED[states > LARGE]
     return corner_population(at, number, count, seed, singles=False), complete
 
 
@@ -358,7 +359,7 @@ def tolerance_corners(
     form of R^v that is stable so far as a q between two of these with which the loop grows fastest. `uncertain` are the
     uncertain numbers, or how many there are: ``robot.uncertain``. R^v without a Kalman filter is an InvalidInput.
     """
-    population, complete = corner_plants(loop, at, uncertain, seed)
+    population, complete = corner_plants(loop.states, at, uncertain, seed)
     every, vectors = np.arange(len(population) - 1), _vectors(loop, population)
     designed = growth_rates(loop, population, (None,), every, vectors=vectors)[0]
     noises = standard_noises(loop) if noises is None else noises
@@ -411,12 +412,9 @@ class ToleranceBox:
         loop: EquilibriumLoop, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
     ) -> ToleranceBox:
         """Parameters as for `tolerance_corners`."""
-        population, _ = corner_plants(loop, at, uncertain, seed)
+        population, _ = corner_plants(loop.states, at, uncertain, seed)
         *ends, middle = _vectors(loop, population)
         return ToleranceBox(population, middle, np.array(ends) - middle)
-
-    def __len__(self) -> int:
-        return len(self.away)
 
     def unstable(
         self,
@@ -426,7 +424,7 @@ class ToleranceBox:
         process_noise: np.ndarray | None = None,
     ) -> np.ndarray:
         """The corners, out of some or all, that are unstable with all tolerances times a factor, the fastest first."""
-        which = np.arange(len(self)) if which is None else which
+        which = np.arange(len(self.away)) if which is None else which
         moved = self.middle + scale * self.away[which]
         which = which[np.all((moved * self.middle > 0.0) | (self.away[which] == 0.0), axis=1)]
         if not len(which):

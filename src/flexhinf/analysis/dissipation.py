@@ -35,7 +35,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis.corners import ALL_OF, SAMPLED, Corners, ParametersAt, Population, corner_population
+from flexhinf.analysis.corners import Corners, ParametersAt, Population, corner_plants
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
@@ -254,9 +254,7 @@ class LinearCorners:
         seed: int = 0,
     ) -> LinearCorners:
         """All corners of up to 12 uncertain numbers, samples of the corners of more; see `dissipation_corners`."""
-        number = uncertain if isinstance(uncertain, int) else len(uncertain)
-        complete, plant = number <= ALL_OF, problem.plant
-        population = corner_population(at, number, 2**number if complete else SAMPLED[0], seed, singles=False)
+        (population, complete), plant = corner_plants(0, at, uncertain, seed), problem.plant
         plant.traced_jacobians  # noqa: B018  traced once, shared by all
         expansion, count = problem.expand(1), len(population)
         nominal = (expansion.f_parts[1], expansion.g1_parts[0][:, :, 0], expansion.g2_parts[0][:, :, 0])

@@ -117,9 +117,11 @@ class EquilibriumLoop:
                 )
             x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
-        steady = self.filter
-        if self.tunable:
-            steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
+        steady = (
+            ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
+            if self.tunable
+            else self.filter
+        )
         self.step = SampledController(law, steady, period, moving)
         x, u = self.model_equilibrium
         #: (x*, u*) of the law, or of the goal it moves with.
@@ -354,38 +356,26 @@ BELOW, POINTS = 1.0, 400
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Responses at z = e^{jωT}, complex, and the poles of the loop.
+    """Responses of a linear loop of q positions, m inputs and k disturbances at z = e^{jωT}, complex.
 
     Commands and disturbances are held between samples; positions are those of the true plant at the samples. Responses
     of an unstable loop are those of its transfer functions.
     """
 
+    linear: LinearLoop
     frequencies: np.ndarray  # (F,), rad/s, ascending, at most π/T
-    period: float  # T, s
-    positions: tuple[str, ...]  # q names
-    inputs: tuple[str, ...]  # m names
-    disturbances: tuple[str, ...]  # k names
     command: np.ndarray  # (F, q, q), commanded position → position
     disturbance: np.ndarray  # (F, q, k), torque → position, rad/N·m or m/N
     loop_transfer: np.ndarray  # (F, m, m), L broken at all inputs, with negative feedback: S = (1 + L)⁻¹
     input_loops: np.ndarray  # (F, m), L_i broken at one input, the others closed: its Nyquist curve
     sensitivity: np.ndarray  # (F, m, m), S at the plant's inputs
     complementary: np.ndarray  # (F, m, m), T = 1 − S
-    #: (K,), log(z)/T, 1/s, slowest first; of a delayed loop those that count (`DiscreteSystem.modes`)
-    poles: np.ndarray
-    stable: bool  # whether all poles decay
 
     def __repr__(self) -> str:
         over = f"{len(self.frequencies)} frequencies, {self.frequencies[0]:.3g} to {self.frequencies[-1]:.3g} rad/s"
-        return f"FrequencyResponse({over}, {len(self.inputs)} inputs, {len(self.positions)} positions)"
-
-    @property
-    def peaks(self) -> tuple[float, float]:
-        """Largest σ_max of S and of T on the grid; the exact peaks are those of `margins`."""
-        return tuple(
-            float(np.linalg.norm(each, 2, axis=(1, 2)).max())
-            for each in (self.sensitivity, self.complementary)
-        )  # type: ignore[return-value]
+        return (
+            f"FrequencyResponse({over}, {len(self.linear.inputs)} inputs, {len(self.linear.names)} positions)"
+        )
 
 
 def frequency_response(
@@ -423,8 +413,7 @@ def frequency_response(
         answer[:, :, m : m + q] *= np.exp(-1j * grid * linear.period)[:, None, None]
     sensitivity, positions = answer[:, :m, :m], answer[:, 2 * m :]
     return FrequencyResponse(
-        grid, linear.period, linear.names, linear.inputs, linear.disturbances,
-        positions[:, :, m : m + q], positions[:, :, m + q :], -opened.response(grid),
+        linear, grid, positions[:, :, m : m + q], positions[:, :, m + q :], -opened.response(grid),
         np.stack([-linear.opened(i=i).response(grid)[:, 0, 0] for i in range(m)], axis=1),
-        sensitivity, np.eye(m) - sensitivity, running.poles, running.stable,
+        sensitivity, np.eye(m) - sensitivity,
     )  # fmt: skip

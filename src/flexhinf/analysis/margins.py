@@ -66,8 +66,23 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     own = loop.delay
     if not loop.running.stable:
         return 0.0, np.nan
-    candidates = [refined for guess in _guesses(loop) if (refined := _refined(loop, *guess)) is not None]
-    candidates = [(delay, frequency) for delay, frequency in candidates if delay >= own]
+    candidates = []
+    for fraction in FRACTIONS:
+        opened = loop.opened(fraction * loop.period)
+
+        def sizes(frequency: np.ndarray, opened=opened) -> np.ndarray:
+            return np.sort(np.abs(np.linalg.eigvals(opened.response(frequency))), axis=1) - 1.0
+
+        for _, frequency in crossings(sizes, opened.frequencies()):
+            values = np.linalg.eigvals(opened.response(frequency)[0])
+            value = values[np.argmin(np.abs(np.abs(values) - 1.0))]
+            turn = 2.0 * np.pi / frequency
+            delay = np.angle(value) % (2.0 * np.pi) / frequency + fraction * loop.period
+            # The smallest delay near this crossing that is not below the loop's own.
+            delay += turn * max(0.0, np.ceil((own - delay) / turn))
+            refined = _refined(loop, frequency, float(delay))
+            if refined is not None and refined[0] >= own:
+                candidates.append(refined)
     if not candidates:
         return np.inf, np.nan
     delay, frequency = min(candidates)
@@ -80,24 +95,6 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
         low, high = (middle, high) if loop.system(middle).stable else (low, middle)
     multipliers = loop.system(low).multipliers
     return low - own, float(abs(np.angle(multipliers[np.abs(multipliers).argmax()])) / loop.period)
-
-
-def _guesses(loop: LinearLoop) -> list[tuple[float, float]]:
-    guesses = []  # (ω, delay) near each crossing; the smallest delay for each that is not below the loop's own
-    for fraction in FRACTIONS:
-        opened = loop.opened(fraction * loop.period)
-
-        def sizes(frequency: np.ndarray, opened=opened) -> np.ndarray:
-            return np.sort(np.abs(np.linalg.eigvals(opened.response(frequency))), axis=1) - 1.0
-
-        for _, frequency in crossings(sizes, opened.frequencies()):
-            values = np.linalg.eigvals(opened.response(frequency)[0])
-            value = values[np.argmin(np.abs(np.abs(values) - 1.0))]
-            turn = 2.0 * np.pi / frequency
-            delay = np.angle(value) % (2.0 * np.pi) / frequency + fraction * loop.period
-            delay += turn * max(0.0, np.ceil((loop.delay - delay) / turn))
-            guesses.append((frequency, float(delay)))
-    return guesses
 
 
 def _nearest(loop: LinearLoop, frequency: float, delay: float) -> complex:
@@ -142,9 +139,7 @@ ROUGH = 1e-5
 REAL = 100.0
 
 
-def _pair(name: str, *texts: str) -> Any:
-    """Properties for both numbers of a pair that is computed once, from their docstrings."""
-
+def _pair(name: str, *texts: str) -> Any:  # properties of both numbers of a pair that is computed once
     def part(k: int) -> Any:
         return property(lambda margins: attrgetter(name)(margins)[k], doc=texts[k])
 
@@ -449,12 +444,8 @@ class FilteredLoop:
     def __init__(self, loop: EquilibriumLoop, bandwidth: float) -> None:
         self.loop, self.own = loop, loop.linear()
         self.grid = np.geomspace(BELOW * bandwidth, np.pi / loop.period, POINTS)
-
-    @cached_property
-    def _affine(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray], np.ndarray]:
-        """(M(0), M_x) of memory and law, and the innovation (p, s + p) by the controller's memory and y."""
-        own, (_, h), places = self.own, self.loop.model, self.loop.step.places
-        gain = self.loop.gain(self.loop.filter.process_noise)
+        own, (_, h), places = self.own, loop.model, loop.step.places
+        gain = loop.gain(loop.filter.process_noise)
         rest = np.zeros((len(h), len(own.memory) - places["u"].stop))
         innovation = np.hstack([-h, -own.d, rest, np.eye(len(h))])
 
@@ -462,7 +453,8 @@ class FilteredLoop:
             moved = matrix[:, places["belief"]] @ np.linalg.inv(np.eye(h.shape[1]) - gain @ h)
             return matrix - moved @ gain @ innovation, moved
 
-        return split(own.memory), split(own.law), innovation
+        #: (M(0), M_x) of memory and law, and the innovation (p, s + p) by the controller's memory and y.
+        self._affine = split(own.memory), split(own.law), innovation
 
     def linear(self, gain: np.ndarray) -> LinearLoop:
         """The running loop with this gain (n, p)."""

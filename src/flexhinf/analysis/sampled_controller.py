@@ -347,8 +347,7 @@ class SampledController:
 
     def __init__(self, law: Law, estimator: Any, period: float, moving: bool = False) -> None:
         self.law, self.estimator, self.period, self.moving = law, estimator, period, moving
-        self.controller = Controller(law, estimator, period, moving=moving)
-        control = self.controller
+        control = self.controller = Controller(law, estimator, period, moving=moving)
         self.states, self.tracked, self.measured = control.states, control.tracked, control.measured
         self.n, self.m = len(self.states), len(law.input_names)
         self.k, self.p = len(self.tracked), len(self.measured)
@@ -360,6 +359,13 @@ class SampledController:
         if isinstance(estimator, OutputInjectionObserver):
             fields = type(estimator.initial)._fields
             self.parts = tuple(fields.index(name) for name in ("mean", "measured", "injection"))
+        from_y = [[float(name == signal) for signal in self.measured] for name in self.tracked]
+        from_state = [
+            [float(name == state and name not in self.measured) for state in self.states]
+            for name in self.tracked
+        ]
+        #: Tracked positions by measurement (k, p) and estimate (k, n): the measurement where there is one.
+        self.selections = np.reshape(from_y, (self.k, self.p)), np.reshape(from_state, (self.k, self.n))
         sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k}
         ends = np.cumsum([*sizes.values()]).tolist()
         #: Where the parts of the memory are, and its length.
@@ -378,16 +384,6 @@ class SampledController:
                             f"expected a belief of which only the mean moves, got {type(estimator).__name__}",
                             "ConstantGainFilter(filter, stationary_gain(...))",
                         )
-
-    @cached_property
-    def _selections(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tracked positions by measurement (k, p) and estimate (k, n): the measurement where there is one."""
-        from_y = [[float(name == signal) for signal in self.measured] for name in self.tracked]
-        from_state = [
-            [float(name == state and name not in self.measured) for state in self.states]
-            for name in self.tracked
-        ]
-        return np.reshape(from_y, (self.k, self.p)), np.reshape(from_state, (self.k, self.n))
 
     def step(
         self,
@@ -424,7 +420,7 @@ class SampledController:
             before = stacked(past[place["belief"]], seen, past[place["u"]])
             belief = before.through(lambda v: self._correct(v, held))
             estimate = belief[: self.n]
-        from_y, from_state = self._selections
+        from_y, from_state = self.selections
         position = seen.moved(from_y) + estimate.moved(from_state)
         half = 0.5 * self.period * np.broadcast_to(started, (count,))
         if self.moving:  # position stands for its error, before and now

@@ -45,13 +45,11 @@ class Climbed(NamedTuple):
 
 @dataclass(eq=False)
 class _Search:
-    """One search: its centre, the value there, its step, how many starts it stands for, and its last two centres."""
-
-    point: np.ndarray
+    point: np.ndarray  # the centre
     value: float
     step: float = FIRST_STEP
-    starts: int = 1
-    before: tuple[np.ndarray, ...] = ()
+    starts: int = 1  # that it stands for
+    before: tuple[np.ndarray, ...] = ()  # its last two centres
 
     def differences(self) -> np.ndarray:  # (2d, d)
         moves = self.step * np.eye(len(self.point))
@@ -106,7 +104,16 @@ def climb(
     searches = [_Search(point, float(value)) for point, value in zip(starts, function(starts))]
     evaluations, best = len(starts), max(searches, key=lambda search: search.value)
     for _ in range(SEARCH_ROUNDS):
-        searches = _joined(searches)
+        every, searches = sorted(searches, key=lambda search: -search.value), []
+        for search in every:  # stable: the first start wins a tie
+            near = [
+                other for other in searches
+                if np.abs(other.point - search.point).max() <= NEAR * min(search.step, other.step)
+            ]  # fmt: skip
+            if near:
+                near[0].starts += search.starts
+            else:
+                searches.append(search)
         best = max(searches, key=lambda search: search.value)
         progress(evaluations, best.value)
         active = [search for search in searches if search.step >= LAST_STEP]
@@ -119,20 +126,6 @@ def climb(
             search.take(np.vstack(parts[:2]), np.concatenate(parts[2:]))
         evaluations += sum(map(len, around)) + sum(map(len, trials))
     return Climbed(best.point, best.value, evaluations, best.starts)
-
-
-def _joined(searches: list[_Search]) -> list[_Search]:
-    kept: list[_Search] = []
-    for search in sorted(searches, key=lambda search: -search.value):  # stable: the first start wins a tie
-        near = [
-            other for other in kept
-            if np.abs(other.point - search.point).max() <= NEAR * min(search.step, other.step)
-        ]  # fmt: skip
-        if near:
-            near[0].starts += search.starts
-        else:
-            kept.append(search)
-    return kept
 
 
 def box_corners(d: int) -> np.ndarray:

@@ -271,8 +271,7 @@ def small_motions(runs: DisturbanceRuns) -> DiscreteSystem:
         runs, start[:, :n], start[:, n:], loop.command[None, :], np.zeros((1, k)), np.ones(1)
     )
     weights, root = runs.problem.expand(1).h_parts[1], np.linalg.cholesky(runs.problem.r2).T
-    size = n + loop.step.size
-    a = np.vstack([np.hstack([by_state[0], by_command[0]]), np.zeros((c, size + c))])
+    a = np.vstack([np.hstack([by_state[0], by_command[0]]), np.zeros((c, n + loop.step.size + c))])
     b = np.vstack([by_torque[0], np.eye(c, k)])  # a command is remembered for a period
     seen = np.vstack([
         weights @ np.hstack([x_by[0][0], x_by[1][0]]),

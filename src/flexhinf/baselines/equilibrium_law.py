@@ -280,7 +280,13 @@ class LinearQuadratic(EquilibriumLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_gain(self)
+        shape = len(self.input_names), len(self.state_names)
+        advice = "one row per input and one column per state, integrals included"
+        what, expected = (
+            "The gain does not fit the law's states and inputs.",
+            f"finite numbers of shape {shape}",
+        )
+        object.__setattr__(self, "gain", checked_array(what, self.gain, shape, expected, advice))
 
     @property
     def law_data(self) -> np.ndarray:
@@ -298,16 +304,8 @@ def lqr(problem: GeneralisedPlant, effort: float = 1.0) -> LinearQuadratic:
     return LinearQuadratic(plant=problem.plant, equilibrium=rest, integrate=problem.integrate, gain=gain)
 
 
-def check_gain(law: Any) -> None:
-    """Make the gain of a law a finite array (m, n), or refuse it."""
-    shape = len(law.input_names), len(law.state_names)
-    advice = "one row per input and one column per state, integrals included"
-    what, expected = "The gain does not fit the law's states and inputs.", f"finite numbers of shape {shape}"
-    object.__setattr__(law, "gain", checked_array(what, law.gain, shape, expected, advice))
-
-
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class GravityCompensatedLQR(PlacedLaw):
+class GravityCompensatedLQR(PlacedLaw, LinearQuadratic):
     """κ(x) = k_u⁻¹ G(q) + K (q, q̇, θ − K_s⁻¹ G(q), θ̇ − K_s⁻¹ Ġ(q), e): the LQR of the weightless robot, and its weight.
 
     At link positions q the weight G(q) is held by the springs, wound up by K_s⁻¹ G(q), and by the inputs; the gain
@@ -317,12 +315,9 @@ class GravityCompensatedLQR(PlacedLaw):
     `gain` (n, states): K, of the weightless robot.
     """
 
-    gain: Any
-
     def __post_init__(self) -> None:
         super().__post_init__()
         check_joints(self.plant)
-        check_gain(self)
 
     @staticmethod
     def design(problem: GeneralisedPlant, effort: float = 1.0) -> GravityCompensatedLQR:

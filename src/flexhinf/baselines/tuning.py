@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, log
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -82,11 +81,6 @@ class Tuning:
     best: Candidate
     candidates: tuple[Candidate, ...]
 
-    feasible = property(attrgetter("best.feasible"), doc="Whether any candidate keeps every limit.")
-    reason = property(
-        attrgetter("best.judgement.reason"), doc="Which limits the best candidate exceeds; empty if none."
-    )
-
 
 def excess(value: float, limit: float) -> float:
     """ln(value / limit) where a value is above its limit, else 0; infinite for a value that is not finite.
@@ -154,8 +148,14 @@ def tune(
     points = [np.log([values[name] for name in names]) for values in exact]
     # Other laws' values are tried to the last bit.
     costs = [cost(point, values) for point, values in zip(points, exact)]
-    scattered = _spread(np.log([start[name] for name in names]), low, high, spread, seed)
-    points, costs = [*points, *scattered], [*costs, *map(cost, scattered)]
+    if names and spread:
+        from scipy.stats import qmc
+
+        begin = np.log([start[name] for name in names])
+        lower, upper = (begin + low) / 2.0, (begin + high) / 2.0
+        cube = qmc.LatinHypercube(len(names), rng=np.random.default_rng(seed)).random(spread)
+        scattered = lower + cube * (upper - lower)
+        points, costs = [*points, *scattered], [*costs, *map(cost, scattered)]
     if names:
         first = points[int(np.argmin(costs))]
         mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
@@ -170,16 +170,6 @@ def tune(
             options = {"initial_simplex": np.clip(corners, low, high), "maxfev": refinements}
             minimize(cost, best, method="Nelder-Mead", options={**options, "xatol": 1e-3, "fatol": 1e-4})
     return Tuning(min(tried, key=lambda candidate: candidate.order), tuple(tried))
-
-
-def _spread(begin: np.ndarray, low: np.ndarray, high: np.ndarray, samples: int, seed: int) -> np.ndarray:
-    from scipy.stats import qmc
-
-    if not len(begin) or not samples:
-        return np.zeros((0, len(begin)))
-    lower, upper = (begin + low) / 2.0, (begin + high) / 2.0
-    cube = qmc.LatinHypercube(len(begin), rng=np.random.default_rng(seed)).random(samples)
-    return lower + cube * (upper - lower)
 
 
 def _adapted(

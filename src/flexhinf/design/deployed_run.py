@@ -100,7 +100,8 @@ def prepare_run(
         duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
         controller = Controller(  # in error coordinates, as a design runs its moves
-            controller.law, controller.estimator, controller.period, controller.limits.pair, moving=True,
+            controller.law, controller.estimator, controller.period,
+            (controller.limits.lower, controller.limits.upper), moving=True,
             integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
         )  # fmt: skip
         reference = plans.move_reference(model, plan, plants.dry_friction)

@@ -465,7 +465,7 @@ class Tuner:
         """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
         left out for its corners while a candidate of it keeps them stable. Without one among `LOOKED_AT`, the
         design's own law where the law is of that kind, else the cheapest."""
-        if not tuning.feasible or not self.own.setup.robot.uncertain:
+        if not tuning.best.feasible or not self.own.setup.robot.uncertain:
             return tuning.best
         allowed = unstable_corners(self.own)
         feasible = sorted((c for c in tuning.candidates if c.feasible), key=lambda c: c.order)

@@ -15,7 +15,14 @@ from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages,
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
 from flexhinf.scalars.trace import elementary
-from flexhinf.validation import checked_array, checked_positive, read_only, real_array, value_text
+from flexhinf.validation import (
+    checked_array,
+    checked_kind,
+    checked_positive,
+    read_only,
+    real_array,
+    value_text,
+)
 
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
@@ -114,22 +121,13 @@ def applied(vector: Any, matrix: Any) -> Any:
     return matrix @ vector
 
 
-def model_steps(plant: Plant, period: float, x: Any) -> tuple[int, int]:
-    """Stages of a Runge–Kutta step, and how many steps make a period: the fewest evaluations of the flow.
-
-    Eight stages are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such a step is as long as
-    a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many short ones.
-    """
-    mode = plant.fastest_mode(x)
-    counts = {stages: sub_steps(period, mode, largest) for stages, largest in MODEL_STEP.items()}
-    long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
-    return (8, counts[8]) if long else (4, counts[4])
-
-
 class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
-    Between samples the plant is integrated by Runge–Kutta steps with u held: see `model_steps`.
+    Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
+    fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
+    a step is as long as a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many
+    short ones.
 
     Parameters
     ----------
@@ -163,12 +161,7 @@ class RecursiveFilter(Estimator):
         mean: Any,
         covariance: Any,
     ) -> None:
-        if not isinstance(plant, Plant):
-            raise InvalidInput(
-                "An estimator needs a model.",
-                f"expected a Plant, got {type(plant).__name__}",
-                "robot.plant()",
-            )
+        checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.plant = plant
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
@@ -177,7 +170,10 @@ class RecursiveFilter(Estimator):
         )
         self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
-        self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
+        mode = plant.fastest_mode(self.initial.mean)
+        counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
+        long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
+        self.stages, self.sub_steps = (8, counts[8]) if long else (4, counts[4])
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
 

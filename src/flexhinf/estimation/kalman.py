@@ -124,7 +124,20 @@ class UnscentedKalmanFilter(RecursiveFilter):
         self.redraw = bool(redraw)
         what, advice = "The bounds of the estimates are no mapping.", "bounds={'stiffness': (0.5, 2.0)}"
         checked_kind(what, {} if bounds is None else bounds, Mapping, "(low, high) by name", advice)
-        self.bounds = self._checked_bounds(bounds or {})
+        self.bounds: dict[str, tuple[float, float]] = {}
+        for name, interval in (bounds or {}).items():
+            plant.index(name)
+            try:
+                low, high = real_array(interval).tolist()
+            except (TypeError, ValueError):
+                low = high = np.nan
+            if not low < high:
+                raise InvalidInput(
+                    f"The bounds of {name!r} are not an interval.",
+                    f"expected (low, high) with low < high, got {value_text(interval)}",
+                    f"bounds={{{name!r}: (-1.0, 1.0)}}",
+                )
+            self.bounds[name] = (low, high)
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
     def settings(self) -> dict[str, Any]:
@@ -234,7 +247,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     def deviations(self, run: Any, points: Any, mean: Any) -> Any:
         """Points minus a mean, (n, 2n + 1)."""
-        return run.columns(less, (points.T, mean.reshape(1, len(mean)))).T
+        return run.columns(_less, (points.T, mean.reshape(1, len(mean)))).T
 
     def inside(self, run: Any, points: Any) -> Any:
         """Points clipped to the bounds."""
@@ -242,34 +255,14 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     def bounded(self, states: Any) -> Any:
         """States (n,) or (n, N) clipped to the bounds."""
-        if not self.bounds:
-            return states
         states = np.array(states)
         for name, (low, high) in self.bounds.items():
             row = self.plant.index(name)
             states[row] = clip(states[row], low, high)
         return states
 
-    def _checked_bounds(self, bounds: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        checked = {}
-        for name, interval in bounds.items():
-            self.plant.index(name)
-            try:
-                low, high = real_array(interval).tolist()
-            except (TypeError, ValueError):
-                low = high = np.nan
-            if not low < high:
-                raise InvalidInput(
-                    f"The bounds of {name!r} are not an interval.",
-                    f"expected (low, high) with low < high, got {value_text(interval)}",
-                    f"bounds={{{name!r}: (-1.0, 1.0)}}",
-                )
-            checked[name] = (low, high)
-        return checked
 
-
-def less(row: Any, mean: Any) -> Any:
-    """Deviations of numbers from their mean."""
+def _less(row: Any, mean: Any) -> Any:
     return row - mean
 
 
@@ -485,8 +478,7 @@ def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[s
     """
     hidden = unobservable(drift, measured)
     modes = np.linalg.eigvals(hidden.T @ drift @ hidden)
-    rounding = 4.0 * np.finfo(float).eps * len(drift) * np.linalg.norm(drift)
-    if np.any(modes.real >= -rounding):
+    if np.any(modes.real >= -4.0 * np.finfo(float).eps * len(drift) * np.linalg.norm(drift)):
         raise _not_seen(drift, hidden, states, "an error in it does not decay")
 
 

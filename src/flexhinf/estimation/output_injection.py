@@ -32,7 +32,6 @@ is all A.
 
 from __future__ import annotations
 
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -128,8 +127,8 @@ class OutputInjectionObserver(RecursiveFilter):
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
         self._poles, self._about = poles, point
         self._drift, self._sensors = output_form(plant, point)
-        self._held = first_order_hold(self._drift, self.period)
-        transition = self._held.transition
+        self._hold = first_order_hold(self._drift, self.period)
+        transition = self._hold[0]
         if poles is None:
             check_detectable(self._drift, self._sensors, plant.states)
             self._gain = stationary_gain(
@@ -137,9 +136,14 @@ class OutputInjectionObserver(RecursiveFilter):
             )
         else:
             self._gain = placed_gain(self._drift, self._sensors, transition, self.period, poles, plant.states)
+        self._correction = np.eye(plant.n) - self._gain @ self._sensors
         check_decay(self.error_matrix)
         if covariance is None:
-            self._start = read_only(self._stationary_covariance())
+            correction, gain, noise = self._correction, self._gain, self.process_noise
+            added = correction @ noise @ correction.T + gain @ self.measurement_noise @ gain.T
+            corrected = _stein(self.error_matrix, (added + added.T) / 2.0)
+            predicted = transition @ corrected @ transition.T + noise
+            self._start = read_only((predicted + predicted.T) / 2.0)
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
     def settings(self) -> dict[str, Any]:
@@ -157,13 +161,9 @@ class OutputInjectionObserver(RecursiveFilter):
         return self._gain.copy()
 
     @property
-    def _correction(self) -> np.ndarray:
-        return np.eye(self.plant.n) - self._gain @ self._sensors
-
-    @property
     def error_matrix(self) -> np.ndarray:
         """(1 − L H) Φ, (n, n): takes the error of x̂(k|k) to that of x̂(k+1|k+1)."""
-        return self._correction @ self._held.transition
+        return self._correction @ self._hold[0]
 
     @property
     def error_poles(self) -> np.ndarray:
@@ -194,13 +194,6 @@ class OutputInjectionObserver(RecursiveFilter):
         w = self.period * covariance_matrix(weight, self.plant.n, "weight of the error")
         return _stein(self.error_matrix.T, w)
 
-    def _stationary_covariance(self) -> np.ndarray:
-        correction, gain, noise = self._correction, self._gain, self.process_noise
-        added = correction @ noise @ correction.T + gain @ self.measurement_noise @ gain.T
-        corrected, transition = _stein(self.error_matrix, (added + added.T) / 2.0), self._held.transition
-        predicted = transition @ corrected @ transition.T + noise
-        return (predicted + predicted.T) / 2.0
-
     @property
     def estimator_key(self) -> str:
         """The method: every number, the period too, is in the belief."""
@@ -218,7 +211,7 @@ class OutputInjectionObserver(RecursiveFilter):
         u, p = np.zeros(len(self.plant.inputs)), self.plant.parameters.vector()
         measured = self._lifted(self.output(belief.mean, u, p), u, p, self._lift)
         state = (belief.mean, belief.covariance, measured, still, np.zeros(1))
-        return read_only(InjectedGaussian._make((*state, self._drift, *self._held, self._gain, self._lift)))
+        return read_only(InjectedGaussian._make((*state, self._drift, *self._hold, self._gain, self._lift)))
 
     @property
     def _lift(self) -> np.ndarray:
@@ -262,8 +255,7 @@ class OutputInjectionObserver(RecursiveFilter):
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
 
     def _expected(self, mean: Any, u: Any, p: Any, lift: Any) -> tuple[Any, Any]:
-        """The smallest state with the output of the estimate, and the flag of a time update."""
-        return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)
+        return self._lifted(self.output(mean, u, p), u, p, lift), np.ones(1)  # the flag of a time update
 
     def _injected(self, measured: Any, u: Any, p: Any, drift: Any) -> Any:
         """φ(y, u) = f(x, u) − A x at any x with the output y."""
@@ -276,8 +268,7 @@ def _driven(mean: Any, injection: Any, transition: Any, hold: Any) -> Any:
 
 
 def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
-    """The second part of the straight line: Γ₁ (φ(T) − φ(0)) after a time update."""
-    return mean + moved * (ramp @ (after - before))
+    return mean + moved * (ramp @ (after - before))  # Γ₁ (φ(T) − φ(0)) after a time update
 
 
 def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
@@ -304,16 +295,9 @@ def _stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
     )
 
 
-class FirstOrderHold(NamedTuple):
-    """Φ = exp(A T), Γ = ∫₀ᵀ exp(A s) ds and Γ₁ = ∫₀ᵀ exp(A (T − s)) s/T ds, all (n, n)."""
-
-    transition: np.ndarray
-    hold: np.ndarray
-    ramp: np.ndarray
-
-
-def first_order_hold(drift: np.ndarray, period: float) -> FirstOrderHold:
-    """x(T) = Φ x(0) + Γ φ(0) + Γ₁ (φ(T) − φ(0)) for ẋ = A x + φ, φ a straight line over the period.
+def first_order_hold(drift: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Φ, Γ and Γ₁, (n, n) each, of x(T) = Φ x(0) + Γ φ(0) + Γ₁ (φ(T) − φ(0)) for ẋ = A x + φ, φ a straight line over
+    the period: Φ = exp(A T), Γ = ∫₀ᵀ exp(A s) ds and Γ₁ = ∫₀ᵀ exp(A (T − s)) s/T ds.
 
     All three are blocks of one exponential [vanloan1978]. Where φ is not straight, what is left out is at most
     T³/12 |φ̈| in one period, to leading order.
@@ -327,7 +311,7 @@ def first_order_hold(drift: np.ndarray, period: float) -> FirstOrderHold:
     chain[:n, :n] = drift * period
     chain[:n, n : 2 * n] = chain[n : 2 * n, 2 * n :] = np.eye(n)
     blocks = expm(chain)[:n]
-    return FirstOrderHold(blocks[:, :n], period * blocks[:, n : 2 * n], period * blocks[:, 2 * n :])
+    return blocks[:, :n], period * blocks[:, n : 2 * n], period * blocks[:, 2 * n :]
 
 
 #: Relative size of a diagonal entry of a triangular factor that counts as zero.
@@ -343,8 +327,9 @@ def output_form(plant: Plant, about: np.ndarray | None = None) -> tuple[np.ndarr
     not have the form: which states enter nonlinearly, and what to measure in addition. If it has no linearisation at
     `about`.
     """
-    slopes = _Slopes(plant)
-    slopes.check_output()
+    x, u = ca.SX.sym("x", plant.n), ca.SX.sym("u", len(plant.inputs))
+    z, numbers = ca.vertcat(x, u), plant.parameters.vector()
+    _check_output(plant, plant.traced_output(x, u, numbers), x, z)
     drift, _, _, measured = plant.linearise(about)
     if not (np.all(np.isfinite(drift)) and np.all(np.isfinite(measured))):
         raise InvalidInput(
@@ -352,82 +337,69 @@ def output_form(plant: Plant, about: np.ndarray | None = None) -> tuple[np.ndarr
             f"expected finite derivatives at x = {np.zeros(plant.n).tolist() if about is None else about.tolist()}",
             "about=, a state where the model is smooth",
         )
-    slopes.check_flow(measured)
+    flow = plant.traced_flow(x, u, np.zeros(len(plant.disturbances)), numbers)
+    _check_flow(plant, flow, x, z, measured)
     return drift, measured
 
 
-class _Slopes:
-    def __init__(self, plant: Plant) -> None:
-        self.plant = plant
-        x, u = ca.SX.sym("x", plant.n), ca.SX.sym("u", len(plant.inputs))
-        numbers = plant.parameters.vector()
-        self.x, self.z = x, ca.vertcat(x, u)
-        self.flow = plant.traced_flow(x, u, np.zeros(len(plant.disturbances)), numbers)
-        self.output = plant.traced_output(x, u, numbers)
-        self.by_state = ca.jacobian(self.flow, x)
-
-    @cached_property
-    def deciding(self) -> ca.SX:
-        return ca.jacobian(switches(self.flow, self.z), self.x)
-
-    def check_output(self) -> None:
-        slope = ca.jacobian(self.output, self.x)
-        bad: Any = varying(slope, self.z, sizes_of_rows(slope))
-        for row in range(len(self.plant.outputs)):
-            decides = ca.jacobian(switches(self.output[row], self.z), self.x)
-            bad[row] |= np.asarray(ca.DM(decides.sparsity(), 1.0)).astype(bool).any(axis=0)
-        if not bad.any():
-            return
+def _check_output(plant: Plant, output: ca.SX, x: ca.SX, z: ca.SX) -> None:
+    slope = ca.jacobian(output, x)
+    bad: Any = varying(slope, z, sizes_of_rows(slope))
+    for row in range(len(plant.outputs)):
+        decides = ca.jacobian(switches(output[row], z), x)
+        bad[row] |= np.asarray(ca.DM(decides.sparsity(), 1.0)).astype(bool).any(axis=0)
+    if bad.any():
         row = int(np.argmax(bad.any(axis=1)))
-        names = [name for name, wrong in zip(self.plant.states, bad[row]) if wrong]
+        names = [name for name, wrong in zip(plant.states, bad[row]) if wrong]
         raise InvalidInput(
             f"The output-injection observer does not fit this plant: its measurement "
-            f"{self.plant.outputs[row]!r} is not linear in the state.",
-            f"expected y = H x + η(u) with constant H, got ∂{self.plant.outputs[row]}/∂({', '.join(names)}) "
+            f"{plant.outputs[row]!r} is not linear in the state.",
+            f"expected y = H x + η(u) with constant H, got ∂{plant.outputs[row]}/∂({', '.join(names)}) "
             "that is not constant",
             f"measured signals that are linear in the state; or {OTHER}",
         )
 
-    def check_flow(self, measured: np.ndarray) -> None:
-        if self._holds(measured):
-            return
-        varies = varying(self.by_state, self.z, sizes_of_rows(self.by_state))
-        jumps: Any = np.asarray(ca.DM(self.deciding.sparsity(), 1.0)).astype(bool).any(axis=0)
-        states, unit, unseen = self.plant.states, np.eye(self.plant.n), null_space(measured)
-        hidden = [j for j in range(self.plant.n) if np.abs(unit[j] @ unseen).max(initial=0.0) > RANK]
-        entering = [j for j in hidden if varies[:, j].any() or jumps[j]]
-        wanted = list(entering)
-        for j in reversed(entering):  # of what enters, only what the other measurements do not settle
-            fewer = [i for i in wanted if i != j]
-            if self._holds(np.vstack([measured, unit[fewer]])):
-                wanted = fewer
-        j, alone = wanted[0], len(entering) == 1
-        rate = (
-            f"∂({states[int(np.argmax(varies[:, j]))]}')/∂({states[j]})" if varies[:, j].any() else "a switch"
-        )
-        raise InvalidInput(
-            f"The output-injection observer does not fit this plant: {self._names(entering)} "
-            f"{'enters' if alone else 'enter'} nonlinearly and {'is' if alone else 'are'} not measured.",
-            f"expected ẋ = A x + φ(y, u) with y = {list(self.plant.outputs)}, got {rate} that depends on the state "
-            "or the input",
-            f"measure {self._names(wanted)} in addition; or {OTHER}",
-        )
 
-    def _names(self, places: list[int]) -> str:
-        """Names of states; the name of a group where all its members are meant."""
-        names = [self.plant.states[j] for j in places]
-        for group, members in self.plant.groups.items():
-            if set(members) <= set(names):
-                names = [group if name == members[0] else name for name in names if name not in members[1:]]
-        return ", ".join(names)
+def _check_flow(plant: Plant, flow: ca.SX, x: ca.SX, z: ca.SX, measured: np.ndarray) -> None:
+    by_state, deciding = ca.jacobian(flow, x), ca.jacobian(switches(flow, z), x)
 
-    def _holds(self, measured: np.ndarray) -> bool:
+    def holds(measured: np.ndarray) -> bool:
         hidden = ca.DM(null_space(measured))
         if not hidden.numel():
             return True
-        along, decides = self.by_state @ hidden, self.deciding @ hidden
-        sizes, jumps = (sizes_of_rows(part, hidden.shape[1]) for part in (self.by_state, self.deciding))
-        return not (varying(along, self.z, sizes).any() or nonzero(decides, self.z, jumps).any())
+        along, decides = by_state @ hidden, deciding @ hidden
+        sizes, jumps = (sizes_of_rows(part, hidden.shape[1]) for part in (by_state, deciding))
+        return not (varying(along, z, sizes).any() or nonzero(decides, z, jumps).any())
+
+    if holds(measured):
+        return
+    varies = varying(by_state, z, sizes_of_rows(by_state))
+    jumps: Any = np.asarray(ca.DM(deciding.sparsity(), 1.0)).astype(bool).any(axis=0)
+    states, unit, unseen = plant.states, np.eye(plant.n), null_space(measured)
+    hidden = [j for j in range(plant.n) if np.abs(unit[j] @ unseen).max(initial=0.0) > RANK]
+    entering = [j for j in hidden if varies[:, j].any() or jumps[j]]
+    wanted = list(entering)
+    for j in reversed(entering):  # of what enters, only what the other measurements do not settle
+        fewer = [i for i in wanted if i != j]
+        if holds(np.vstack([measured, unit[fewer]])):
+            wanted = fewer
+    j, alone = wanted[0], len(entering) == 1
+    rate = f"∂({states[int(np.argmax(varies[:, j]))]}')/∂({states[j]})" if varies[:, j].any() else "a switch"
+    raise InvalidInput(
+        f"The output-injection observer does not fit this plant: {_names(plant, entering)} "
+        f"{'enters' if alone else 'enter'} nonlinearly and {'is' if alone else 'are'} not measured.",
+        f"expected ẋ = A x + φ(y, u) with y = {list(plant.outputs)}, got {rate} that depends on the state "
+        "or the input",
+        f"measure {_names(plant, wanted)} in addition; or {OTHER}",
+    )
+
+
+def _names(plant: Plant, places: list[int]) -> str:  # of a group where all its members are meant
+    names = [plant.states[j] for j in places]
+    for group, members in plant.groups.items():
+        if set(members) <= set(names):
+            names = [group if name == members[0] else name for name in names if name not in members[1:]]
+    return ", ".join(names)
 
 
 def null_space(matrix: np.ndarray) -> np.ndarray:

@@ -256,7 +256,8 @@ def run_realtime(
     count = len(run.time)
     return RealTimeRun(
         run, clock.timing(run.time), clock.codes[:count], clock.code_names, clock.began,
-        loop.controller.limits.pair, clock.stopped if count < samples and not run.message else None, scheduling,
+        (loop.controller.limits.lower, loop.controller.limits.upper),
+        clock.stopped if count < samples and not run.message else None, scheduling,
     )  # fmt: skip
 
 

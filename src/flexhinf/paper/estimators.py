@@ -21,10 +21,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
+from flexhinf.codegen.noise import normal_numbers
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.loop import Step
 from flexhinf.loop.shared import share
-from flexhinf.loop.simulation.inputs import standard_normal
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
     LONG,
@@ -172,7 +172,7 @@ def run_trial(trial: Trial, inputs: np.ndarray, runs: int, seed: int) -> tuple[S
     plants = {"truth": parameters.replaced(dict(trial.changes)).vector(), "model": parameters.vector()}
 
     def run_errors(k: int) -> list[np.ndarray]:
-        normal = standard_normal(seed, steps + 1, n + p, sample=k)
+        normal = normal_numbers(seed, np.arange(steps + 1)[:, None], np.arange(n + p), k)
         data = {
             **plants,
             "inputs": inputs.ravel(),

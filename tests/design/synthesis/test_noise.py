@@ -125,7 +125,7 @@ def test_the_compliance_is_that_of_a_run_with_a_swinging_load(
     response = frequency_response(with_law)
     command = np.abs(response.command[:, 0, 0])
     bandwidth = response.frequencies[np.argmax(command < command[0] / np.sqrt(2.0))]
-    load = response.disturbances.index("link_torque")
+    load = response.linear.disturbances.index("link_torque")
 
     def peak(one: LoopSetup, estimated: bool) -> float:
         found = frequency_response(one.equilibrium_loop(estimated))

@@ -4,7 +4,9 @@ import pytest
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.memory import Layout
 
-LAYOUT = Layout({"belief": [(2,), (2, 2)], "none": (0,), "gain": (1, 3), "one": (1,)})
+LAYOUT = Layout({
+    "belief": [np.zeros(2), np.eye(2)], "none": np.zeros(0), "gain": np.zeros((1, 3)), "one": np.zeros(1),
+})  # fmt: skip
 
 
 def test_named_and_flat_are_inverse():

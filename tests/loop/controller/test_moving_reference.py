@@ -213,9 +213,9 @@ def test_a_black_box_runs_the_same(made):
 def test_codes_differ_and_fresh_keeps_the_mode(made):
     fixed, moving = (Controller(made.law, made.ukf(), moving=mode) for mode in (False, True))
     assert fixed.code_key != moving.code_key
-    assert fixed.traced is not moving.traced
+    assert fixed.traced() is not moving.traced()
     assert moving.fresh().code_key == moving.code_key
-    assert moving.traced is moving.fresh().traced
+    assert moving.traced() is moving.fresh().traced()
 
 
 def test_misfits_are_refused(made):

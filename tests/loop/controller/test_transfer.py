@@ -229,7 +229,7 @@ def test_a_black_box_and_a_late_input_run_the_same(made):
 
 def test_a_start_from_zero_costs_nothing(made):
     plain, zero = Controller(made.law, made.ukf()), Controller(made.law, made.ukf(), start="zero")
-    assert plain.traced is zero.traced
+    assert plain.traced() is zero.traced()
     assert set(plain.memory.parts) == {"belief", "u", "integral", "position", "reference", "started"}
     assert "inverse_slope" not in plain.data.parts
     bumpless = Controller(made.law, made.ukf(), start="bumpless")

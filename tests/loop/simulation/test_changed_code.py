@@ -95,8 +95,11 @@ def test_a_changed_object_of_a_bound_method_is_in_the_next_plant():
 
 def test_equal_code_is_compiled_once():
     one, two = (built(plant_of(spring.flow, spring.output)) for spring in (Spring(3.0), Spring(3.0)))
-    assert one.code.kernel() is two.code.kernel()
-    assert built(plant_of(Spring(5.0).flow, Spring(5.0).output)).code.kernel() is not one.code.kernel()
+    assert one.prepared().code.kernel() is two.prepared().code.kernel()
+    assert (
+        built(plant_of(Spring(5.0).flow, Spring(5.0).output)).prepared().code.kernel()
+        is not one.prepared().code.kernel()
+    )
 
 
 def test_a_plant_stays_what_it_was_and_models_are_not_mixed():

@@ -117,7 +117,7 @@ def test_a_delay_of_any_length_is_data(made):
         Loop(paper_arm().plant(), Controller(made.law, made.ukf()), sub_steps=2, delay=samples * 1e-3)
         for samples in (0, 1, 10, 5000)
     ]
-    assert len({id(loop.code.kernel()) for loop in loops}) == 1
+    assert len({id(loop.prepared().code.kernel()) for loop in loops}) == 1
     plain, *_, longest = (loop.run(Step(0.5), noise=1e-3, duration=5.1) for loop in loops)
     assert not longest.signals["state"][:5001].any()  # it hangs: nothing acts yet
     assert np.abs(longest.signals["state"][5001:]).max() > 1e-6
@@ -141,7 +141,7 @@ def test_interpreter_and_lanes_delay_alike(made, samples, monkeypatch):
     monkeypatch.setattr(importlib.import_module("flexhinf.loop.simulation.ensemble"), "WORTH", 0)
     loop = Loop(paper_arm().plant(), Controller(made.law, None), sub_steps=2, delay=samples * 1e-3)
     prepared = loop.prepared(Step(0.5), duration=0.05, initial_state=[0.2, 0.0, 0.1, 0.0])
-    alone, walked = prepared.run()[0], prepared.run(interpret(loop.code.kernel().program))[0]
+    alone, walked = prepared.run()[0], prepared.run(interpret(prepared.code.program))[0]
     for name in ("state", "input", "output"):
         np.testing.assert_allclose(walked.signals[name], alone.signals[name], rtol=1e-12, atol=1e-13)
     inputs = 0.1 * np.arange(9.0)[:, None]

@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from tests.interpreter import interpret
 
+from flexhinf.codegen.noise import normal_numbers
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.loop import Controller, Loop, Quintic, Sine, Step
-from flexhinf.loop.simulation.inputs import standard_normal
 from flexhinf.loop.simulation.program import loop_program
 from flexhinf.plant import Law, Plant
 from flexhinf.robot import paper_arm
@@ -93,7 +93,7 @@ def test_the_compiled_loop_equals_a_plain_one_over_10_000_steps(made, coil):
     states, inputs, estimates = plain_loop(
         made.law.gain[0], Quintic(0.0, np.pi, 2.0),
         lambda t: (2.0 * math.sin(1.4 * math.pi * t), math.sin(6.0 * math.pi * t + 1.0)),
-        1e-3 * standard_normal(7, 10_000, 1)[:, 0], 10_000, loop.sub_steps, coil, 25.0,
+        1e-3 * normal_numbers(7, np.arange(10_000), 0, 0), 10_000, loop.sub_steps, coil, 25.0,
     )  # fmt: skip
     assert len(run.time) == 10_000
     assert np.abs(states[:, 0]).max() > 3.0
@@ -160,11 +160,8 @@ def test_the_estimator_by_hand_equals_the_loop(made, kind):
 def test_compiled_equals_interpreted(made):
     loop = Loop(paper_arm().plant(inductance=True), Controller(made.law, made.ukf(), saturation=10.0))
     settings = {"reference": 1.0, "disturbance": {"link_torque": 0.5}, "noise": 1e-3, "duration": 0.1}
-    compiled = loop.run(**settings)
-    slow = Loop(loop.true_plant, loop.controller)
-    program = loop_program(loop.code)
-    vars(slow.code)["kernel"] = lambda: interpret(program)
-    interpreted = slow.run(**settings)
+    compiled, prepared = loop.run(**settings), loop.prepared(**settings)
+    interpreted = prepared.run(interpret(loop_program(prepared.code)))[0]
     for name, values in compiled.signals.items():
         np.testing.assert_allclose(values, interpreted.signals[name], atol=1e-12)
 
@@ -195,14 +192,14 @@ def test_parameters_are_data(made):
     """Another plant's numbers take the same kernel, and change what happens as they should."""
     controller = Controller(made.law, None)
     soft, stiff = (Loop(paper_arm().plant().with_parameters(stiffness=k), controller) for k in (90.0, 110.0))
-    assert soft.code.kernel() is stiff.code.kernel()
+    assert soft.prepared().code.kernel() is stiff.prepared().code.kernel()
     ends = [loop.run(1.0, duration=0.3).signals["state"][-1] for loop in (soft, stiff)]
     assert np.abs(ends[0] - ends[1]).max() > 1e-4
     other = Loop(
         paper_arm().plant(),
         Controller(made.LinearLaw(made.law.state_names, made.law.input_names, 2 * made.law.gain), None),
     )
-    assert other.code.kernel() is soft.code.kernel()
+    assert other.prepared().code.kernel() is soft.prepared().code.kernel()
     assert np.abs(other.run(1.0, duration=0.3).signals["state"][-1] - ends[0]).max() > 1e-3
 
 

@@ -362,5 +362,5 @@ class _Search:
     @cached_property
     def corners(self) -> np.ndarray:
         robot, table = self.setup.robot, self.loop.plant.parameters
-        population, _ = corner_plants(self.loop, robot.corner, robot.uncertain)
+        population, _ = corner_plants(self.loop.states, robot.corner, robot.uncertain)
         return table.vectors([table.known(values) for values in population.values[:-1]])

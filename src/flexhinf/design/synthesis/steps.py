@@ -127,7 +127,7 @@ class _WholeLoop:
         # What `damped` comes to, and the corners at which candidates are computed.
         loop = self.loop(damped, levels)
         self.box = ToleranceBox.of(loop, task.robot.corner, task.robot.uncertain)
-        every = np.arange(len(self.box))
+        every = np.arange(len(self.box.away))
         scale, corner = self.edge(loop)
         nearest = self.box.unstable(loop, 1.1 * scale)[:NEAREST] if corner >= 0 else every[:0]
         places = every if len(every) <= STEPPED else np.linspace(0, len(every) - 1, STEPPED).astype(int)

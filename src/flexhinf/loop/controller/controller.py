@@ -123,7 +123,7 @@ class Controller(Summarised):
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
         self.limits = Limits.of(saturation, len(solution.input_names), input_rate)
-        self.command_limits = command_limits(command_range, command_rate, solution.tracked, moving)
+        command = self.command_limits = command_limits(command_range, command_rate, solution.tracked, moving)
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         check_names(solution, estimator, self.period)
@@ -132,7 +132,7 @@ class Controller(Summarised):
             windup.check(self.laws)
         self.mode = Mode(
             moving, start, len(self.laws),
-            bool(np.isfinite([*self.command_limits.pair, self.command_limits.rate]).any()),
+            bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
         )  # fmt: skip
@@ -179,9 +179,10 @@ class Controller(Summarised):
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
             "moving": mode.moving, "start": mode.start, "fade": self.fade_option,
-            "before_first": self.first_input.option, "saturation": limits.pair,
+            "before_first": self.first_input.option, "saturation": (limits.lower, limits.upper),
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
-            **({"command_range": command.pair, "command_rate": command.rate} if mode.limits_command else {}),
+            **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
+               if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
         }  # fmt: skip
@@ -214,7 +215,7 @@ class Controller(Summarised):
 
     def evaluate(self, y: Any, r: Any, memory: Any) -> tuple[np.ndarray, np.ndarray]:
         """Input (m,) and next memory (s,) of one sample; the controller's own memory does not change."""
-        u, _, after = self.traced(y, r, memory, self.data_vector)
+        u, _, after = self.traced()(y, r, memory, self.data_vector)
         return np.ravel(np.asarray(u, dtype=float)), np.ravel(np.asarray(after, dtype=float))
 
     def summary(self) -> dict[str, str]:
@@ -228,7 +229,7 @@ class Controller(Summarised):
             "measured": names_text(self.measured),
             "tracked": names_text(self.tracked),
             "inputs": names_text(tuple(self.law.input_names)),
-            "saturation": ", ".join(limits.texts) if np.isfinite(limits.pair).any() else "",
+            "saturation": ", ".join(limits.texts) if np.isfinite([limits.lower, limits.upper]).any() else "",
             "integrals push": ", ".join(
                 f"at most {size:.4g} more than at rest" for size in self.windup.limit if np.isfinite(size)
             ) if mode.bounds_windup else "",
@@ -245,12 +246,12 @@ class Controller(Summarised):
     @cached_property
     def memory(self) -> Layout:
         """Layout of the memory that one step passes to the next."""
-        return Layout.of(self._initial_values())
+        return Layout(self._initial_values())
 
     @cached_property
     def data(self) -> Layout:
         """Layout of the step's numbers (law, limits, estimator): changing them compiles nothing."""
-        return Layout.of(self._data_values)
+        return Layout(self._data_values)
 
     @cached_property
     def data_vector(self) -> np.ndarray:
@@ -300,15 +301,14 @@ class Controller(Summarised):
     @property
     def operating_reference(self) -> np.ndarray:
         """The command that holds the operating point, (k,); (x*, u*), (n + m,), of a moving reference."""
-        point = np.asarray(self.law.operating_point, dtype=float)
-        if self.mode.moving:
-            return np.concatenate([point[: len(self.states)], self.law.operating_input])
-        return point[self._places]
+        point, n = np.asarray(self.law.operating_point, dtype=float), len(self.states)
+        moving = self.mode.moving
+        return np.concatenate([point[:n], self.law.operating_input]) if moving else point[self._places]
 
     @cached_property
     def windup(self) -> Windup:
         """Bound of the integral action on inputs without limits, or with limits beyond it."""
-        return self._windup_option or Windup.of(self.laws, self.estimator, self.limits.pair)
+        return self._windup_option or Windup.of(self.laws, self.estimator, self.limits)
 
     def input_before(self, input: Any = None, state: Any = None) -> np.ndarray:
         """The input (m,) before the first sample: `input` if it fits, or by `before_first` for a start `state` (n,)."""
@@ -326,10 +326,9 @@ class Controller(Summarised):
 
     def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
         estimator, mode, zeros = self.estimator, self.mode, np.zeros(len(self.tracked))
-        if estimator is None:
-            belief = {}
-        else:
-            belief = {"belief": list(estimator.initial if state is None else estimator.initial_at(state))}
+        belief: dict[str, Any] = {}
+        if estimator is not None:
+            belief["belief"] = list(estimator.initial if state is None else estimator.initial_at(state))
         u = self.input_before(input, state)
         return {
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
@@ -371,12 +370,10 @@ class Controller(Summarised):
             self.law_code, self.estimator, self._sources, y, r, memory, data, run, self.mode
         )
 
-    @property
-    def traced(self) -> Any:
-        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
-        return self._traced(measured=True)
+    def traced(self, measured: bool = True) -> Any:
+        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size; y is empty for a
+        sample that is not `measured`."""
 
-    def _traced(self, measured: bool) -> Any:
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
             u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data))
             return u, estimate, self.memory.flat(after)
@@ -393,7 +390,7 @@ class Controller(Summarised):
         """
         places = {"after": places["memory"], **places}
         if not self.composed:
-            traced = drop_empty(self._traced(measured=places["y"] is not None))
+            traced = drop_empty(self.traced(measured=places["y"] is not None))
             read, written = (
                 [place for name in names if (place := places[name]) is not None] for names in (READ, WRITTEN)
             )

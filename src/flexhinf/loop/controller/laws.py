@@ -26,7 +26,7 @@ from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import apply, function_arrays, function_from_arrays, trace
-from flexhinf.validation import checked_name, checked_path, distinct, real_number, value_text
+from flexhinf.validation import checked_kind, checked_name, checked_path, distinct, real_number, value_text
 
 
 class Schedule(Law):
@@ -53,8 +53,44 @@ class Schedule(Law):
         If the laws do not fit each other, track nothing or share a pose, or the hysteresis is no such number.
     """
 
+    law_data: Any = None
+    law_key: Any = ""
+
     def __init__(self, laws: Sequence[Law], hysteresis: float = 0.1) -> None:
-        self.laws, self.hysteresis = _checked(laws), real_number(hysteresis)
+        if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
+            raise InvalidInput(
+                "A schedule needs laws.",
+                f"expected a sequence of laws, got {value_text(laws)}",
+                "Schedule([law, other])",
+            )
+        for law in laws:
+            check_kinds(law, None)
+            first, own = ([list(each.state_names), list(each.input_names)] for each in (laws[0], law))
+            if own != first:
+                raise InvalidInput(
+                    "The laws of a schedule do not mean the same states and inputs.",
+                    f"expected {first}, got {own}",
+                    "laws of one problem at several poses",
+                )
+        laws = with_common_monomials(laws)
+        text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
+        for other in others:
+            if text != other:
+                raise InvalidInput(
+                    "The laws of a schedule share no formula.",
+                    f"expected {text[0].__name__} {text[1]!r} of {text[2]} numbers, "
+                    f"got {other[0].__name__} {other[1]!r} of {other[2]}",
+                    "solve all to the same degree",
+                )
+        places = [laws[0].state_names.index(name) for name in laws[0].tracked]
+        poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
+        if not places or len(set(poses)) < len(poses):
+            raise InvalidInput(
+                "The poses of a schedule do not tell its laws apart.",
+                f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
+                "laws with integrals, each about a pose of its own",
+            )
+        self.laws, self.hysteresis = laws, real_number(hysteresis)
         if not 0.0 <= self.hysteresis < 1.0:
             raise InvalidInput(
                 "The hysteresis of a schedule is no fraction.",
@@ -64,6 +100,7 @@ class Schedule(Law):
         first = self.laws[0]
         self.state_names, self.input_names = tuple(first.state_names), tuple(first.input_names)
         self.operating_point, self.operating_input = first.operating_point, first.operating_input
+        self.law_data, self.law_key = first.law_data, first.law_key
 
     def acting(self, pose: Any) -> int:
         """Place of the law that acts at a pose, the nearest in the tracked positions, without hysteresis.
@@ -77,56 +114,9 @@ class Schedule(Law):
         points = np.array([np.asarray(law.operating_point, dtype=float)[places] for law in self.laws])
         return int(np.argmin(np.linalg.norm(points - np.asarray(pose, dtype=float)[places], axis=1)))
 
-    @property
-    def law_data(self) -> np.ndarray:
-        """Numbers of the first law."""
-        return self.laws[0].law_data
-
-    @property
-    def law_key(self) -> str:
-        """Key of the formula that the laws share."""
-        return self.laws[0].law_key
-
     def evaluate_law(self, x: Any, data: Any) -> Any:
         """k(x), (m,), by the formula that the laws share."""
         return self.laws[0].evaluate_law(x, data)
-
-
-def _checked(laws: Any) -> tuple[Law, ...]:
-    if not isinstance(laws, Sequence) or isinstance(laws, str) or not laws:
-        raise InvalidInput(
-            "A schedule needs laws.",
-            f"expected a sequence of laws, got {value_text(laws)}",
-            "Schedule([law, other])",
-        )
-    for law in laws:
-        check_kinds(law, None)
-        first, own = ([list(each.state_names), list(each.input_names)] for each in (laws[0], law))
-        if own != first:
-            raise InvalidInput(
-                "The laws of a schedule do not mean the same states and inputs.",
-                f"expected {first}, got {own}",
-                "laws of one problem at several poses",
-            )
-    laws = with_common_monomials(laws)
-    text, *others = ((type(law), law.law_key, np.size(law.law_data)) for law in laws)
-    for other in others:
-        if text != other:
-            raise InvalidInput(
-                "The laws of a schedule share no formula.",
-                f"expected {text[0].__name__} {text[1]!r} of {text[2]} numbers, "
-                f"got {other[0].__name__} {other[1]!r} of {other[2]}",
-                "solve all to the same degree",
-            )
-    places = [laws[0].state_names.index(name) for name in laws[0].tracked]
-    poses = [tuple(np.asarray(law.operating_point, dtype=float)[places].tolist()) for law in laws]
-    if not places or len(set(poses)) < len(poses):
-        raise InvalidInput(
-            "The poses of a schedule do not tell its laws apart.",
-            f"expected tracked positions that differ, got {[list(pose) for pose in poses]}",
-            "laws with integrals, each about a pose of its own",
-        )
-    return laws
 
 
 class StoredLaw(Law):
@@ -215,17 +205,17 @@ def with_common_monomials(laws: Sequence[Law]) -> tuple[Law, ...]:
 
 def check_kinds(law: Any, estimator: Any) -> None:
     """Refuse what is no law with finite numbers of the right sizes, or neither an estimator nor None."""
-    if not isinstance(law, Law):
-        raise InvalidInput(
-            "The controller needs a law.", f"expected a flexhinf.plant.Law, got {type(law).__name__}",
-            "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
-        )  # fmt: skip
-    if estimator is not None and not isinstance(estimator, Estimator):
-        raise InvalidInput(
-            "The controller's estimator is none.",
-            f"expected a flexhinf.plant.Estimator or None, got {type(estimator).__name__}",
-            "Controller(solution, UnscentedKalmanFilter(...), period)",
-        )
+    checked_kind(
+        "The controller needs a law.", law, Law, "a flexhinf.plant.Law",
+        "a solution of solve_hji or linear_law, or a subclass of flexhinf.plant.Law",
+    )  # fmt: skip
+    checked_kind(
+        "The controller's estimator is none.",
+        estimator,
+        Estimator | None,
+        "a flexhinf.plant.Estimator or None",
+        "Controller(solution, UnscentedKalmanFilter(...), period)",
+    )
     n, m = len(law.state_names), len(law.input_names)
     point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
     if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):

@@ -18,8 +18,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
 
@@ -33,38 +31,23 @@ from flexhinf.validation import real_array, value_text
 Shape = tuple[int, ...]
 
 
-@dataclass(frozen=True)
 class Layout:
-    """Shapes of the named parts of a flat vector, in its order; a list of shapes for a tuple of arrays."""
+    """Layout of a flat vector of `size` numbers: shapes of its named parts, in their order, and their `places` in it.
 
-    parts: Mapping[str, Shape | list[Shape]]
+    It is that of arrays by name, a list for a tuple of arrays.
+    """
 
-    @staticmethod
-    def of(values: Mapping[str, Any]) -> Layout:
-        """Layout of arrays by name."""
-        return Layout({
+    def __init__(self, values: Mapping[str, Any]) -> None:
+        self.parts: dict[str, Shape | list[Shape]] = {
             name: [np.shape(array) for array in value] if isinstance(value, list) else np.shape(value)
             for name, value in values.items()
-        })  # fmt: skip
-
-    @cached_property
-    def _arrays(self) -> list[tuple[str, Shape, slice]]:
+        }
         parts = [(n, shape) for n, p in self.parts.items() for shape in (p if isinstance(p, list) else [p])]
         ends = [0, *itertools.accumulate(math.prod(shape) for _, shape in parts)]
-        return [(*part, slice(*pair)) for part, pair in zip(parts, itertools.pairwise(ends))]
-
-    @property
-    def size(self) -> int:
-        """Length of the vector."""
-        return self._arrays[-1][2].stop
-
-    @cached_property
-    def places(self) -> dict[str, slice]:
-        """Where each part lies in the vector."""
-        places: dict[str, slice] = {}
+        self._arrays = [(*part, slice(*pair)) for part, pair in zip(parts, itertools.pairwise(ends))]
+        self.size, self.places = ends[-1], dict[str, slice]()
         for name, _, place in self._arrays:
-            places[name] = slice(places.get(name, place).start, place.stop)
-        return places
+            self.places[name] = slice(self.places.get(name, place).start, place.stop)
 
     def named(self, vector: Any) -> SimpleNamespace:
         """The parts of a vector (size,) by name."""

@@ -67,11 +67,6 @@ class Limits:
     rate: np.ndarray
 
     @property
-    def pair(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper limits."""
-        return self.lower, self.upper
-
-    @property
     def texts(self) -> list[str]:
         """Each range, for a summary."""
         return [f"{low:.4g} to {high:.4g}" for low, high in zip(self.lower.tolist(), self.upper.tolist())]
@@ -213,13 +208,14 @@ class Windup:
             )
 
     @staticmethod
-    def of(laws: Sequence[Law], estimator: Estimator | None, ends: Any) -> Windup:
-        """The default bound for these laws; `ends` are the lower and the upper limits of the inputs, (m,) each."""
+    def of(laws: Sequence[Law], estimator: Estimator | None, inputs: Limits) -> Windup:
+        """The default bound for these laws and limits of the inputs."""
         limits, lines, spreads = (
             np.stack(parts) for parts in zip(*(_bounds(law, estimator) for law in laws))
         )
         limit = limits.max(axis=0)
-        room = np.max([np.abs(np.asarray(ends) - law.operating_input) for law in laws], axis=(0, 1))
+        ends = inputs.lower, inputs.upper
+        room = np.max([np.abs(end - law.operating_input) for law in laws for end in ends], axis=0)
         limit = np.where(room > limit, limit, np.inf)
         return Windup(limit, lines, spreads) if len(laws) > 1 else Windup(limit, lines[0], spreads[0])
 

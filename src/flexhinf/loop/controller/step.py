@@ -29,7 +29,7 @@ from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
 from flexhinf.scalars import absolute, clip, jacobian, where
-from flexhinf.validation import value_text
+from flexhinf.validation import checked_kind, value_text
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
 TABLE = 500
@@ -139,12 +139,13 @@ class Mode:
     bounds_windup: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.moving, bool):
-            raise InvalidInput(
-                "Whether the law acts about a moving reference is not said.",
-                f"expected moving=True or moving=False, got {value_text(self.moving)}",
-                "moving=True for commands (x_d, u_d) of states and inputs",
-            )
+        checked_kind(
+            "Whether the law acts about a moving reference is not said.",
+            self.moving,
+            bool,
+            "moving=True or moving=False",
+            "moving=True for commands (x_d, u_d) of states and inputs",
+        )
         if self.start not in ("zero", "bumpless"):
             raise InvalidInput(
                 "There is no such start of a controller.",

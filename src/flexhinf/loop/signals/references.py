@@ -232,9 +232,8 @@ class Samples(Sampled):
 
     def __call__(self, t: Any) -> Any:
         """The value between the neighbouring samples, by linear interpolation."""
-        if self.values.ndim == 1:
-            return np.interp(t, self.times, self.values)
-        return np.stack([np.interp(t, self.times, column) for column in self.values.T], axis=-1)
+        columns = [np.interp(t, self.times, column) for column in np.atleast_2d(self.values.T)]
+        return columns[0] if self.values.ndim == 1 else np.stack(columns, axis=-1)
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value alone, (1, …): the speed of a linear interpolation jumps at every sample, so that an order above 0

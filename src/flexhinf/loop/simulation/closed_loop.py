@@ -27,12 +27,12 @@ from flexhinf.loop.simulation.inputs import (
     start_text,
     starting_state,
 )
-from flexhinf.loop.simulation.metrics import Command, Reduction, common_reductions, tracking_reductions
-from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel, LoopCode
+from flexhinf.loop.simulation.metrics import Command, Reduction, common_reduction, tracking_reductions
+from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
-from flexhinf.validation import real_array, value_text
+from flexhinf.validation import checked_kind, real_array, value_text
 
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
@@ -82,12 +82,13 @@ class Loop(Summarised):
         delay: float = 0.0,
     ) -> None:
         self.true_plant, self.controller, self._sub_steps_option = true_plant, controller, sub_steps
-        if not isinstance(controller, Controller):
-            raise InvalidInput(
-                "The loop needs a controller.",
-                f"expected a Controller, got {type(controller).__name__}",
-                "Controller(solution, estimator, period)",
-            )
+        checked_kind(
+            "The loop needs a controller.",
+            controller,
+            Controller,
+            "a Controller",
+            "Controller(solution, estimator, period)",
+        )
         whole = isinstance(sub_steps, int) and not isinstance(sub_steps, bool)
         if sub_steps is not None and not (whole and sub_steps >= 1):
             raise InvalidInput(
@@ -186,12 +187,6 @@ class Loop(Summarised):
             **self.controller.summary(),
         }
 
-    def __getstate__(self) -> dict[str, Any]:
-        # Without compiled code.
-        return {
-            name: vars(self)[name] for name in ("true_plant", "controller", "_sub_steps_option", "channel")
-        }
-
     # What is run ----------------------------------------------------------------------------------
     @cached_property
     def sub_steps(self) -> int:
@@ -203,12 +198,6 @@ class Loop(Summarised):
             return self._sub_steps_option
         point = operating_state(plant.states, controller)
         return sub_steps(controller.period, plant.fastest_mode(point, controller.law.operating_input))
-
-    @cached_property
-    def code(self) -> LoopCode:
-        """The compiled part of a run on a `Plant`: the same for all parameters of plant and law."""
-        assert isinstance(self.true_plant, Plant)
-        return LoopCode(self.true_plant, self.controller, self.channel, self.sub_steps)
 
     def with_plant(self, plant: Plant | BlackBox) -> Loop:
         """The same controller, channel and sub-steps with another true plant."""
@@ -424,9 +413,9 @@ class Loop(Summarised):
                 "numbers of samples, not times",
             )
         return Ensemble(
-            plant, controller, self.channel, command, start, shared,
+            plant, controller, self.channel, command, commands, start, shared,
             None if disturbance is None else by_name(disturbance, plant), tracking,
-            (*common_reductions(pairs), *reductions), tuple(signal_place(plant, controller, name) for name in kept),
+            (common_reduction(pairs), *reductions), tuple(signal_place(plant, controller, name) for name in kept),
             samples, self._sub_steps_option, settings, initial_state is not None,
         )  # fmt: skip
 

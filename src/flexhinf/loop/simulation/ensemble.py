@@ -140,6 +140,7 @@ class Ensemble:
     controller: Controller
     channel: Channel
     command: Command
+    commands: np.ndarray  # (N, r), which these are the facts about
     start: Mapping[str, np.ndarray]  # what every run starts with, unless it has its own, by buffer
     shared: Mapping[str, np.ndarray]  # what all runs read, by buffer
     disturbance: Any  # as for `Loop.run`
@@ -203,8 +204,7 @@ class Ensemble:
                 values[failed] = np.nan
         *by_state, common = results
         return EnsembleResult(
-            recorded.codes, diverged_at, plants.parts, tuple(self.tracking), dict(zip(self.tracking, by_state)), common,
-            recorded.kept,
+            recorded.codes, diverged_at, plants.parts, dict(zip(self.tracking, by_state)), common, recorded.kept,
         )  # fmt: skip
 
     def trajectories(
@@ -456,11 +456,6 @@ class Ensemble:
             "sub_steps": int(plants.parts[k]),
             "start": start_text(plant, own["x"], placed, self.controller, own["held"]),
         }
-
-    @property
-    def commands(self) -> np.ndarray:
-        """The command (N, r)."""
-        return self.shared.get("reference", np.zeros(0)).reshape(self.command.samples, -1)
 
     # What is compiled -----------------------------------------------------------------------------
     @cached_property

@@ -273,7 +273,8 @@ def sample_disturbance(
 
 
 def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], sample: int = 0) -> np.ndarray:
-    """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each.
+    """Measurement noise (samples, channels); `noise` is the standard deviation, one number or one each; `sample` is the
+    plant of a campaign, below 2³²; see `flexhinf.codegen.noise`.
 
     Refused are a deviation that is negative, not finite or of another size, and a seed that is no integer in
     0 … 2⁶⁴ − 1.
@@ -281,7 +282,8 @@ def sample_noise(noise: Any, seed: int, samples: int, channels: Sequence[str], s
     check_seed(seed)
     if noise is None:
         return np.zeros((samples, len(channels)))
-    return checked_deviation(noise, channels) * standard_normal(int(seed), samples, len(channels), sample)
+    normal = normal_numbers(int(seed), np.arange(samples)[:, None], np.arange(len(channels)), sample)
+    return checked_deviation(noise, channels) * normal
 
 
 def check_seed(seed: Any) -> None:
@@ -305,9 +307,3 @@ def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
             "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
         )
     return np.broadcast_to(deviation, len(channels))
-
-
-def standard_normal(seed: int, steps: int, channels: int, sample: int = 0) -> np.ndarray:
-    """Independent N(0, 1) numbers, (steps, channels), for a seed 0 … 2⁶⁴ − 1; `sample` is the plant of a campaign,
-    below 2³²; see `flexhinf.codegen.noise`."""
-    return normal_numbers(seed, np.arange(steps)[:, None], np.arange(channels)[None, :], sample)

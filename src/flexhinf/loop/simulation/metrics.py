@@ -182,8 +182,7 @@ def _band(height: Any) -> Any:
     return SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
 
 
-def _last_outside(deviation: np.ndarray, height: float) -> int:
-    """Last sample outside of the settling band; −1 for none."""
+def _last_outside(deviation: np.ndarray, height: float) -> int:  # of the settling band; −1 for none
     return int(max(np.flatnonzero(np.abs(deviation) > _band(height)), default=-1))
 
 
@@ -269,8 +268,7 @@ class EnsembleResult:
     codes: np.ndarray
     diverged_at: np.ndarray  # (N,), time of the last sample of a run that diverged, s; else NaN
     sub_steps: np.ndarray  # (N,), Runge–Kutta steps per period
-    judged: tuple[str, ...]  # tracked states, see `Controller.judged`
-    by_state: Mapping[str, Mapping[str, np.ndarray]]  # metrics (N,) of each of them, by name
+    by_state: Mapping[str, Mapping[str, np.ndarray]]  # metrics (N,) of each of `Controller.judged`, by name
     common: Mapping[str, np.ndarray]  # metrics (N,) or (N, j) of the whole run, by name
     kept: np.ndarray  # (N, T, k), signals at the ensemble's instants; NaN after a run diverged
 
@@ -287,9 +285,9 @@ class EnsembleResult:
         settling time or a rise time is infinite where the run is not settled, or has not risen, at its end.
         `estimation_rmse` is (N, j), one column per estimated state whose true value is known.
         """
-        name = self.judged[0] if name is None and self.judged else name
+        name = next(iter(self.by_state), None) if name is None else name
         if name is not None and name not in self.by_state:
-            raise unknown_name(f"{name!r} is not tracked.", name, self.judged)
+            raise unknown_name(f"{name!r} is not tracked.", name, tuple(self.by_state))
         return {**(self.by_state[name] if name is not None else {}), **self.common}
 
     def metrics_of(self, k: int, name: str | None = None) -> dict[str, Any]:
@@ -361,14 +359,11 @@ def step_reduction(state: int, begin: float, end: float) -> Reduction:
     return Reduction((begin, *_STEP_START[1:], end), update, result, ("fixed step", state))
 
 
-def common_reductions(known: Sequence[tuple[int, int]]) -> tuple[Reduction, Reduction]:
+def common_reduction(known: Sequence[tuple[int, int]]) -> Reduction:
     """The other metrics of `Trajectory.metrics`; `known` are the columns, in the estimate and in the true state, of
     each estimated state whose true value is known."""
     pairs = tuple(known)
-    return (
-        Reduction((0.0,), _peak, _peak_metric),
-        Reduction((0.0,) * len(pairs), partial(_estimation, pairs), _rms, ("estimation", pairs)),
-    )
+    return Reduction((0.0,) * (1 + len(pairs)), partial(_common, pairs), _common_metrics, ("common", pairs))
 
 
 def _step(place: Place, kept: Any, now: Instant) -> Any:
@@ -406,21 +401,14 @@ def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
     return {"steady_state_error": kept[0], "tracking_rmse": np.sqrt(kept[1] / command.samples)}
 
 
-def _peak(kept: Any, now: Instant) -> Any:
-    return np.array([reduce(maximum, map(abs, now.input), kept[0])])
-
-
-def _peak_metric(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {"peak_input": kept[0]}
-
-
-def _estimation(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
+def _common(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
     errors = [now.estimate[i] - now.state[j] for i, j in pairs]
-    return np.array([total + error * error for total, error in zip(kept, errors)])
+    totals = [total + error * error for total, error in zip(kept[1:], errors)]
+    return np.array([reduce(maximum, map(abs, now.input), kept[0]), *totals])
 
 
-def _rms(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
-    return {"estimation_rmse": np.sqrt(kept / command.samples).T}
+def _common_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
+    return {"peak_input": kept[0], "estimation_rmse": np.sqrt(kept[1:] / command.samples).T}
 
 
 #: Directions that all samples together hold less of, relative to the strongest one, are rounding.

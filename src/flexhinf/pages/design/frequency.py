@@ -216,7 +216,7 @@ def frequency_figures(loops: Sequence[Loop], joints: Sequence[str], load: str, p
 def _bode(loops: Sequence[Loop], joints: Sequence[str], load: str, position: str) -> Figure:
     lines, command, phase, torque = _lines(loops, joints), [], [], []
     for name, style, response, joint in lines:
-        below = response.frequencies <= 0.97 * np.pi / response.period  # at its end the phase jumps
+        below = response.frequencies <= 0.97 * np.pi / response.linear.period  # at its end the phase jumps
         hertz = response.frequencies[below] / (2.0 * np.pi)
         followed = response.command[below, joint, joint]
         command.append(Line(hertz, _decibel(followed), name, style))
@@ -294,13 +294,13 @@ def _lines(
     if len(loops) == 1:
         names = enumerate(joints if len(joints) > 1 else [loops[0].name])
         return [(name, line_style(k), first, k) for k, name in names]
-    joint = int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.positions))]))
+    joint = int(np.argmax([np.abs(_moved(first, joint)).max() for joint in range(len(first.linear.names))]))
     return [(loop.name, line_style(loop.style), loop.response, joint) for loop in loops]
 
 
 def _moved(response: FrequencyResponse, joint: int) -> np.ndarray:
-    name = response.positions[joint].replace("link_position", "link_torque", 1)
-    return response.disturbance[:, joint, response.disturbances.index(name)]
+    name = response.linear.names[joint].replace("link_position", "link_torque", 1)
+    return response.disturbance[:, joint, response.linear.disturbances.index(name)]
 
 
 def _decibel(values: np.ndarray) -> np.ndarray:

@@ -139,7 +139,11 @@ def _pole_groups(design: Design) -> list[PoleGroup]:
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
         {"marker": "^", "color": SERIES[2]}, {"marker": "x", "color": SERIES[1]},
     )  # fmt: skip
-    running = () if design.specification.estimator == "none" else design.evaluation.frequency_response.poles
+    running = (
+        ()
+        if design.specification.estimator == "none"
+        else design.evaluation.frequency_response.linear.running.poles
+    )
     groups = [
         *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
         *([("running loop (sampled, estimator, delay)", running, looks[-1])] if len(running) else []),
