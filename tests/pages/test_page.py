@@ -24,8 +24,15 @@ from flexhinf.pages.design.law import mode_table
 from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import achieved_text, joint_table, limit_text, requirement_table, with_figures
-from flexhinf.pages.page import design_settings, remarks, title_of
+from flexhinf.pages.drawing import joint_table, with_figures
+from flexhinf.pages.page import (
+    achieved_text,
+    design_settings,
+    limit_text,
+    remarks,
+    requirement_table,
+    title_of,
+)
 from flexhinf.report import Cell, Column, number
 
 Make = Callable[[str], Design]

@@ -226,7 +226,7 @@ class Design(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""
-        return import_module(PAGES).write_design(self, folder)
+        return import_module(PAGES).write_report(self, folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +294,7 @@ class Comparison(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers into a folder, which is returned."""
-        return import_module(PAGES).write_comparison(self, folder)
+        return import_module(PAGES).write_report(self, folder)
 
     def units(self) -> dict[str, Any]:
         """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
@@ -385,7 +385,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         same_on_rigid = on_rigid.result()
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, scenario)
-    lines = _requirements(evaluation, synthesis, on_mujoco, rest, payloads)
+    lines = _requirements(s, evaluation, synthesis, on_mujoco, rest, payloads)
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
@@ -445,6 +445,7 @@ def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
 
 
 def _requirements(
+    stated: Specification,
     evaluation: LawEvaluation,
     synthesis: steps.Synthesis,
     on_mujoco: responses.Response | None,
@@ -454,11 +455,11 @@ def _requirements(
     """The specification line by line: the running loop first, then runs, then tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
-    damping = None if target is None else presets.required_damping(s, target)
+    damping = None if target is None else presets.required_damping(stated, target)
     lines, step, robots = _law_requirements(evaluation)
     if target is not None and damping is not None:
         lines += required.behaviour_requirements(
-            s, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
+            stated, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
@@ -560,7 +561,7 @@ def compare(
     scenario, step = _scenario(linear, synthesis, responses.COMPARED_SAMPLES)
     own = linear.in_scenario(scenario, step)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
-    limits, resolution = tuning.stated_limits(setup, unit), setup.position_resolution()
+    limits, resolution = tuning.stated_limits(s, setup.limits, unit), setup.position_resolution()
     criterion = tuning.criterion_for(
         tune, tuning.reference_metrics(own), scenario.step_duration, limits, unit, resolution
     )

@@ -56,7 +56,7 @@ class Task:
     def setup(self, law: Law, levels: EstimatorNoise | None = None, **changes: Any) -> LoopSetup:
         """The loop of a law, with these noise levels and changes of the specification."""
         s = replace(self.s, **changes)
-        return LoopSetup(self.robot, s, law, self.goal, self.start, estimator_noise=levels)
+        return LoopSetup(self.robot, s.of_loop, law, self.goal, self.start, estimator_noise=levels)
 
     def solved(
         self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None, **changes: Any

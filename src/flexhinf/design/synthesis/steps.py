@@ -117,7 +117,7 @@ class _WholeLoop:
         robust = task.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         assert robust.channels is not None
         assert robust.search is not None
-        self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s).noise, damped.search
+        self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s.of_loop).noise, damped.search
         self.target, self.first = damped.target, damped.search.chosen
         self.channels, self.robust = robust.channels, robust.search.chosen
         self.levels, self.degree, self.count = levels, degree, 0
@@ -338,7 +338,7 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     start, goal = responses.start_and_goal(robot, s, move)
     kinematics.check_fast(robot, s.period)
     kinematics.check_delay(robot, s.delay)
-    _refuse_early(robot, s, goal, start)
+    _refuse_early(robot, s.of_loop, goal, start)
     steps = _Steps(robot, s, goal, start, progress)
     synthesis = steps.proved() if preset_of(robot, s) == "proved" else steps.synthesis()
     if move is None:
@@ -525,9 +525,9 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     if not np.any(goal != start):
         raise InvalidInput(
             "There is nothing to move: the step starts at its goal.",
-        f"expected another start than {goal.tolist()}",
-        "another `start` or `pose`",
-    )
+            f"expected another start than {goal.tolist()}",
+            "another `start` or `pose`",
+        )
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
