@@ -7,9 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import BeforeValidator
 
 from flexhinf import options as units
 from flexhinf.design.specification import Specification, SpecificationError
+
+
+def reader(annotation: Any) -> Any:
+    """What reads the value of a field, before its range is checked."""
+    return next(part.func for part in annotation.__metadata__ if isinstance(part, BeforeValidator))
+
+
+seconds, frequencies, speeds, quanta, angles = map(
+    reader, (units.Seconds, units.Frequencies, units.PerJointSpeed, units.Quanta, units.Pose)
+)
 
 
 @pytest.mark.parametrize(
@@ -28,7 +39,7 @@ from flexhinf.design.specification import Specification, SpecificationError
     ],
 )
 def test_a_bandwidth_is_in_rad_per_second_unless_it_says_hertz(value: Any, meant: object) -> None:
-    assert units.frequencies(value) == meant
+    assert frequencies(value) == meant
 
 
 #: How many of a unit are one of the SI unit, or one turn of 2π rad (a second).
@@ -40,11 +51,11 @@ WHOLE = {
     "m/s": (1, 1.0), "mm/s": (1000, 1.0), "N·m": (1, 1.0), "Nm": (1, 1.0), "N*m": (1, 1.0), "N": (1, 1.0),
 }  # fmt: skip
 TABLES = {
-    units.seconds: (units.SECONDS,),
-    units.frequencies: (units._FREQUENCIES,),
-    units.speeds: units._SPEEDS,
-    units.quanta: units._READINGS,
-    lambda text: units.angles(text)[0]: units._POSITIONS,
+    seconds: (units.SECONDS,),
+    frequencies: (units._FREQUENCIES,),
+    speeds: units._SPEEDS,
+    quanta: units._READINGS,
+    lambda text: angles(text)[0]: units._POSITIONS,
 }
 
 
@@ -61,9 +72,9 @@ def test_every_unit_is_as_much_as_it_is(read: Any, tables: tuple[dict[str, float
 @pytest.mark.parametrize(
     ("read", "text"),
     [
-        (units.seconds, "5 MS"), (units.seconds, "5 S"), (units.lengths, "420 MM"), (units.lengths, "2 M"),
-        (units.quanta, "5 nm"), (units.quanta, "5 NM"), (units.quanta, "5 n"), (units.angles, "7 Mrad"),
-        (units.speeds, "3 M/S"), (units.frequencies, "3 RAD/S"),
+        (seconds, "5 MS"), (seconds, "5 S"), (units.lengths, "420 MM"), (units.lengths, "2 M"),
+        (quanta, "5 nm"), (quanta, "5 NM"), (quanta, "5 n"), (angles, "7 Mrad"),
+        (speeds, "3 M/S"), (frequencies, "3 RAD/S"),
     ],
 )  # fmt: skip
 def test_letters_of_prefixes_and_symbols_are_those_of_the_si(read: Any, text: str) -> None:
@@ -91,8 +102,8 @@ def test_a_unit_of_a_specification_in_other_letters_is_told_the_right_ones(
 @pytest.mark.parametrize(
     ("read", "text", "same"),
     [
-        (units.angles, "90 DEG", "90deg"), (units.angles, "7 mRAD", "7mrad"), (units.speeds, "30 RPM", "30rpm"),
-        (units.speeds, "30 Deg/s", "30deg/s"), (units.frequencies, "3 HZ", "3Hz"),
+        (angles, "90 DEG", "90deg"), (angles, "7 mRAD", "7mrad"), (speeds, "30 RPM", "30rpm"),
+        (speeds, "30 Deg/s", "30deg/s"), (frequencies, "3 HZ", "3Hz"),
     ],
 )  # fmt: skip
 def test_words_that_mean_nothing_else_may_be_in_any_letters(read: Any, text: str, same: str) -> None:
@@ -102,7 +113,7 @@ def test_words_that_mean_nothing_else_may_be_in_any_letters(read: Any, text: str
 @pytest.mark.parametrize("text", ["4xyz", "Hz", "4,", ",", "", "fast", "4 6", "4deg", [], True, None])
 def test_what_is_no_bandwidth_is_refused(text: Any) -> None:
     with pytest.raises(ValueError):  # noqa: PT011
-        units.frequencies(text)
+        frequencies(text)
 
 
 @pytest.mark.parametrize("value", [b"1", bytearray(b"12"), memoryview(b"1"), "1e400", "1" * 3000])
@@ -116,16 +127,16 @@ def test_bytes_are_no_numbers_and_what_is_beyond_all_floats_is_no_absent_limit(v
 @pytest.mark.parametrize("text", ["1" * 100_000 + " x y", " " * 100_000 + "x", "1" + " " * 100_000 + "x y"])
 def test_a_long_text_is_refused_at_once(text: str) -> None:
     with pytest.raises(ValueError):  # noqa: PT011  (one that looks at a character again for each took minutes)
-        units.angles(text)
+        angles(text)
 
 
 def test_angles_are_in_radians_unless_they_say_degrees() -> None:
-    assert units.angles("0.5,-90deg, 180 deg,180°") == (0.5, -math.pi / 2, math.pi, math.pi)
-    assert units.angles(["30deg", 0.25]) == (math.radians(30), 0.25)
-    assert units.angles(0.5) == units.angles(np.array([0.5])) == (0.5,)
+    assert angles("0.5,-90deg, 180 deg,180°") == (0.5, -math.pi / 2, math.pi, math.pi)
+    assert angles(["30deg", 0.25]) == (math.radians(30), 0.25)
+    assert angles(0.5) == angles(np.array([0.5])) == (0.5,)
     assert units._poses(["0.1,90°", [0.2, 0.3]]) == ((0.1, math.pi / 2), (0.2, 0.3))
     with pytest.raises(ValueError, match="90grad"):
-        units.angles("90grad")
+        angles("90grad")
 
 
 def test_the_unit_of_angles_is_that_of_their_texts() -> None:
@@ -136,7 +147,7 @@ def test_the_unit_of_angles_is_that_of_their_texts() -> None:
 
 @pytest.mark.parametrize(("text", "meant"), [("5ms", 5e-3), ("0.5 s", 0.5), ("20µs", 2e-5), ("1e-3", 1e-3)])
 def test_a_time_may_have_a_unit(text: str, meant: float) -> None:
-    assert units.seconds(text) == pytest.approx(meant, rel=1e-15)
+    assert seconds(text) == pytest.approx(meant, rel=1e-15)
 
 
 def test_names_integers_and_weights_stand_between_commas() -> None:

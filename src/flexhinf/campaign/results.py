@@ -227,6 +227,10 @@ class CampaignTable:
         """Unit of a column."""
         return next(column.unit for column in self.described if column.name == name)
 
+    def numbers(self, sample: int) -> dict[str, float]:
+        """Values of the varied numbers of a sample, by name."""
+        return {name: float(self.columns[name][sample]) for name in self.names("parameter")}
+
 
 @dataclass(frozen=True, eq=False)
 class MergedTable(CampaignTable):
@@ -333,7 +337,7 @@ class CampaignJudgement:
 
     def numbers(self, sample: int) -> dict[str, float]:
         """Values of the varied numbers of a sample, by name."""
-        return {name: float(self.column(name)[sample]) for name in self.table.names("parameter")}
+        return self.table.numbers(sample)
 
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""

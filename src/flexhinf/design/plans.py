@@ -117,7 +117,7 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
     long = 1.5 * plan.duration / s.period > RUN_SAMPLES
     if long or plan.duration < MOVE_SAMPLES * s.period:
         raise WaypointError(
-            f"The move takes too {'long' if long else 'short'} a time.",
+            f"The move takes too {'long' if long else 'little time'}.",
             f"expected {MOVE_SAMPLES * s.period:g} s, {MOVE_SAMPLES} samples, to {RUN_SAMPLES * s.period / 1.5:g} s, "
             f"got {plan.duration:g} s",
             "times in seconds; 'time [ms]' in the header where they are not",

@@ -322,9 +322,7 @@ class Model(Summarised):
             for name in names:
                 checked_name(f"one of the {kind}", name, spaces=True, longest=2 * LONGEST_NAME)
             object.__setattr__(self, kind, names)
-        checked_kind(
-            "The units are no mapping.", self.units, Mapping, "texts by name", "units={'angle': 'rad'}"
-        )
+        checked_kind("The units are no mapping.", self.units, Mapping, "a dict", "units={'angle': 'rad'}")
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
         refuse_if(
