@@ -164,8 +164,9 @@ def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
 @pytest.mark.slow
 def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
     design = report_design("met")
-    rows, search = candidate_table(design).rows, design.design_problem.search
+    search = design.design_problem.search
     assert search is not None
+    rows = candidate_table(search).rows
     weights, shown = sorted(c.damping_weight for c in search.candidates), [row[0] for row in rows]
     assert shown == sorted(shown)
     assert set(shown) <= set(weights)
@@ -202,7 +203,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
     assert samples is not None
-    rows = spread_table(design.evaluation).records()
+    rows = spread_table(design.evaluation, samples).records()
     for row, values in zip(rows, (samples.overshoot, samples.settling, samples.peak)):
         ordered = [number(value, 3) for value in np.sort(values)]
         assert [row["median"], row["95 % are below"], row["worst"]] == [ordered[k] for k in (8, 15, -1)]

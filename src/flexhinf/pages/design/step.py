@@ -331,7 +331,7 @@ def samples(e: LawEvaluation) -> Blocks:
         yield lambda: _bands(e, runs)
     if len(runs) >= 15 and np.isfinite([runs.overshoot, runs.settling]).any():
         yield lambda: _histograms(e, runs)
-    yield spread_table(e)
+    yield spread_table(e, runs)
 
 
 def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
@@ -412,10 +412,9 @@ def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
     return grain * (np.arange(first, last + wide + 1, wide) - 0.5)
 
 
-def spread_table(e: LawEvaluation) -> Table:
+def spread_table(e: LawEvaluation, samples: MonteCarlo) -> Table:
     """Nominal robot, median, 95th percentile and worst of the samples, with the joint of the worst."""
-    samples, several, rows = e.step_samples, len(e.setup.joints) > 1, []
-    assert samples is not None
+    several, rows = len(e.setup.joints) > 1, []
     for name, unit, values, nominal, joint in _metrics(e, samples):
         quantiles = (float(np.quantile(values, q, method="higher")) for q in (0.5, 0.95, 1.0))
         cells = ("never" if np.isinf(value) else number(value, 3) for value in (nominal, *quantiles))

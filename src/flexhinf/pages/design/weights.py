@@ -59,7 +59,7 @@ def weights(design: Design) -> Blocks:
         f"{number(problem.gamma)}."
     )
     if problem.search is not None and problem.target is not None:
-        yield from _search(design, problem.search, problem.target)
+        yield from _search(problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
         yield from (robust_table(problem.robustness), Paragraph(_robust_text(problem.robustness)))
@@ -90,7 +90,7 @@ def weights(design: Design) -> Blocks:
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Blocks:
+def _search(search: SearchResult, target: TargetBehaviour) -> Blocks:
     yield Paragraph(
         "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
         f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
@@ -123,14 +123,12 @@ def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Bl
             "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
             3.2, columns=3,
         ),
-        candidate_table(design),
+        candidate_table(search),
     )  # fmt: skip
 
 
-def candidate_table(design: Design) -> Table:
+def candidate_table(search: SearchResult) -> Table:
     """Table of some candidates by ζ: the first, the last, the one in use, and its neighbours."""
-    search = design.design_problem.search
-    assert search is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
     used, last = next(k for k, c in enumerate(candidates) if c is search.chosen), len(candidates) - 1
     rows = [
