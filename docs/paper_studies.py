@@ -15,7 +15,15 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import ALL_STATES, VELOCITIES, EquilibriumLoop, GrowthRates, ProcessNoise, growth_rates
+from flexhinf.analysis import (
+    ALL_STATES,
+    VELOCITIES,
+    DisturbanceSearch,
+    EquilibriumLoop,
+    GrowthRates,
+    ProcessNoise,
+    growth_rates,
+)
 from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import ExtendedKalmanFilter
@@ -39,8 +47,8 @@ from flexhinf.paper.loop_setup import (
     name_goal,
     tracking_numbers,
 )
-from flexhinf.paper.responses import TRACKING_LIMIT, GainRuns, stated_disturbances
-from flexhinf.paper.tolerances import ToleranceStudy, growth_with, swept_noises, unstable_of
+from flexhinf.paper.responses import HORIZON, TRACKING_LIMIT, RunGain, run_gain, stated_disturbances
+from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, growth_with, unstable_of
 from flexhinf.plant import GeneralisedPlant, Law
 
 #: Weights by state that s multiplies. A motion at 3.3 rad/s, about the bandwidth of the loop, counts alike as position
@@ -239,7 +247,7 @@ def smallest_repair(
     setup: PaperSetup, study: ToleranceStudy, name: str, forms: Sequence[str], begin: float
 ) -> Repair | None:
     """The smallest s above `begin` for which no plant is unstable with the settings' R^v or any of these forms."""
-    noises = (None, *swept_noises(forms))
+    noises = (None, *(ProcessNoise(form, q) for form in forms for q in SWEPT))
     known = {(g, r.noise): r for g in GOALS for r in (study.chosen[g], *study.swept[g]) if r.noise in noises}
     watched: dict[tuple[float, ProcessNoise | None], np.ndarray] = {}  # plants to bisect on
     for goal in GOALS:
@@ -345,11 +353,15 @@ def measure_gain(setup: PaperSetup, law: Law) -> dict[str, float]:
     ``norm``: H∞ norm of the linear loop in the hanging equilibrium; ``gain``: the largest √(∫|z|²/∫|d|²) of the stated
     disturbances that keep the link within ±180°.
     """
-    runs = GainRuns(setup, law)
-    attained = in_two_threads(runs.attained, list(stated_disturbances().values()))
+    search = DisturbanceSearch(setup.problem, law, None, setup.settings.period, HORIZON)
+
+    def attain(disturbance: Callable[[np.ndarray], np.ndarray]) -> RunGain:
+        return run_gain(search.runs.attained(disturbance(search.runs.times)[:, None]))
+
+    attained = in_two_threads(attain, list(stated_disturbances().values()))
     return {
-        "norm": float(runs.search.small()[0]),
-        "gain": max((a.gain for a in attained if a.inside), default=math.inf),
+        "norm": float(search.small()[0]),
+        "gain": max((a.gain for a in attained if a.reach <= math.pi), default=math.inf),
     }
 
 

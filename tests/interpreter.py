@@ -154,7 +154,8 @@ class BoundWalk:
                         walk(turns)
 
             return when
-        inner, count = [self._walk(step) for step in step.body], step.turns(self._counts)
+        inner = [self._walk(step) for step in step.body]
+        count = self._counts[step.count] if isinstance(step.count, str) else step.count
 
         def repeat(turns: tuple[int, ...]) -> None:
             for turn in range(count):

@@ -21,8 +21,8 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.emit.module import emit_function
-from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer, emit_normal
+from flexhinf.codegen.emit.module import emit_function, emit_normal
+from flexhinf.codegen.emit.opcodes import Lanes, ModuleText, Writer
 from flexhinf.codegen.machine import Code, assemble, host
 from flexhinf.codegen.program import Step
 from flexhinf.polynomial import basis
@@ -69,7 +69,8 @@ def _body_work(body: Sequence[Step], counts: dict[str, int]) -> Work:
     total: Work = Work()
     for step in body:
         if isinstance(step, Repeat):
-            total.update(_body_work(step.body, counts).times(step.turns(counts)))
+            turns = counts[step.count] if isinstance(step.count, str) else step.count
+            total.update(_body_work(step.body, counts).times(turns))
         elif isinstance(step, When):
             total.update(_body_work(step.body, counts))
         elif isinstance(step, Sweep):

@@ -53,15 +53,7 @@ class FlexhinfError(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle and copy without the arguments of ``__init__``, which each subclass chooses and formats into text."""
-        return _restored, (type(self), self.args, self.__dict__)
-
-
-def _restored(
-    kind: type[FlexhinfError], arguments: tuple[Any, ...], attributes: dict[str, Any]
-) -> FlexhinfError:
-    error = kind.__new__(kind, *arguments)
-    error.__dict__.update(attributes)
-    return error
+        return type(self).__new__, (type(self), *self.args), self.__dict__
 
 
 class InvalidInput(FlexhinfError, ValueError):

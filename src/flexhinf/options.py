@@ -363,8 +363,8 @@ class FieldInfo:
         try:
             return self.adapter.validate_python(value)
         except UnicodeEncodeError as error:
-            what = f"The {spaced(self.name)} is no text in UTF-8."
-            raise InvalidInput(what, f"got {value_text(error.object)}", "text that can be printed") from None
+            found = f"expected text in UTF-8, got {value_text(error.object)}"
+            raise InvalidInput(refused(self.name), found, "text that can be printed") from None
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             own = first.get("ctx", {}).get("error")
@@ -388,14 +388,9 @@ def argument(help: str, metavar: str = "", *, default: Any = dataclasses.MISSING
     return dataclasses.field(default=default, metadata={"about": About("", help, unit=metavar)})
 
 
-def spaced(name: str) -> str:
-    """The name of a field as words."""
-    return name.replace("_", " ")
-
-
 def refused(name: str) -> str:
     """First part of the error about a value of a field."""
-    return f"The {spaced(name)} cannot be used."
+    return f"The {name.replace('_', ' ')} cannot be used."
 
 
 def option_name(name: str) -> str:

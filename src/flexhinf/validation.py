@@ -381,7 +381,8 @@ def read_xml(path: Path) -> ElementTree.Element:
         "leave it out: nothing of it is read",
     )
     parser = ElementTree.XMLPullParser(("start", "end"))
-    root, depth, count = None, 0, 0
+    root: Any = None  # the parser refuses a file without one
+    depth, count = 0, 0
     try:
         for start in range(0, len(text), 65536):
             parser.feed(text[start : start + 65536])
@@ -402,9 +403,7 @@ def read_xml(path: Path) -> ElementTree.Element:
         raise InvalidInput(
             f"{path.name}: this is no XML.", f"expected elements, got: {error}", "a URDF file, as text"
         ) from None
-    if root is not None:
-        return root
-    raise InvalidInput(f"{path.name}: this is no XML.", "expected elements, got none", "a URDF file")
+    return root
 
 
 def read_bytes(path: Path, most: int) -> bytes:
@@ -413,7 +412,7 @@ def read_bytes(path: Path, most: int) -> bytes:
 
     Raises OSError, ValueError: there is no such file, it cannot be read, or it is not a regular one.
     """
-    with _regular(path) as file:
+    with open_regular(path) as file:
         step = max(os.fstat(file.fileno()).st_size, 1 << 16)  # what the kernel makes up says that it is empty
         parts, left = [], most
         while left and (part := file.read(min(step, left) if left > 0 else step)):
@@ -424,12 +423,12 @@ def read_bytes(path: Path, most: int) -> bytes:
 
 def file_digest(path: Path) -> str:
     """SHA-256 of a regular file, in hexadecimal, in little memory; raises as `read_bytes`."""
-    with _regular(path) as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
-def _regular(path: Path) -> Iterator[BufferedReader]:
+def open_regular(path: Path) -> Iterator[BufferedReader]:
     """An open file; OSError for a folder, a pipe or a device, which is not waited for."""
     no_waiting = getattr(os, "O_NONBLOCK", 0)
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | no_waiting)) as file:

@@ -76,7 +76,7 @@ def test_a_fork_while_another_thread_compiles_leaves_a_child_that_compiles():
 
 def test_what_is_loaded_and_forgotten_is_given_back():
     module = emit_module(program(5, 1.0), 1, machine.host().fused)
-    image = machine.assemble(module.text, 3)
+    image = machine.assemble(str(module), 3)
     assert (
         growth(lambda: machine.Code(image, ENTRY, module.library), 200) < 3.0
     )  # KB; was 11 in one linker for all

@@ -151,8 +151,7 @@ def test_a_limit_of_a_control_group_is_known(tmp_path, monkeypatch, files, free)
     own.write_text("0::/a/b\n")
     monkeypatch.setattr(cost, "_CGROUPS", tmp_path)
     monkeypatch.setattr(cost, "_OWN_GROUPS", own)
-    monkeypatch.setattr(cost, "_free_of_machine", lambda: 1 << 40)
-    monkeypatch.setattr(cost, "_free_of_process", lambda: None)
+    monkeypatch.setattr(cost, "_free_here", lambda: [1 << 40])
     assert cost.available_memory() == (1 << 40 if free is None else free)
 
 

@@ -203,7 +203,8 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
     assert samples is not None
-    rows = spread_table(design.evaluation, samples).records()
+    table = spread_table(design.evaluation, samples)
+    rows: Any = [dict(zip((column.name for column in table.heads), row)) for row in table.rows]
     for row, values in zip(rows, (samples.overshoot, samples.settling, samples.peak)):
         ordered = [number(value, 3) for value in np.sort(values)]
         assert [row["median"], row["95 % are below"], row["worst"]] == [ordered[k] for k in (8, 15, -1)]

@@ -23,7 +23,9 @@ def drawn() -> str:
     report.reference_line(upper, TIME, np.ones(11))
     report.settling_band(upper, target=1.0, step=-1.0)
     report.quantile_band(lower, TIME, np.outer([1.0, 2.0, 4.0], TIME))
-    report.label(upper, "link position", "°", "Step")
+    report.label(upper, "link position", "°")
+    with report.house_style():
+        upper.set_title("Step")
     report.label(lower, "motor voltage", "V")
     report.legend(upper)
     report.legend(lower)
@@ -117,7 +119,8 @@ def test_matplotlib_is_loaded_only_to_draw() -> None:
 def test_names_are_drawn_as_they_are(name: str) -> None:
     figure, (axes,) = report.new_figure(1)
     report.time_response(axes, TIME + 0.1, TIME + 0.1, name=name)
-    report.label(axes, name, "", name)
+    report.label(axes, name, "")
+    axes.set_title(name)
     report.legend(axes)
     axes.set_yscale("log")
     axes.set_xticks([0.5], [name])

@@ -303,7 +303,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     pair.judged = judged(tables[0]), judged(tables[1])
     pair.paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
     path = pages.write_pair(pair)
-    show([pages.pair_table(pair)])
+    show([pages.pair_table(pair, pair.paired.metrics).terminal()])
     for name, source in zip("AB", names):
         typer.echo(f"{name}: {source}")
     if not pair.differences:

@@ -14,7 +14,6 @@ import ctypes
 import hashlib
 import json
 import logging
-import operator
 import os
 import re
 import stat
@@ -30,10 +29,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.codegen.memory import Buffer, aligned, misfit
+from flexhinf.codegen.memory import aligned, misfit
 from flexhinf.codegen.program import ENTRY, Call, Map, Program, Repeat, Step, Sweep, Unsupported, When, slices
 from flexhinf.errors import InvalidInput
 from flexhinf.files import part_file
+from flexhinf.validation import open_regular, read_bytes
 
 if TYPE_CHECKING:
     from flexhinf.codegen.machine import Code
@@ -62,8 +62,23 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
             sorted(arrays),
         )
     for name, buffer in expected.items():
-        width = 1 if buffer.shared else lanes
-        if found := _misfit(arrays[name], buffer, width):
+        array, width = arrays[name], 1 if buffer.shared else lanes
+        if not (
+            isinstance(array, np.ndarray)
+            and (array.flags.c_contiguous and array.flags.aligned)
+            and (array.dtype == np.float64 and array.dtype.isnative)
+            and (array.flags.writeable or buffer.role == "in")
+            and array.size % width == 0
+            and buffer.size in (None, array.size // width)
+            and (width == 1 or (array.ndim >= 2 and array.shape[-1] == width))
+        ):
+            found = type(array).__name__
+            if isinstance(array, np.ndarray):
+                layout = "contiguous" if array.flags.c_contiguous else "not contiguous"
+                access = "writeable" if array.flags.writeable else "read-only"
+                found = (
+                    f"{array.dtype} of shape {array.shape}, {layout}, {access}, for the role {buffer.role!r}"
+                )
             elements = "any number of" if buffer.size is None else str(buffer.size)
             wanted = f" with a last axis of {lanes} lanes" if width > 1 else ""
             raise InvalidInput(
@@ -79,44 +94,16 @@ def check_arrays(program: Program, arrays: Mapping[str, np.ndarray], lanes: int)
     return {name: arrays[name] for name in expected}
 
 
-def _misfit(array: object, buffer: Buffer, width: int) -> str:
-    if not isinstance(array, np.ndarray):
-        return type(array).__name__
-    found = f"{array.dtype} of shape {array.shape}"
-    if not array.flags.c_contiguous:
-        return f"{found}, not contiguous"
-    if not (array.flags.writeable or buffer.role == "in"):
-        return f"{found}, read-only, but the program writes to it"
-    fits = (
-        array.size % width == 0
-        and buffer.size in (None, array.size // width)
-        and (width == 1 or (array.ndim >= 2 and array.shape[-1] == width))
-        and (array.dtype == np.float64 and array.dtype.isnative and array.flags.aligned)
-    )
-    return "" if fits else found
-
-
 def check_counts(program: Program, counts: Mapping[str, int]) -> dict[str, int]:
     """The counts of the program, in its order.
 
     Raises InvalidInput: missing or unknown name, or a value that is not an integer ≥ 0.
     """
-    if set(counts) != set(program.counts):
-        raise misfit(
-            f"The counts do not match those of '{program.name}'.", str(sorted(program.counts)), sorted(counts)
-        )
-    checked = {}
-    for name in program.counts:
-        try:
-            value = operator.index(counts[name])
-        except TypeError:
-            value = -1
-        if value < 0:
-            raise misfit(
-                f"Count '{name}' of '{program.name}' is not usable.", "an integer ≥ 0", repr(counts[name])
-            )
-        checked[name] = value
-    return checked
+    whole = all(isinstance(count, int | np.integer) and count >= 0 for count in counts.values())
+    if set(counts) != set(program.counts) or not whole:
+        expected = f"an integer ≥ 0 for each of {sorted(program.counts)}"
+        raise misfit(f"The counts do not match those of '{program.name}'.", expected, dict(counts))
+    return {name: int(counts[name]) for name in program.counts}
 
 
 def check_reach(program: Program, lengths: Mapping[str, int], counts: Mapping[str, int]) -> None:
@@ -286,7 +273,7 @@ def _read(path: Path, key: bytes) -> bytes | None:
     Raises OSError, ValueError: what is wrong with it.
     """
     try:
-        with open(path, "rb", opener=_without_waiting) as file:
+        with open_regular(path) as file:
             info = os.fstat(file.fileno())
             if not _is_ours(info):
                 raise ValueError("it is no file of this user alone")
@@ -300,11 +287,6 @@ def _read(path: Path, key: bytes) -> bytes | None:
     if not image or content[: len(head) + _DIGEST] != head + hashlib.sha256(image).digest():
         raise ValueError("it is damaged")
     return image
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open for reading at once: a FIFO would otherwise keep its reader until somebody writes to it."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _is_ours(info: os.stat_result) -> bool:
@@ -326,9 +308,7 @@ def _write(path: Path, key: bytes, image: bytes) -> None:
         ours = [other for other, info in files.items() if _NAME.fullmatch(other.name) and _is_ours(info)]
         ours.sort(key=lambda other: files[other].st_mtime)
         for other in ours[: max(0, len(ours) - _MOST_FILES)]:
-            with open(other, "rb", opener=_without_waiting) as file:
-                has_magic = file.read(len(_MAGIC)) == _MAGIC
-            if has_magic:
+            if read_bytes(other, len(_MAGIC)) == _MAGIC:
                 other.unlink(missing_ok=True)
 
 
@@ -388,7 +368,7 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
 
                 module = emit_module(program, lanes, host.fused)
                 head = json.dumps(module.library).encode() + b"\n"
-                return head + machine.assemble(module.text, machine.level(module.operations))
+                return head + machine.assemble(str(module), machine.level(module.operations))
 
             made_for = (host.triple, host.cpu, host.features, host.version)
             parts = (fingerprint(program), str(lanes), *made_for, emitter_digest(), version("flexhinf"))

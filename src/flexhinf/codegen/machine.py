@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
@@ -108,22 +107,15 @@ def _target(level: int) -> llvm.TargetMachine:
     )
 
 
-_NAMES = {"win32": ("ucrtbase", "msvcrt"), "darwin": ("libm.dylib",)}
+#: Where functions of the C library are looked for beside this process (None), by platform.
+_LIBRARIES = {"win32": ("ucrtbase", "msvcrt"), "darwin": (None, "libm.dylib")}
 
 
 @cache
 def _address(name: str) -> int:
-    for library in _libraries():
-        function: Any = getattr(library, name, None)
-        if address := ctypes.cast(function, ctypes.c_void_p).value:
-            return address
-    raise Unsupported("The C library lacks a function.", f"'{name}' was not found on {sys.platform}")
-
-
-@cache
-def _libraries() -> tuple[ctypes.CDLL, ...]:
-    libraries = [] if os.name == "nt" else [ctypes.CDLL(None)]
-    for name in _NAMES.get(sys.platform, ("libm.so.6", "libm.so")):
+    for library in _LIBRARIES.get(sys.platform, (None, "libm.so.6", "libm.so")):
         with suppress(OSError):
-            libraries.append(ctypes.CDLL(name))
-    return tuple(libraries)
+            function: Any = getattr(ctypes.CDLL(library), name, None)
+            if address := ctypes.cast(function, ctypes.c_void_p).value:
+                return address
+    raise Unsupported("The C library lacks a function.", f"'{name}' was not found on {sys.platform}")

@@ -15,7 +15,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
-from flexhinf.validation import unknown_name
+from flexhinf.validation import is_integer, unknown_name
 
 if TYPE_CHECKING:
     import casadi
@@ -86,7 +86,6 @@ class Slice:
     shift: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "strides", tuple(self.strides))
         numbers = (self.offset, self.size, *self.strides)
         if not all(map(is_integer, numbers)) or self.offset < 0 or self.size < 1:
             raise misfit(
@@ -213,11 +212,6 @@ def misfit(what: str, expected: str, found: object) -> InvalidInput:
     return InvalidInput(
         what, f"expected {expected}, got {found}", "what flexhinf.codegen.program says of the step"
     )
-
-
-def is_integer(value: object) -> bool:
-    """Whether a value is an int and no bool."""
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def check_identifier(name: object, kind: str) -> None:

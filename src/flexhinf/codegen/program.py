@@ -8,7 +8,7 @@ Steps of a kernel: traced functions, linear algebra, copies and guards over slic
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
@@ -22,13 +22,12 @@ from flexhinf.codegen.memory import (
     Slice,
     check_function,
     check_identifier,
-    is_integer,
     misfit,
     overlap,
     whole,
 )
 from flexhinf.errors import FlexhinfError
-from flexhinf.validation import unknown_name
+from flexhinf.validation import is_integer, unknown_name
 
 if TYPE_CHECKING:
     import casadi
@@ -47,8 +46,6 @@ class Call:
     outputs: tuple[Slice, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inputs", tuple(self.inputs))
-        object.__setattr__(self, "outputs", tuple(self.outputs))
         check_function(self.function, self.inputs, self.outputs)
 
 
@@ -66,8 +63,6 @@ class Map:
     outputs: tuple[Columns, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inputs", tuple(self.inputs))
-        object.__setattr__(self, "outputs", tuple(self.outputs))
         check_function(self.function, self.inputs, self.outputs)
         counts = {piece.count for piece in (*self.inputs, *self.outputs) if isinstance(piece, Columns)}
         if len(counts) != 1 or not all(isinstance(piece, Columns) for piece in self.outputs):
@@ -155,17 +150,12 @@ class Repeat:
     body: tuple[Step, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "body", tuple(self.body))
         if not isinstance(self.count, str) and (not is_integer(self.count) or self.count < 1):
             raise misfit(
                 "A loop has no usable count.",
                 "the name of a count of the program, or an integer >= 1",
                 repr(self.count),
             )
-
-    def turns(self, counts: Mapping[str, Any]) -> Any:
-        """Number of turns, by the counts of the program."""
-        return counts[self.count] if isinstance(self.count, str) else self.count
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +173,6 @@ class When:
     body: tuple[Step, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "body", tuple(self.body))
         if self.flag.size != 1 or any(isinstance(step, Guard) for step in self.body):
             raise misfit(
                 "A condition is not one number, or has a guard inside.",
@@ -208,8 +197,6 @@ class Sweep:
     size: int
 
     def __post_init__(self) -> None:
-        for field in ("body", "inputs", "outputs"):
-            object.__setattr__(self, field, tuple(getattr(self, field)))
         pairs, steps = (*self.inputs, *self.outputs), list(leaves(self.body))
         known = all(isinstance(step, Call | Copy) for step in steps)
         inside = [place for _, place in pairs]
@@ -292,8 +279,6 @@ class Program:
     counts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for field in ("buffers", "body", "counts"):
-            object.__setattr__(self, field, tuple(getattr(self, field)))
         check_identifier(self.name, "program")
         for count in self.counts:
             check_identifier(count, "count")

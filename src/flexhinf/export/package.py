@@ -404,25 +404,20 @@ def record(
         point = np.asarray(controller.law.operating_point)[: len(controller.states)]
         y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))
     else:
-        y = _measured(controller, r)
+        estimator, times = controller.estimator, controller.period * np.arange(samples)
+        run = Loop(estimator.plant, controller).run(
+            {name: Samples(times, column) for name, column in zip(controller.commanded, r.T, strict=True)},
+            noise=np.minimum(np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise))), LOUDEST),
+            duration=controller.period * (samples - 1),
+            initial_state=np.asarray(estimator.initial[0], dtype=float),
+        )
+        y = np.asarray(run.data["output"])[:samples]
     kinds = np.full(samples, MEASURED, dtype=object)
     if interrupted:
         kinds[samples // 3 : samples // 3 + 3] = NOT_FINITE
         if controller.estimator is not None:
             kinds[samples // 2 : samples // 2 + 5] = MISSING
     return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
-
-
-def _measured(controller: Controller, r: np.ndarray) -> np.ndarray:
-    estimator, time = controller.estimator, controller.period * np.arange(len(r))
-    assert estimator is not None
-    run = Loop(estimator.plant, controller).run(
-        {name: Samples(time, column) for name, column in zip(controller.commanded, r.T, strict=True)},
-        noise=np.minimum(np.sqrt(np.diag(np.atleast_2d(estimator.measurement_noise))), LOUDEST),
-        duration=controller.period * (len(r) - 1),
-        initial_state=np.asarray(estimator.initial[0], dtype=float),
-    )
-    return np.asarray(run.data["output"])[: len(r)]
 
 
 def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:

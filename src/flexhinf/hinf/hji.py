@@ -69,7 +69,6 @@ import sys
 from bisect import bisect_right
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from numbers import Integral, Real
 from pathlib import Path, PurePosixPath
@@ -180,30 +179,22 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
 
 def available_memory() -> int:
     """Bytes of memory available to this process without swapping, as far as the system reports it."""
-    limits = (_free_of_machine(), _free_of_process(), *_free_of_groups())
-    return max(1, min((free for free in limits if free is not None), default=1 << 62))
+    return max(1, min((*_free_here(), *_free_of_groups()), default=1 << 62))
 
 
-def _free_of_machine() -> int | None:
+def _free_here() -> Iterator[int]:
+    """Bytes of the machine, those of them that are free, and what is left below the limit of the process."""
+    with suppress(AttributeError, ValueError, OSError):
+        yield os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     with suppress(OSError), open("/proc/meminfo", encoding="ascii") as table:
-        for line in table:
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
-
-
-def _free_of_process() -> int | None:
-    try:
+        yield from (1024 * int(line.split()[1]) for line in table if line.startswith("MemAvailable:"))
+    with suppress(ImportError, OSError, ValueError):
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]  # of addresses, as `ulimit -v` sets it
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-        return None if limit == resource.RLIM_INFINITY else limit - taken
-    except (ImportError, OSError, ValueError):
-        return None
+        if limit != resource.RLIM_INFINITY:
+            yield limit - taken
 
 
 def _free_of_groups() -> Iterator[int]:
@@ -354,46 +345,26 @@ def _solution(problem: Problem, gamma: float, degree: int) -> HJISolution:
             f"gamma = {gamma:.10g} is above gamma* = {gamma_star:.10g}, but no stabilising solution was found",
             "a gamma further above gamma*, or better scaled weights",
         )
-    if not all(np.isfinite(part).all() for part in solved.value.values()):
+    scaling, scaled, value, records, condition, growth, largest = solved
+    if not all(np.isfinite(part).all() for part in value.values()):
         raise NumericalFailure(
             "The solution left the finite numbers.",
             f"expected finite coefficients through degree {degree}, got infinite ones at gamma = {gamma:.6g}",
             "a gamma further above gamma*, or a lower degree",
         )
-    doubtful = solved.growth > _DOUBTFUL_GROWTH or solved.largest > _DOUBTFUL_P
-    other = _nearby(plant, gamma, degree, solved) if doubtful else None
-    errors = degree_errors(solved.value, solved.growth, solved.largest, other)
-    records = checked_records(
-        solved.records, equation_residuals(solved.problem, solved.value), errors, gamma, solved.growth
-    )
+    doubtful = growth > _DOUBTFUL_GROWTH or largest > _DOUBTFUL_P
+    other = _nearby(plant, gamma, degree, scaling, value) if doubtful else None
+    errors = degree_errors(value, growth, largest, other)
+    records = checked_records(records, equation_residuals(scaled, value), errors, gamma, growth)
     # monomial coefficients in the plant's own units, from tensor entries in scaled ones, and P
-    n, scaling = len(plant.state_names), solved.scaling
-    powers = monomials(1.0 / scaling.state[None, :], solved.value)
+    n, powers = len(plant.state_names), monomials(1.0 / scaling.state[None, :], value)
     parts = {
         k: (entries * basis.multiplicity(n, k) * powers[k][0] * scaling.value**2).astype(float)
-        for k, entries in solved.value.items()
+        for k, entries in value.items()
     }
     half = np.zeros((n, n))
     half[np.triu_indices(n)] = parts[2]
-    return HJISolution(gamma, degree, half + half.T, plant, problem, parts, records, solved.condition, memory)
-
-
-@dataclass(frozen=True)
-class _Solved:
-    """One pass of the algorithm.
-
-    `value`: Tensor entries in the scaled states. `condition`: Condition number of the closed loop's eigenvectors, in
-    the states the recursion ran in. `growth`: ‖dP/d log γ‖/‖P‖ in scaled states. `largest`: Largest eigenvalue of P in
-    scaled states.
-    """
-
-    scaling: Scaling
-    problem: ScaledProblem
-    value: Parts
-    records: tuple[DegreeRecord, ...]
-    condition: float
-    growth: float
-    largest: float
+    return HJISolution(gamma, degree, half + half.T, plant, problem, parts, records, condition, memory)
 
 
 def _solve(
@@ -403,7 +374,13 @@ def _solve(
     degree: int,
     advance: Callable[[int], None],
     stretch: np.ndarray | None = None,
-) -> _Solved | None:
+) -> tuple[Scaling, ScaledProblem, Parts, tuple[DegreeRecord, ...], float, float, float] | None:
+    """One pass of the algorithm; None where no P was found.
+
+    Returns the scaling, the problem in scaled states and V there (tensor entries), the records, the condition number of
+    the closed loop's eigenvectors in the states the recursion ran in, and of P in scaled states the growth
+    ‖dP/d log γ‖/‖P‖ and the largest eigenvalue.
+    """
     begin = perf_counter()
     if (parts := linear.solved(gamma)) is None:
         return None
@@ -425,7 +402,7 @@ def _solve(
     inner = problem if states is None or degree == 2 else states.problem(problem)
     value, records, condition = solve_degrees(inner, riccati, seconds, advance)
     value = value if states is None else states.value(value)
-    return _Solved(scaling, problem, value, records, condition, growth, largest)
+    return scaling, problem, value, records, condition, growth, largest
 
 
 def _growth(
@@ -440,17 +417,18 @@ def _growth(
     return float(np.linalg.norm(change)) / size if size > 0 else 0.0
 
 
-def _nearby(plant: PolynomialPlant, gamma: float, degree: int, solved: _Solved) -> Parts:
+def _nearby(plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling, value: Parts) -> Parts:
     """V, in the same scaled states, of the problem with every number moved in its last bit."""
     rng = np.random.default_rng(0)
     stretch = rng.uniform(0.7, 1.4, len(plant.state_names))
     plant, gamma = moved(plant, rng), float(np.nextafter(gamma, np.inf))
-    other = _solve(plant, LinearPart.of(plant), gamma, degree, lambda done: None, stretch)
-    if other is None:
-        return {k: np.full(part.shape, np.inf) for k, part in solved.value.items()}
-    d, s = solved.scaling.state / other.scaling.state, other.scaling.value / solved.scaling.value
-    powers = monomials(d[None, :], other.value)
-    return {k: part * powers[k][0] * s**2 for k, part in other.value.items()}
+    solved = _solve(plant, LinearPart.of(plant), gamma, degree, lambda done: None, stretch)
+    if solved is None:
+        return {k: np.full(part.shape, np.inf) for k, part in value.items()}
+    own, _, other, *_ = solved
+    d, s = scaling.state / own.state, own.value / scaling.value
+    powers = monomials(d[None, :], other)
+    return {k: part * powers[k][0] * s**2 for k, part in other.items()}
 
 
 def linear_law(problem: Problem, gamma: float) -> HJISolution:

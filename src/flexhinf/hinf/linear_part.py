@@ -15,6 +15,7 @@ higher degree; Newton steps, one Lyapunov equation each, bring it to rounding.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -169,30 +170,6 @@ class Scaling:
     value: float
 
 
-def balance(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> Scaling:
-    """Scaling that balances the Hamiltonian matrix [[A, BBᵀ], [CᵀC, Aᵀ]].
-
-    The diagonal similarity is kept symplectic up to one factor: diag(D⁻¹, D) on state and costate, and the
-    factor evens out the two off-diagonal blocks.
-
-    `a`, `b`, `c`: (n, n), (n, inputs), (outputs, n).
-    """
-    from scipy.linalg import matrix_balance
-
-    n = len(a)
-    b_square, c_square, size = np.abs(b @ b.T), np.abs(c.T @ c), np.abs(a)
-    hamiltonian = np.block([[size, b_square], [c_square, size.T]])
-    np.fill_diagonal(hamiltonian, 0.0)
-    with np.errstate(invalid="ignore"):  # SciPy reads the factors as a permutation too
-        _, (factors, _) = matrix_balance(hamiltonian, permute=False, separate=True)
-    exponents = np.log2(factors)
-    state = np.exp2(-np.round((exponents[n:] - exponents[:n]) / 2))
-    b_norm = np.linalg.norm(b_square / np.outer(state, state))
-    c_norm = np.linalg.norm(c_square * np.outer(state, state))
-    ratio = c_norm / b_norm if b_norm > 0 and c_norm > 0 else 1.0
-    return Scaling(state, float(np.exp2(np.round(np.log2(ratio) / 4))))
-
-
 @dataclass(frozen=True)
 class ScaledProblem:
     """V_x f + q + ½ Σ_c s_c (V_x g_c)² = 0, one column g_c per player's channel.
@@ -294,16 +271,32 @@ class LinearPart:
         return linear
 
     def scaled(self, gamma: float) -> tuple[Scaling, LinearPart]:
-        """The linear part balanced for this level: g1 counts with its weight 1/γ."""
-        scaling = balance(self.a, np.hstack([self.b1 / gamma, self.b2]), self.c)
-        d, s = scaling.state, scaling.value
+        """The linear part balanced for this level, where g1 counts with its weight 1/γ.
+
+        The Hamiltonian matrix [[A, BBᵀ], [CᵀC, Aᵀ]] is balanced. The diagonal similarity is kept symplectic up to one
+        factor: diag(D⁻¹, D) on state and costate, and the factor evens out the two off-diagonal blocks.
+        """
+        from scipy.linalg import matrix_balance
+
+        n, b = len(self.a), np.hstack([self.b1 / gamma, self.b2])
+        b_square, c_square, size = np.abs(b @ b.T), np.abs(self.c.T @ self.c), np.abs(self.a)
+        hamiltonian = np.block([[size, b_square], [c_square, size.T]])
+        np.fill_diagonal(hamiltonian, 0.0)
+        with np.errstate(invalid="ignore"):  # SciPy reads the factors as a permutation too
+            _, (factors, _) = matrix_balance(hamiltonian, permute=False, separate=True)
+        exponents = np.log2(factors)
+        d = np.exp2(-np.round((exponents[n:] - exponents[:n]) / 2))
+        b_norm = np.linalg.norm(b_square / np.outer(d, d))
+        c_norm = np.linalg.norm(c_square * np.outer(d, d))
+        ratio = c_norm / b_norm if b_norm > 0 and c_norm > 0 else 1.0
+        s = float(np.exp2(np.round(np.log2(ratio) / 4)))
         a, b, c = (
             self.a * (d / d[:, None]),
             np.hstack([self.b1, self.b2]) * (s / d)[:, None],
             self.c * (d / s),
         )
         md = self.b1.shape[1]
-        return scaling, LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
+        return Scaling(d, s), LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
 
     def check(self) -> None:
         """Refuse a problem unless (A, g2) is stabilisable and (h, A) detectable.
@@ -359,22 +352,30 @@ def _missed_direction(a: np.ndarray, c: np.ndarray, mode: complex) -> int | None
     return None if full else int(np.argmax(np.abs(directions[-1])))
 
 
-def disturbance_reaches_output(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
-    """Whether d influences C x at all: the subspace reached from b, built vector by vector, against C."""
-    seen = _REACH * float(np.linalg.norm(c))
-    reached = np.zeros((len(a), 0))
-    block = b
-    while True:
+def _staircase(
+    a: np.ndarray, b: np.ndarray, tolerance: float
+) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+    """Orthonormal directions that b reaches, then b through A, and so on, each with its size and the norm of b or A.
+
+    What is below `tolerance` of that norm is not reached.
+    """
+    reached, block, norm = np.zeros((len(a), 0)), b, float(np.linalg.norm(b))
+    while reached.shape[1] < len(a):
         for _ in range(2):
             block = block - reached @ (reached.T @ block)
         left, sizes, _ = np.linalg.svd(block, full_matrices=False)
-        fresh = left[:, sizes > _REACH * (np.linalg.norm(b) if reached.shape[1] == 0 else np.linalg.norm(a))]
-        if fresh.shape[1] == 0:
-            return False
-        if np.linalg.norm(c @ fresh) > seen:
-            return True
-        reached = np.hstack([reached, fresh])
-        block = a @ fresh
+        fresh = sizes > tolerance * norm
+        if not fresh.any():
+            return
+        yield left[:, fresh], sizes[fresh], norm
+        reached, block = np.hstack([reached, left[:, fresh]]), a @ left[:, fresh]
+        norm = float(np.linalg.norm(a))
+
+
+def disturbance_reaches_output(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
+    """Whether d influences C x at all: the subspace reached from b, built vector by vector, against C."""
+    seen = _REACH * float(np.linalg.norm(c))
+    return any(np.linalg.norm(c @ fresh) > seen for fresh, _, _ in _staircase(a, b, _REACH))
 
 
 _RELATIVE = 1e-10  # width of the last interval; the figure promised is 1e-8
@@ -479,23 +480,13 @@ def _in_reached_states(linear: LinearPart) -> LinearPart:
     takes away, known to 1e-16/ε.
     """
     _, balanced = linear.scaled(float("inf"))
-    a, n = balanced.a, len(balanced.a)
-    basis, scale = np.zeros((n, 0)), np.zeros(0)
-    block, size, reach = balanced.b2, float(np.linalg.norm(balanced.b2)), np.ones(1)
-    while basis.shape[1] < n:
-        for _ in range(2):
-            block = block - basis @ (basis.T @ block)
-        left, sizes, _ = np.linalg.svd(block, full_matrices=False)
-        fresh = sizes > _REACHED * size
-        if not fresh.any():
-            rest = np.linalg.svd(basis)[0][:, basis.shape[1] :]
-            return _scaled_states(
-                balanced, np.hstack([basis, rest]), np.append(scale, np.ones(rest.shape[1]))
-            )
-        reach = reach.min() * sizes[fresh] / size
-        basis, scale = np.hstack([basis, left[:, fresh]]), np.append(scale, reach)
-        block, size = a @ left[:, fresh], float(np.linalg.norm(a))
-    return _scaled_states(balanced, basis, scale)
+    directions, scale, reach = np.zeros((len(balanced.a), 0)), np.zeros(0), np.ones(1)
+    for fresh, sizes, norm in _staircase(balanced.a, balanced.b2, _REACHED):
+        reach = reach.min() * sizes / norm
+        directions, scale = np.hstack([directions, fresh]), np.append(scale, reach)
+    rest = np.linalg.svd(directions)[0][:, directions.shape[1] :]
+    scale = np.append(scale, np.ones(rest.shape[1]))
+    return _scaled_states(balanced, np.hstack([directions, rest]), scale)
 
 
 def _scaled_states(linear: LinearPart, directions: np.ndarray, sizes: np.ndarray) -> LinearPart:

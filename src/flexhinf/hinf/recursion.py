@@ -133,8 +133,12 @@ def solve_degrees(
     }  # w, shape (count(n, degree), channels)
     for k in range(3, problem.degree + 1):
         begin = perf_counter()
-        if (known_rows := _channel_rows(problem, gradients, k)) is not None:
-            rows[k - 1] = known_rows
+        # w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}
+        if higher := {i: problem.g[k - i] for i in gradients if i < k and k - i in problem.g}:
+            rows[k - 1] = np.zeros((basis.count(n, k - 1), len(problem.signs)))
+        for i, fields in higher.items():
+            for channel in np.flatnonzero(fields.any(axis=(0, 2))):
+                rows[k - 1][:, channel] += product(gradients[i], fields[:, channel], n, i - 1, k - i)
         known = _known_part(problem, gradients, rows, k)
         if known is None:
             records.append(DegreeRecord(k, "zero by parity", 0.0, perf_counter() - begin))
@@ -148,16 +152,6 @@ def solve_degrees(
         advance(k)
     value[2] = riccati.p[np.triu_indices(n)] / 2
     return value, tuple(records), equation.eigenbasis.condition if problem.degree > 2 else float("nan")
-
-
-def _channel_rows(problem: ScaledProblem, gradients: Parts, k: int) -> np.ndarray | None:
-    """w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}; None if there is nothing."""
-    known = {i: problem.g[k - i] for i in gradients if k - i >= 1 and k - i in problem.g}
-    total = np.zeros((basis.count(problem.n, k - 1), len(problem.signs)))
-    for i, fields in known.items():
-        for channel in np.flatnonzero(fields.any(axis=(0, 2))):
-            total[:, channel] += product(gradients[i], fields[:, channel], problem.n, i - 1, k - i)
-    return total if known else None
 
 
 def _known_part(problem: ScaledProblem, gradients: Parts, rows: Parts, k: int) -> np.ndarray | None:

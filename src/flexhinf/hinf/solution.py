@@ -347,15 +347,22 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
         if part.dtype != np.float64 or not np.isfinite(part).all():
             raise InvalidInput("Wrong numbers.", f"{name} is not made of finite float64 numbers")
     states, inputs, degree = header["states"], header["inputs"], header["degree"]
-    gamma = float(header["gamma"])
-    records, memory = tuple(_record(record, degree) for record in header["records"]), header["memory"]
+    gamma, memory = float(header["gamma"]), header["memory"]
+    for record in header["records"]:
+        for name in {"residual", "seconds", "error"} & record.keys():
+            record[name] = float(record[name])
+    records = tuple(DegreeRecord(**record) for record in header["records"])
     if not (
         isinstance(states, list)
         and isinstance(inputs, list)
-        and all(isinstance(name, str) for name in states + inputs)
-        and (_is_integer(degree, 2, HIGHEST) and gamma > 0 and _is_integer(memory, 0, 1 << 62))
+        and all(isinstance(name, str) for name in [*states, *inputs, *(record.method for record in records)])
+        and all(type(number) is int for number in (degree, memory, *(record.degree for record in records)))
+        and (2 <= degree <= HIGHEST and all(2 <= record.degree <= degree for record in records))
+        and (gamma > 0 and 0 <= memory <= 1 << 62)
     ):
-        raise InvalidInput("Wrong header.", "names, degree, gamma or memory of the header make no sense")
+        raise InvalidInput(
+            "Wrong header.", "names, degree, gamma, memory or records of the header make no sense"
+        )
     if arrays["P"].shape != (len(states), len(states)):
         raise InvalidInput("Wrong shapes.", f"P does not fit {len(states)} states")
     exact = PolynomialPlant.from_parts(
@@ -387,19 +394,6 @@ def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | No
         "condition": float(header["condition"]),
         "memory": memory,
     }
-
-
-def _is_integer(value: object, lowest: int, highest: int) -> bool:
-    return type(value) is int and lowest <= value <= highest
-
-
-def _record(entry: dict[str, Any], degree: int) -> DegreeRecord:
-    for name in {"residual", "seconds", "error"} & entry.keys():
-        entry[name] = float(entry[name])
-    record = DegreeRecord(**entry)
-    if not _is_integer(record.degree, 2, degree) or not isinstance(record.method, str):
-        raise InvalidInput("Wrong header.", "a record of a degree makes no sense")
-    return record
 
 
 def _gather(arrays: dict[str, np.ndarray], name: str, lowest: int, highest: int) -> dict[int, np.ndarray]:

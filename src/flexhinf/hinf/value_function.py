@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Integral
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,10 @@ class ValueFunction:
         The exact plant. None after loading a file when the plant was not a polynomial one.
     value_parts : dict degree → ndarray, shape (count(n, degree),)
         Monomial coefficients of V; vanishing degrees are missing.
+    state_names, input_names : tuple of str
+        In order.
+    operating_point, operating_input : ndarray, shapes (n,) and (m,)
+        The point x is measured from, and the input there.
     """
 
     gamma: float
@@ -57,25 +62,10 @@ class ValueFunction:
         """Take over attributes; copies share their arrays, so nobody may write them."""
         vars(self).update(read_only(state))
 
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the states, in order."""
-        return self.expansion.state_names
-
-    @property
-    def operating_point(self) -> np.ndarray:
-        """The point x is measured from, shape (n,)."""
-        return self.expansion.operating_point
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs, in order."""
-        return self.expansion.input_names
-
-    @property
-    def operating_input(self) -> np.ndarray:
-        """The input at the operating point, shape (m,)."""
-        return self.expansion.operating_input
+    state_names = property(attrgetter("expansion.state_names"))
+    input_names = property(attrgetter("expansion.input_names"))
+    operating_point = property(attrgetter("expansion.operating_point"))
+    operating_input = property(attrgetter("expansion.operating_input"))
 
     @cached_property
     def gamma_star(self) -> float:

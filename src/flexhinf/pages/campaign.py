@@ -165,10 +165,15 @@ def _statuses(judged: CampaignJudgement, cases: Sequence[WorstCase], gains: Gain
     ]
     searched = " and the worst robot found by search" if cases else ""
     met = f"Every one of {judged.count} samples{searched}; that is no proof for the robots between."
-    wrong = "A disturbance attains more than the proved γ: the proof or the loop is wrong."
     return [
         *([Status("not met", text) for text in missed] or [Status("met", met)]),
-        *(Status("not proved", wrong) for row in gains.rows if row.claim == "proved" and not row.kept),
+        *(
+            Status(
+                "not proved", "A disturbance attains more than the proved γ: the proof or the loop is wrong."
+            )
+            for row in gains.rows
+            if row.claim == "proved" and not row.kept
+        ),
     ]
 
 

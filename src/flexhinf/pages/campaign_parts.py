@@ -313,7 +313,8 @@ POINTS = 2000
 def write_pair(result: DesignPair) -> Path:
     """Write index.html of a comparison; returns its path."""
     settings, counts = result.judged[0].table.journal.settings, result.paired.success
-    varied = [m for m in map(result.paired.metric, result.paired.metrics) if np.any(_finite(m) != 0.0)]
+    metrics = map(result.paired.metric, result.paired.metrics)
+    varied = [m for m in metrics if np.any(np.isfinite(m.differences) & (m.differences != 0.0))]
     stated = [Setting(name, value) for name, value in settings.items() if not name.startswith("design ")]
     with house_style():  # once for all figures
         blocks = [*_success(result), *_differences(result, varied[:6]), *_extremes(result, varied)]
@@ -348,7 +349,7 @@ def pair_verdict(result: DesignPair) -> str:
     paired, counts = result.paired, result.paired.success
     text = "Of the same {} robots {} fail with A, {} with B".format(paired.count, *counts.failures)
     if counts.only_a + counts.only_b:
-        test = f"; McNemar: {_p_text(counts.p_value)}" if _independent(result) else ""
+        test = f"; McNemar: {_p_text(counts.p_value)}" if result.judged[0].success else ""
         text += f" ({counts.only_a} with A alone, {counts.only_b} with B alone{test})"
     if not paired.main:
         return f"{text}."
@@ -373,22 +374,14 @@ def _signed(value: float, unit: str = "") -> str:
     return f"{'+' if value > 0.0 else '−' if value < 0.0 else ''}{text} {unit}".strip()
 
 
-def _independent(result: DesignPair) -> bool:
-    return result.judged[0].method == "random"
-
-
 def _interval_text(result: DesignPair, metric: PairedMetric) -> str:
-    if not _independent(result):
+    if result.judged[0].success is None:  # the samples are not independent
         return f"no interval: samples spread {SPREAD[result.judged[0].method]}"
     return f"95 %: {_span(metric)}" if _span(metric) else "too few pairs for an interval"
 
 
 def _span(metric: PairedMetric) -> str:
     return "" if np.isnan(metric.interval).any() else " to ".join(map(_signed, metric.interval))
-
-
-def _finite(metric: PairedMetric) -> np.ndarray:
-    return metric.differences[np.isfinite(metric.differences)]
 
 
 # Blocks ------------------------------------------------------------------------------------------------------
@@ -401,7 +394,7 @@ def _success(result: DesignPair) -> list[Any]:
     ]
     test = (
         f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(tally.p_value)}."
-        if _independent(result)
+        if first.success
         else f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval "
         "holds for them, and none is stated (`--method random` has them)."
     )
@@ -434,8 +427,9 @@ def _success(result: DesignPair) -> list[Any]:
     ]  # fmt: skip
 
 
-def _difference_table(result: DesignPair, names: Sequence[str]) -> Table:
-    independent = _independent(result)
+def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
+    """Table of the paired differences of some metrics."""
+    independent = result.judged[0].success is not None
     return Table(
         (
             "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
@@ -459,19 +453,14 @@ def _difference_table(result: DesignPair, names: Sequence[str]) -> Table:
     )  # fmt: skip
 
 
-def pair_table(result: DesignPair) -> Any:
-    """Table of the paired differences of all metrics, for a terminal."""
-    return _difference_table(result, result.paired.metrics).terminal()
-
-
 def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[Any]:
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
-        if _independent(result)
+        if result.judged[0].success
         else ""
     )
-    table = _difference_table(result, (*result.paired.metrics, *result.paired.parts))
+    table = pair_table(result, (*result.paired.metrics, *result.paired.parts))
     blocks = [
         Paragraph(
             "Better is the smaller value, or the larger one where a requirement states a least value; values that "
@@ -485,7 +474,8 @@ def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[An
     histograms, bars = small_panels(len(metrics), 1.9)
     samples, clouds = small_panels(len(metrics), 2.2)
     for k, (pair, axis, cloud) in enumerate(zip(metrics, bars, clouds)):
-        histogram(axis, result.judged[0], pair.name, pair.unit, _finite(pair), "pairs" if k % 3 == 0 else "")
+        finite = pair.differences[np.isfinite(pair.differences)]
+        histogram(axis, result.judged[0], pair.name, pair.unit, finite, "pairs" if k % 3 == 0 else "")
         axis.axvline(0.0, color=INK, linewidth=1.0)
         if math.isfinite(pair.median):
             axis.axvline(pair.median, color=SERIES[1], linewidth=1.4, dashes=DASHED)

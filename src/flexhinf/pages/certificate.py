@@ -296,8 +296,15 @@ def _slice(
     axis.contour(across, cut.up, cut.value, levels=[claim.level], colors=[INK], linewidths=1.8)
     axis.plot([], [], color=INK, linewidth=1.8, label="proved: V ≤ c")
     if claim.sampled_level is not None:
-        dashed = {"colors": [SERIES[1]], "linewidths": 1.2, "linestyles": [(0, (3.0, 3.0))]}
-        axis.contour(across, cut.up, cut.value, levels=[claim.sampled_level], **dashed)
+        axis.contour(
+            across,
+            cut.up,
+            cut.value,
+            levels=[claim.sampled_level],
+            colors=[SERIES[1]],
+            linewidths=1.2,
+            linestyles=[(0, (3.0, 3.0))],
+        )
         axis.plot([], [], color=SERIES[1], linewidth=1.2, dashes=(3.0, 3.0), label="sampled level")
     a, b, worst = cut.worst(claim.level)
     axis.plot(scale * a, b, "x", color=INK, markersize=8, markeredgewidth=1.8, label="worst point here")
@@ -323,31 +330,31 @@ def _steps(law: CertifiedDegree, evidence: Evidence) -> list[Any]:
     claim, solution, blocks = evidence.certificate, law.choice.solution, list[Any]()
     value = solution.value if law.box is None else law.box.value
     scale, unit = _position(claim)
-    kinds: tuple[Any, ...] = (law.steps, evidence.worst)
-    for runs in kinds if law.steps else ():
+    kinds: tuple[Any, ...] = (
+        (law.steps, "largest", "Largest steps", ("input", claim.inputs[0].unit),
+         "The largest proved step for each start of the integrator, without disturbance."),
+        (evidence.worst, "worst", "Worst disturbance", ("|d|", common_unit(claim.disturbances)),
+         "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as the "
+         "budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below."),
+    )  # fmt: skip
+    for runs, name, title, second, caption in kinds if law.steps else ():
         if not runs:
             continue
-        name, title, second, caption = (
-            ("largest", "Largest steps", ("input", claim.inputs[0].unit),
-             "The largest proved step for each start of the integrator, without disturbance.")
-            if runs is law.steps else
-            ("worst", "Worst disturbance", ("|d|", common_unit(claim.disturbances)),
-             "Steps of 0.8 of the largest ones with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², as long as "
-             "the budget lasts. Thin lines: V(x0) + ½γ²∫|d|², which V stays below.")
-        )  # fmt: skip
         figure, axes = new_figure(3, height=6.4, labels=(("position − goal", unit), second, ("V / c", "")))
         ends = []  # how long the runs are drawn
         for run, colour in zip(runs, SERIES[2:]):
             few = thin(run.time)
             time, state = run.time[few], run.state[few]
             axes[0].plot(time, scale * state[:, 0], color=colour, label=f"starts: {rule_text(run)}")
-            if runs is law.steps:
-                axes[1].plot(time, (solution.operating_input + solution.inputs(state))[:, 0], color=colour)
-                axes[2].plot(time, value(state) / claim.level, color=colour)
-            else:
+            effort, v = (
+                ((solution.operating_input + solution.inputs(state))[:, 0], value(state))
+                if name == "largest"
+                else (np.linalg.norm(run.disturbance[few], axis=1), run.value[few])
+            )
+            axes[1].plot(time, effort, color=colour)
+            axes[2].plot(time, v / claim.level, color=colour)
+            if name == "worst":
                 bound = (run.value[0] + run.spent[few]) / claim.level
-                axes[1].plot(time, np.linalg.norm(run.disturbance[few], axis=1), color=colour)
-                axes[2].plot(time, run.value[few] / claim.level, color=colour)
                 axes[2].plot(time, bound, color=MUTED, linewidth=1.0, dashes=(2.0, 1.5))
             # until |x1| has stayed below a hundredth of the step, and half as long again
             moving = np.flatnonzero(np.abs(run.state[:, 0]) > 0.01 * np.abs(run.state[0, 0]))
@@ -410,10 +417,17 @@ def _gain(evidence: Evidence) -> list[Any]:
         share = number(100.0 * attained.largest_value / claim.level, 3)
         nominal, where = "", f" and V up to {share} % of the level"
     line, (axis,) = new_figure(1, height=1.5, across="√(∫|z|²/∫|d|²)")
-    name = f"attained: {at_least(attained.gain)}"
-    axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=name)
-    between = {"left": attained.gain, "height": 0.5, "color": MUTED, "alpha": 0.35}
-    axis.barh(0.0, claim.gamma - attained.gain, **between, label="the largest lies here")
+    found, between = f"attained: {at_least(attained.gain)}", "the largest lies here"
+    axis.barh(0.0, attained.gain, height=0.5, color=SERIES[2], alpha=0.55, label=found)
+    axis.barh(
+        0.0,
+        claim.gamma - attained.gain,
+        left=attained.gain,
+        height=0.5,
+        color=MUTED,
+        alpha=0.35,
+        label=between,
+    )
     axis.axvline(claim.gamma, color=SERIES[0], linewidth=2.4, label=f"proved: γ = {at_most(claim.gamma)}")
     axis.set(yticks=[], xlim=(0.0, 1.08 * claim.gamma))
     legend(axis)

@@ -80,11 +80,6 @@ def ours_of(comparison: Comparison) -> TunedLaw:
     return min([*tuned, design], key=lambda law: law.cost)
 
 
-def called(law: TunedLaw) -> str:
-    """Name of a law in a sentence."""
-    return "the design" if law.name == DESIGN else law.name
-
-
 def _whole(text: str) -> str:
     for name in sorted((n for n in DEFAULT_LAWS if "-" in n), key=len, reverse=True):
         text = text.replace(name, name.replace("-", NO_BREAK))
@@ -94,7 +89,7 @@ def _whole(text: str) -> str:
 def comparison_verdict(comparison: Comparison) -> str:
     """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
     laws, ours = tuned_laws(comparison), ours_of(comparison)
-    rival, name = best_rival(laws), called(ours)
+    rival, name = best_rival(laws), "the design" if ours.name == DESIGN else ours.name
     if all(is_hinf(row.name) for row in comparison.rows):
         return f"No other law could be compared with {name}."
     if rival is None:
@@ -174,9 +169,6 @@ def comparison_page(
         ("laws", "The laws and how they were tuned"): _laws(comparison),
     }.items() if parts]  # fmt: skip
     missed = [line.converted(units_of(own).degrees) for line in comparison.own.requirements if not line.met]
-    status = Status("met", f"The design meets {len(comparison.own.requirements)} requirements.")
-    if missed:
-        status = Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.")
     return Page(
         f"Control laws compared on {robot.name}",
         f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {start} to {goal}. "
@@ -187,7 +179,11 @@ def comparison_page(
         _whole(comparison_verdict(comparison)),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
         Provenance(tuple(command), s.seed), _key_numbers(comparison),
-        [status, Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop.")],
+        [
+            Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.") if missed else
+            Status("met", f"The design meets {len(comparison.own.requirements)} requirements."),
+            Status("not proved", "All figures are of simulated runs, of sampled robots and of the linear loop."),
+        ],
     )  # fmt: skip
 
 
@@ -247,8 +243,8 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
     rival, ours = best_rival(tuned_laws(comparison)), ours_of(comparison)
-    metrics = {metric.key: metric for metric in METRICS}
-    numbers = []
+    metrics, numbers = {metric.key: metric for group in METRICS.values() for metric in group}, []
+    called = "the design" if ours.name == DESIGN else _whole(ours.name)
     for key in (
         "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
         "input_noise",
@@ -256,7 +252,7 @@ def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
         values = [None if law is None else law.evaluation.metrics.get(key) for law in (ours, rival)]
         mine, theirs = (cell(metrics[key], value, comparison) for value in values)
         if values[0] is not None:
-            name, unit = f"{_whole(called(ours))}: {metrics[key].label}", unit_of(metrics[key], comparison)
+            name, unit = f"{called}: {metrics[key].label}", unit_of(metrics[key], comparison)
             numbers.append(
                 KeyNumber(name, mine, unit, "" if rival is None else f"{_whole(rival.name)}: {theirs}")
             )
@@ -310,7 +306,6 @@ class LawMetric(NamedTuple):
     """
 
     key: str
-    group: str
     label: str
     unit: str
     better: int = -1
@@ -318,59 +313,45 @@ class LawMetric(NamedTuple):
     brief: bool = True
 
 
-STEP, LOAD, MOVE, SAMPLES, LINEAR, COST = "step", "load", "move", "samples", "linear", "cost"
-
-#: In the order of the table.
-METRICS = (
-    LawMetric("step_peak_input", STEP, "peak input", "input"),
-    LawMetric("step_overshoot_percent", STEP, "overshoot", "%", least=0.5),
-    LawMetric("step_settling_s", STEP, "settling time", "s", least=0.01),
-    LawMetric("step_remaining", STEP, "remaining error", "length", least=1e-4),
-    LawMetric("load_deviation", LOAD, "largest deviation", "length"),
-    LawMetric("load_recovery_s", LOAD, "recovered after", "s", least=0.01),
-    LawMetric("load_remaining", LOAD, "remaining deviation", "length", least=1e-4),
-    LawMetric("move_error", MOVE, "largest error", "length", least=1e-4),
-    LawMetric("move_remaining", MOVE, "remaining error", "length", least=1e-4, brief=False),
-    LawMetric("move_peak_input", MOVE, "peak input", "input"),
-    LawMetric("drawn_unsettled", SAMPLES, "steps not settled", "", least=0.5),
-    LawMetric("drawn_overshoot_percent", SAMPLES, "median overshoot", "%", least=0.5, brief=False),
-    LawMetric("drawn_worst_overshoot_percent", SAMPLES, "worst overshoot", "%", least=0.5),
-    LawMetric("drawn_settling_s", SAMPLES, "median settling time", "s", least=0.01, brief=False),
-    LawMetric("drawn_worst_settling_s", SAMPLES, "worst settling time", "s", least=0.01),
-    LawMetric("drawn_worst_peak_input", SAMPLES, "worst peak input", "input", brief=False),
-    LawMetric("drawn_move_error", SAMPLES, "median move error", "length", least=1e-4, brief=False),
-    LawMetric("drawn_worst_move_error", SAMPLES, "worst move error", "length", least=1e-4),
-    LawMetric("unstable_corners", LINEAR, "unstable corners", "", least=0.5),
-    LawMetric("peak_sensitivity", LINEAR, "peak sensitivity", "", least=0.01),
-    LawMetric("gain_margin", LINEAR, "gain margin, ×", "", 1, 0.01),
-    LawMetric("delay_margin_s", LINEAR, "delay margin", "ms", 1),
-    LawMetric("damping", LINEAR, "smallest damping ratio", "", 1, 0.0005),
-    LawMetric("input_noise", LINEAR, "input noise, rms", "small input"),
-    LawMetric("bandwidth_rad_s", LINEAR, "bandwidth", "rad/s", 0, brief=False),
-    LawMetric("operations", COST, "operations per sample", ""),
-)
-
-#: Groups of metrics, with their titles where there is little room.
-GROUPS = {
-    STEP: "step as deployed", LOAD: "torque on the links", MOVE: "planned move", SAMPLES: "sampled robots",
-    LINEAR: "running loop, linearised", COST: "cost",
-}  # fmt: skip
-
-
-def _titles(comparison: Comparison) -> dict[str, str]:
-    s, synthesis, runs = comparison.specification, comparison.synthesis, comparison.scenario
-    loads = ", ".join(number(float(value), 3) for value in runs.load)
-    slides = comparison.robot.links.slides
-    start, goal = (pose_text(pose, slides, s.in_degrees) for pose in (synthesis.start, synthesis.goal))
-    moved = "the same way" if s.move is None else "the stated waypoints"
-    return {
-        STEP: f"Step {start} → {goal} as the controller is deployed, the run of flexhinf design",
-        LOAD: f"Torque of {loads} {comparison.units()['torque']} on the links, at the goal",
-        MOVE: f"Planned move of {number(float(runs.plan.duration), 3)} s over {moved}, with feedforward",
-        SAMPLES: f"{len(runs.robots)} robots sampled within their tolerances: step and move",
-        LINEAR: "Running loop, linearised at the goal, with its estimator and delay",
-        COST: "Cost",
-    }
+#: Metrics in the order of the table, by the titles of their groups where there is little room.
+METRICS = {
+    "step as deployed": (
+        LawMetric("step_peak_input", "peak input", "input"),
+        LawMetric("step_overshoot_percent", "overshoot", "%", least=0.5),
+        LawMetric("step_settling_s", "settling time", "s", least=0.01),
+        LawMetric("step_remaining", "remaining error", "length", least=1e-4),
+    ),
+    "torque on the links": (
+        LawMetric("load_deviation", "largest deviation", "length"),
+        LawMetric("load_recovery_s", "recovered after", "s", least=0.01),
+        LawMetric("load_remaining", "remaining deviation", "length", least=1e-4),
+    ),
+    "planned move": (
+        LawMetric("move_error", "largest error", "length", least=1e-4),
+        LawMetric("move_remaining", "remaining error", "length", least=1e-4, brief=False),
+        LawMetric("move_peak_input", "peak input", "input"),
+    ),
+    "sampled robots": (
+        LawMetric("drawn_unsettled", "steps not settled", "", least=0.5),
+        LawMetric("drawn_overshoot_percent", "median overshoot", "%", least=0.5, brief=False),
+        LawMetric("drawn_worst_overshoot_percent", "worst overshoot", "%", least=0.5),
+        LawMetric("drawn_settling_s", "median settling time", "s", least=0.01, brief=False),
+        LawMetric("drawn_worst_settling_s", "worst settling time", "s", least=0.01),
+        LawMetric("drawn_worst_peak_input", "worst peak input", "input", brief=False),
+        LawMetric("drawn_move_error", "median move error", "length", least=1e-4, brief=False),
+        LawMetric("drawn_worst_move_error", "worst move error", "length", least=1e-4),
+    ),
+    "running loop, linearised": (
+        LawMetric("unstable_corners", "unstable corners", "", least=0.5),
+        LawMetric("peak_sensitivity", "peak sensitivity", "", least=0.01),
+        LawMetric("gain_margin", "gain margin, ×", "", 1, 0.01),
+        LawMetric("delay_margin_s", "delay margin", "ms", 1),
+        LawMetric("damping", "smallest damping ratio", "", 1, 0.0005),
+        LawMetric("input_noise", "input noise, rms", "small input"),
+        LawMetric("bandwidth_rad_s", "bandwidth", "rad/s", 0, brief=False),
+    ),
+    "cost": (LawMetric("operations", "operations per sample", ""),),
+}
 
 
 def unit_of(metric: LawMetric, comparison: Comparison) -> str:
@@ -419,8 +400,22 @@ def metric_table(
 ) -> Table:
     """Metrics of some laws, each with an evaluation: one column for each law; the best of a row is that of all laws.
     `short` and `title` are for a terminal."""
-    own = comparison.own.evaluation
+    own, s, scenario = comparison.own.evaluation, comparison.specification, comparison.scenario
     assert own is not None
+    start, goal = (
+        pose_text(pose, comparison.robot.links.slides, s.in_degrees)
+        for pose in (comparison.synthesis.start, comparison.synthesis.goal)
+    )
+    titles = (
+        f"Step {start} → {goal} as the controller is deployed, the run of flexhinf design",
+        f"Torque of {', '.join(number(float(value), 3) for value in scenario.load)} {comparison.units()['torque']} on "
+        "the links, at the goal",
+        f"Planned move of {number(float(scenario.plan.duration), 3)} s over "
+        f"{'the same way' if s.move is None else 'the stated waypoints'}, with feedforward",
+        f"{len(scenario.robots)} robots sampled within their tolerances: step and move",
+        "Running loop, linearised at the goal, with its estimator and delay",
+        "Cost",
+    )
     costs = (law.tuned.cost if law.tuned else np.nan for law in laws)
     rows: list[Any] = [
         "criterion" if short else "Criterion and limits",
@@ -431,9 +426,9 @@ def metric_table(
         sampled = ", sampled" if "robots sampled" in first.where else ""
         name = f"{first.what} {limit_text(first.converted(units_of(own).degrees))}{sampled}"
         rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
-    for group, heading in (GROUPS if short else _titles(comparison)).items():
+    for (heading, group), title_of_page in zip(METRICS.items(), titles):
         entries = []
-        for metric in (metric for metric in METRICS if metric.group == group and (metric.brief or not short)):
+        for metric in (metric for metric in group if metric.brief or not short):
             values = {law.name: law.metrics.get(metric.key) for law in comparison.compared}
             if set(values.values()) == {None}:
                 continue
@@ -443,7 +438,7 @@ def metric_table(
                 for law in laws
             )
             entries.append((", ".join(filter(None, (metric.label, unit_of(metric, comparison)))), *cells))
-        rows += [heading, *entries] if entries else []
+        rows += [heading if short else title_of_page, *entries] if entries else []
     return Table(
         ("", *(Column(law.name.replace("-", NO_BREAK), brief=law.name, right=True) for law in laws)), rows,
         "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good", "figures-of-merit",

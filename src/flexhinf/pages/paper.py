@@ -90,8 +90,6 @@ OPEN = (
 )
 
 
-COLOURS = {"nonlinear": SERIES[0], "linear": SERIES[1]}
-
 #: The first part of a run on a sampled plant, s, shown in full; the rest is shown enlarged.
 FIRST_PART = 6.0
 
@@ -113,9 +111,9 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
         reference_line(axes, first.time, command)
         if step is not None:
             settling_band(axes, float(command[-1]), step)
-    for law, run in runs.items():
+    for colour, (law, run) in zip(SERIES, runs.items()):
         signals = (run.signal("input", "motor_voltage"), None) if voltage else positions(run)
-        time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
+        time_response(axes, run.time, *signals, name=LAWS[law], colour=colour)
     legend(axes)
     return figure_to_svg(figure)
 
@@ -267,7 +265,9 @@ def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
     for inside, fill in ((True, SERIES[0]), (False, "none")):
-        points = np.array([[run.energy, run.gain] for run in known if run.inside == inside]).reshape(-1, 2)
+        points = np.array(
+            [[run.energy, run.gain] for run in known if (run.reach <= math.pi) == inside]
+        ).reshape(-1, 2)
         name = f"worst found, |x1| {'≤' if inside else 'beyond'} 180°"
         axes.plot(*points.T, "o", color=SERIES[0], markerfacecolor=fill, markersize=5, label=name)
     axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")

@@ -1,8 +1,7 @@
 """Report of a run of a deployed controller: deadlines and requirements; its film as GIF or MP4.
 
-The pictures of a film: what stands still is drawn once, a frame draws what moves on top of it.
-
-A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs.
+A film shows the arm with links and motors apart, positions, the springs' wind-up and the inputs; what stands still is
+drawn once, a frame draws what moves on top of it.
 """
 
 from __future__ import annotations
@@ -75,7 +74,24 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
         if run.stopped is None:
             title = f"{prepared.robot.name}: what is required of this run (* our default)"
             tables.append(requirement_table(prepared.requirements(run), units.degrees, title))
-        tables.append(_joints(prepared, run, units))
+        (small, factor), response = units.small, prepared.response(run)
+        metrics, title = response.metrics, "Joints"
+        columns = (
+            Column("settled after", key="settled", right=True),
+            Column("overshoot", "%", digits=3, key="overshoot_percent"),
+            Column("end error", small, digits=3, key="steady_state_error", scale=factor),
+        )
+        if prepared.plan is not None:
+            metrics = Move.along(prepared.plan, response).metrics
+            title = f"Joints: distance from the move, {small}"
+            errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
+            columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
+        effort = Column("peak", units.effort, digits=3, key="peak_input")
+        joints = [
+            {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
+            for row in metrics
+        ]
+        tables.append(Table.of((Column("joint", key="joint"), *columns, effort), joints, title))
     if tables or len(timing.time):
         rows = [
             (name, *(1e6 * value for value in percentiles(getattr(timing, field)).values()))
@@ -84,29 +100,6 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
         columns = ("", *(Column(name, decimals=1) for name in PERCENTILES))
         tables.append(Table(columns, rows, f"Times in µs; the period has {number(1e6 * timing.period)} µs"))
     return [table.terminal() for table in tables]
-
-
-def _joints(prepared: DeployedRun, run: RealTimeRun, units: Units) -> Table:
-    (small, factor), response = units.small, prepared.response(run)
-    rows, title = response.metrics, "Joints"
-    columns = (
-        Column("settled after", key="settled", right=True),
-        Column("overshoot", "%", digits=3, key="overshoot_percent"),
-        Column("end error", small, digits=3, key="steady_state_error", scale=factor),
-    )
-    if prepared.plan is not None:
-        rows, title = Move.along(prepared.plan, response).metrics, f"Joints: distance from the move, {small}"
-        errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
-        columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
-    rows = [
-        {**row, "settled": settling_text(row["settling_time_s"]) if "settling_time_s" in row else None}
-        for row in rows
-    ]
-    return Table.of(
-        (Column("joint", key="joint"), *columns, Column("peak", units.effort, digits=3, key="peak_input")),
-        rows,
-        title,
-    )
 
 
 # Sentences ------------------------------------------------------------------------------------------
@@ -190,11 +183,17 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     path = checked_path("The film", path)
     gif = f"--record {path.stem or 'arm'}.gif"
     if path.suffix not in FORMATS:
-        got = f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}"
-        raise InvalidInput("The format of the film is not known.", got, gif)
+        raise InvalidInput(
+            "The format of the film is not known.",
+            f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}",
+            gif,
+        )
     if path.suffix == ".mp4" and _encoder() is None:
-        got = f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}"
-        raise InvalidInput("A film in MP4 needs an encoder.", got, f"pip install 'flexhinf[video]', or {gif}")
+        raise InvalidInput(
+            "A film in MP4 needs an encoder.",
+            f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}",
+            f"pip install 'flexhinf[video]', or {gif}",
+        )
     return check_place(path, "film")
 
 
@@ -216,8 +215,15 @@ def write_film(prepared: DeployedRun, run: RealTimeRun, path: str | os.PathLike[
         plain = Image.Dither.NONE  # with the colours of the first frame, so that nothing flickers
         first = Image.fromarray(next(pictures)).quantize(128, dither=plain)
         others = (Image.fromarray(frame).quantize(palette=first, dither=plain) for frame in pictures)
-        options: dict[str, Any] = {"duration": round(1000 / rate), "loop": 0, "optimize": False}
-        return first.save(name, "GIF", save_all=True, append_images=others, **options)
+        return first.save(
+            name,
+            "GIF",
+            save_all=True,
+            append_images=others,
+            duration=round(1000 / rate),
+            loop=0,
+            optimize=False,
+        )
 
     write_file(path, "film", write)
     return path
@@ -270,8 +276,9 @@ class ArmFilm:
 
     `time` (N,) in s; positions (N, n) of `links`, `motors` (seen from the link side) and `command` in rad or m, and
     `windup`, motor minus link, which is drawn `factor` times larger; `inputs` (N, n) in `unit`, and their `limits`
-    (n,), infinite where there are none. `extent`: points of the arm (K, 3) at some poses of the run and at its
-    commands; `size` of the space that it takes, m; `plane`: two directions (3, 2) to project on, and their `names`.
+    (n,), infinite where there are none. `scale` (n,) turns positions into degrees and mm. `extent`: points of the arm
+    (K, 3) at some poses of the run and at its commands; `size` of the space that it takes, m; `plane`: two directions
+    (3, 2) to project on, and their `names`.
     """
 
     def __init__(self, prepared: DeployedRun, run: RealTimeRun) -> None:
@@ -309,6 +316,7 @@ class ArmFilm:
         down = np.asarray(self.robot.links.down, dtype=float)
         right, up, self.names = viewing_plane(down, self.extent, self.size)
         self.plane = np.column_stack([right, up])
+        self.scale = np.where(self.slides, 1e3, np.degrees(1.0))
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:
         """The links at a pose (n,), as lines on the picture."""
@@ -325,10 +333,6 @@ class ArmFilm:
             ends = [line[0] + 0.62 * (line[1] - line[0]) for line in (own[j], motor)]
             hands.append(np.array([ends[0], motor[0], ends[1]]))
         return hands
-
-    def in_plot_units(self, values: np.ndarray) -> np.ndarray:
-        """Convert positions (…, n) from rad and m to degrees and mm."""
-        return values * np.where(self.slides, 1e3, np.degrees(1.0))
 
 
 #: A film lasts so many seconds; a run that is shorter or longer is played more slowly or faster, and the title says so.
@@ -368,7 +372,7 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
         else (
             f"{'position' if film.slides.any() else 'angle'} of the links",
             film.links,
-            film.in_plot_units(film.command),
+            film.command * film.scale,
         )
     )
     with house_style():
@@ -452,8 +456,9 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
             motor.set_data(*points[1:].T)
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
-        begin = int(np.searchsorted(film.time, film.time[k] - 1.0))  # a second ago
-        past = np.linspace(begin, k, 24).astype(int)
+        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(
+            int
+        )  # of a second
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move
@@ -462,7 +467,7 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
 def _draw_lines(
     axes: Axes, film: ArmFilm, quantity: str, positions: np.ndarray, command: np.ndarray | None = None
 ) -> Moving:
-    values, few = film.in_plot_units(positions), max(1, len(film.time) // 800)
+    values, few = positions * film.scale, max(1, len(film.time) // 800)
     artists, single = [], values.shape[1] == 1
     for j, column in enumerate(values.T):
         style = line_style(j)
@@ -509,7 +514,7 @@ def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
         rows.append((bar, *texts))
 
     def move(k: int) -> None:
-        columns = [film.in_plot_units(values[k]) for values in (film.links, film.motors, film.windup)]
+        columns = [values[k] * film.scale for values in (film.links, film.motors, film.windup)]
         for j, (bar, *texts, last) in enumerate(rows):
             unit, u = " mm" if film.slides[j] else "°", float(film.inputs[k, j])
             for text, values, decimals in zip(texts, columns, (2, 2, 3), strict=True):

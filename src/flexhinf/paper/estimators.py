@@ -31,15 +31,13 @@ from flexhinf.paper.loop_setup import (
     SINE,
     STEP_DURATION,
     Finding,
-    PaperClaim,
     PaperSetup,
     affordable,
     in_two_threads,
     known,
 )
 from flexhinf.plant import Plant
-from flexhinf.report import Column, Table, number
-from flexhinf.report.page import Verdict
+from flexhinf.report import Column, Table, Verdict, number
 from flexhinf.scalars import cholesky, solve_lower, trace
 
 #: Seeds of each run, and how much larger the last ten seconds' error may be than that of the ten before.
@@ -82,13 +80,17 @@ def _is_bounded(setup: PaperSetup) -> Finding:
         states = [None] * setup.model.n if worst is None else worst.tolist()
         rows.append((name, count, *states, max(ratios, default=None)))
         largest = largest if worst is None else np.maximum(largest, worst)
-    names = (Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states)
     return Finding(
         not (grown or diverged),
         f"{count} seeds of {len(COMMANDS)} commands, {LONG:g} s each: {diverged} diverged, in {grown} an error grew by "
         f"more than a factor of {GROWS:g}.",
         Table(
-            ("command", "runs", *names, Column("last over middle third", "", 2)), rows,
+            (
+                "command", "runs",
+                *(Column(name.replace("_", " "), setup.model.unit(name)) for name in setup.model.states),
+                Column("last over middle third", "", 2),
+            ),
+            rows,
             "Largest |estimation error| of the UKF in the last ten seconds, nominal arm.", "table-bounded",
         ),
         {
@@ -112,7 +114,6 @@ def _reconstructs(setup: PaperSetup) -> Finding:
         rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
-    variance = number(setup.settings.measurement_noise)
     return Finding(
         largest <= RECONSTRUCTED_FRACTION,
         f"The largest RMS error is {100 * largest:.2g} % of its state's range.",
@@ -123,7 +124,8 @@ def _reconstructs(setup: PaperSetup) -> Finding:
                 Column("error / range", "%", 3),
             ),
             rows,
-            f"UKF on the nominal 180° step, link position measured with Rⁿ = {variance} rad².",
+            "UKF on the nominal 180° step, link position measured with Rⁿ = "
+            f"{number(setup.settings.measurement_noise)} rad².",
             "table-reconstruction",
         ),
     )
@@ -270,7 +272,6 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
     """Trials with the link position measured, and trials with sensors of which sin x1 is no function."""
     s, model = setup.settings, setup.model
     q, r, near = s.process_noise, (s.measurement_noise,), (math.sqrt(INITIAL_VARIANCE),) * model.n
-    stiff = {"stiffness": setup.arm["stiffness"].interval[1]}
     motor = setup.arm.plant(measured=("motor_position",))
 
     def imu(x: Any, u: Any, p: Any) -> Any:
@@ -288,7 +289,15 @@ def _trials(setup: PaperSetup) -> tuple[list[Trial], list[Trial]]:
             Trial(f"{1e3 * period:g} ms", model, period, q, r, near, {})
             for period in dict.fromkeys((s.period, 0.01, 0.05))
         ),
-        Trial("10 ms, stiffness +12 %", model, 0.01, q, r, near, stiff),
+        Trial(
+            "10 ms, stiffness +12 %",
+            model,
+            0.01,
+            q,
+            r,
+            near,
+            {"stiffness": setup.arm["stiffness"].interval[1]},
+        ),
         Trial("10 ms, start off by 30°, 1 rad/s", model, 0.01, q, r, FAR, {}),
     ], [
         Trial("motor position, 10 ms, start off by 30°", motor, 0.01, q, r, FAR, {}),
@@ -355,12 +364,14 @@ def _closed_loops(setup: PaperSetup) -> str:
             gaps.append(float(np.degrees(np.abs(ukf - ekf).max())))
     if not gaps:
         return f"Closed loops: all {count} pairs diverged."
-    largest = number(max(gaps), 1)
-    return f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most {largest}°."
+    return (
+        f"In {len(gaps)} pairs of closed loops (180° step, same noise) the link differs by at most "
+        f"{number(max(gaps), 1)}°."
+    )
 
 
 UKF = (
-    PaperClaim(
+    (
         "ukf-reconstructs",
         "The UKF reconstructs the four states from the link position alone.",
         "On the nominal 180° step, from an initial estimate 5° off at link and motor, each state's RMS error after the "
@@ -368,7 +379,7 @@ UKF = (
         _reconstructs,
         ("figure-03",),
     ),
-    PaperClaim(
+    (
         "ukf-bounded",
         "The UKF is bounded.",
         "The paper does not define the word; it is read as: the estimation error stays bounded. In nominal runs of "
@@ -376,7 +387,7 @@ UKF = (
         f"last ten seconds is more than {GROWS:g} times that of the ten before. This looks at runs and proves nothing.",
         _is_bounded,
     ),
-    PaperClaim(
+    (
         "ukf-better-than-ekf",
         "The UKF estimates the arm's state better than the EKF.",
         f"In {DURATION:g} s of matched noises with the link position measured, up to {RUNS} pairs in each trial, the "

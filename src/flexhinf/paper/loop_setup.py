@@ -23,8 +23,7 @@ from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
-from flexhinf.report import Claim, Table
-from flexhinf.report.page import Verdict
+from flexhinf.report import Claim, Table, Verdict
 from flexhinf.robot import Robot, paper_arm
 
 #: R2 of Eq. (11).
@@ -196,16 +195,22 @@ class PaperSetup:
             whole = ~np.isnan(batch.kept[k]).any(axis=1)
             diverged_at = None if batch.completed[k] else float(batch.diverged_at[k])
             time, (output, estimate) = period * kept[whole], np.degrees(batch.kept[k, whole].T)
-            metrics, changes = batch.metrics_of(k), population.describe(k)
-            runs.append(ToleranceRun(metrics, diverged_at, time, output, estimate, changes))
+            runs.append(
+                ToleranceRun(batch.metrics_of(k), diverged_at, time, output, estimate, population.describe(k))
+            )
         return runs
 
     def load_response(
         self, law: Law, signal: Any, channel: str = "link_torque", estimator: Any = "settings"
     ) -> Trajectory:
         """Simulate a command of 90° after 2 s, and then a disturbance torque."""
-        command = Step(math.pi / 2, at=COMMAND_AT)
-        return self.run(law, command, LOAD_DURATION, disturbance={channel: signal}, estimator=estimator)
+        return self.run(
+            law,
+            Step(math.pi / 2, at=COMMAND_AT),
+            LOAD_DURATION,
+            disturbance={channel: signal},
+            estimator=estimator,
+        )
 
 
 # Numbers of a run, named as in metrics.json ------------------------------------------------------------
@@ -303,11 +308,8 @@ def affordable(wanted: int, period: float, duration: float = LONG) -> int:
 
 def in_two_threads(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """Map in two threads, after the first item alone, which compiles what the others share."""
-    if not items:
-        return []
-    first = function(items[0])
     with ThreadPoolExecutor(2) as pool:
-        return [first, *pool.map(function, items[1:])]
+        return [*map(function, items[:1]), *pool.map(function, items[1:])]
 
 
 # Claims --------------------------------------------------------------------------------------------------
@@ -322,23 +324,22 @@ class Finding(NamedTuple):
     data: Any = None
 
 
-@dataclass(frozen=True)
-class PaperClaim:
-    """One claim of the paper, or one question of ours, in a sentence (``{feedback}`` stands for what is fed back to the
-    law), with its criterion, what computes it, and anchors of the paper's figures that show it."""
+def judge(
+    setup: PaperSetup,
+    id: str,
+    text: str,
+    criterion: str,
+    compute: Callable[[PaperSetup], Finding],
+    figures: tuple[str, ...] = (),
+) -> Claim:
+    """Compute the criterion of a claim of the paper, or of a question of ours, and return the claim with its verdict.
 
-    id: str
-    text: str
-    criterion: str
-    judge: Callable[[PaperSetup], Finding]
-    figures: tuple[str, ...] = ()
-    ours: bool = False
-
-    def judged(self, setup: PaperSetup) -> Claim:
-        """Compute the claim's criterion and return the claim with its verdict."""
-        verdict, evidence, table, *more = self.judge(setup)
-        if not isinstance(verdict, str):
-            verdict = "holds" if verdict else "fails"
-        kind, tables = setup.settings.estimator, () if table is None else (table,)
-        text = self.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
-        return Claim(self.id, text, verdict, evidence, self.figures, self.criterion, tables, *more)
+    `text` is one sentence (``{feedback}`` stands for what is fed back to the law), `figures` are anchors of the paper's
+    figures that show it.
+    """
+    verdict, evidence, table, *more = compute(setup)
+    if not isinstance(verdict, str):
+        verdict = "holds" if verdict else "fails"
+    kind, tables = setup.settings.estimator, () if table is None else (table,)
+    text = text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
+    return Claim(id, text, verdict, evidence, figures, criterion, tables, *more)

@@ -9,14 +9,14 @@ from importlib import import_module
 from typing import Any
 
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, figure_numbers
+from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, figure_numbers, judge
 from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.report import Claim
 
-#: Every claim, in the order of the report.
-CLAIMS = (*STEPS_AND_TRACKING, COIL, GAIN, TOLERANCES, *TORQUES, *UKF, ABOUT_THE_GOAL)
+#: Arguments of `judge` for every claim, in the order of the report; the last one is a question of ours.
+CLAIMS: tuple[Any, ...] = (*STEPS_AND_TRACKING, COIL, GAIN, TOLERANCES, *TORQUES, *UKF, ABOUT_THE_GOAL)
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -68,11 +68,11 @@ def reproduce(
     begin = progress or (lambda text: None)
     begin("synthesis")
     setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
-    judged: dict[bool, list[Claim]] = {False: [], True: []}  # by whether the question is ours
+    judged: list[Claim] = []
     for figure in FIGURE_NUMBERS:
         begin(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
     for claim in CLAIMS:
-        begin(f"claim: {claim.id.replace('-', ' ')}")
-        judged[claim.ours].append(claim.judged(setup))
-    return Reproduction(setup, figures, tuple(judged[False]), tuple(judged[True]), tuple(command))
+        begin(f"claim: {claim[0].replace('-', ' ')}")
+        judged.append(judge(setup, *claim))
+    return Reproduction(setup, figures, tuple(judged[:-1]), tuple(judged[-1:]), tuple(command))

@@ -26,7 +26,6 @@ from flexhinf.paper.loop_setup import (
     LONG,
     STEP_DURATION,
     Finding,
-    PaperClaim,
     PaperSetup,
     affordable,
     known,
@@ -48,11 +47,6 @@ OVERSHOOT, SETTLING = 1.0, 0.10
 
 
 # Growth rates --------------------------------------------------------------------------------------------
-def swept_noises(forms: Sequence[str] = FORMS) -> tuple[ProcessNoise, ...]:
-    """Process noises R^v of every form with every q."""
-    return tuple(ProcessNoise(form, q) for form in forms for q in SWEPT)
-
-
 def growth_with(
     setup: PaperSetup,
     law: Law,
@@ -72,14 +66,14 @@ def growth_with(
         if interrupted.is_set():
             raise CancelledError
 
-    def at(goal: float) -> tuple[GrowthRates, ...]:
-        return growth_rates(loops[goal], setup.population, noises, plants, going_on)
-
     filter = setup.estimator() if estimated else None
     loops = {goal: EquilibriumLoop(law, filter, coil, period, goal) for goal in goals}
     with ThreadPoolExecutor(2) as pool:  # eigenvalues of many plants at once let the other thread go on
         try:
-            return dict(zip(goals, pool.map(at, goals), strict=True))
+            rates = pool.map(
+                lambda goal: growth_rates(loops[goal], setup.population, noises, plants, going_on), goals
+            )
+            return dict(zip(goals, rates, strict=True))
         except BaseException:  # Ctrl-C reaches this thread only, and the pool waits for the others
             interrupted.set()
             raise
@@ -89,7 +83,7 @@ class ToleranceStudy:
     """Growth rates of one law's loop with all plants of `PaperSetup.population`, by goal.
 
     `chosen`: with the R^v of the settings, or with the true state fed back where they have no estimator;
-    `true_state`: fed back; `swept`: over all forms and q, empty without an estimator.
+    `true_state`: fed back; `swept`: over all forms and q, empty unless the loop is `estimated`.
     """
 
     def __init__(self, setup: PaperSetup, law: Law) -> None:
@@ -97,15 +91,12 @@ class ToleranceStudy:
         self.true_state = {g: r[0] for g, r in growth_with(setup, law, estimated=False).items()}
         self.chosen = self.true_state
         self.swept: dict[float, tuple[GrowthRates, ...]] = dict.fromkeys(GOALS, ())
-        if setup.settings.estimator != "none":
-            rates = growth_with(setup, law, (None, *swept_noises()))
+        self.estimated = setup.settings.estimator != "none"
+        if self.estimated:
+            swept = [ProcessNoise(form, q) for form in FORMS for q in SWEPT]
+            rates = growth_with(setup, law, (None, *swept))
             self.chosen = {g: r[0] for g, r in rates.items()}
             self.swept = {g: r[1:] for g, r in rates.items()}
-
-    @property
-    def estimated(self) -> bool:
-        """Whether an estimator is in the loop, so that R^v can be varied."""
-        return any(self.swept.values())
 
     def of_form(self, form: str, goal: float) -> list[GrowthRates]:
         """Growth rates with one form of R^v, in the order of q."""
@@ -284,7 +275,7 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
     )  # fmt: skip
 
 
-COIL = PaperClaim(
+COIL = (
     "electrical-pole-negligible",
     "The motor's electrical pole is negligible in the design.",
     f"With the true state fed back and with the estimator, the coil changes the overshoot of a step to 90° or 180° by "
@@ -293,7 +284,7 @@ COIL = PaperClaim(
     _coil_is_negligible,
 )
 
-TOLERANCES = PaperClaim(
+TOLERANCES = (
     "withstands-tolerances",
     "The loop withstands the parameter tolerances of Tables 1 and 2.",
     "With the R^v of the settings, coil in the plant, the loop in equilibrium at 90° and at 180° is stable with "

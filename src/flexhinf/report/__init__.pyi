@@ -44,6 +44,7 @@ from .page import (
     Page as Page,
     Section as Section,
     Status as Status,
+    Verdict as Verdict,
     by_verdict as by_verdict,
     summary as summary,
 )

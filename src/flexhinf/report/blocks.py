@@ -6,7 +6,6 @@ reading. JSON, in which a number that is not finite is refused.
 
 from __future__ import annotations
 
-import html
 import json
 import math
 import platform
@@ -16,6 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
 from functools import cached_property
+from html import escape
 from importlib import metadata
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -25,11 +25,6 @@ from flexhinf.report.figure import LIGHT
 
 if TYPE_CHECKING:
     from rich.table import Table as Terminal
-
-
-def escape(text: object) -> str:
-    """Text that is safe inside HTML elements and quoted attributes."""
-    return html.escape(str(text), quote=True)
 
 
 def prose(text: str) -> str:
@@ -178,9 +173,11 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
             "A number of the report is not finite.", f"{where} = {value}", "None, which is written as null"
         ) from error
     except TypeError as error:
-        kinds = "text, numbers, true, false, null, lists, mappings"
-        got = f"got {type(value).__name__} at {where}"
-        raise InvalidInput("JSON has no such value.", got, kinds) from error
+        raise InvalidInput(
+            "JSON has no such value.",
+            f"got {type(value).__name__} at {where}",
+            "text, numbers, true, false, null, lists, mappings",
+        ) from error
 
 
 _ACTIVE = re.compile(
@@ -191,7 +188,15 @@ _MARKUP = re.compile(r"<!--.*?-->|<style\b.*?</style\s*>|<(?:[^<>\"']|\"[^\"]*\"
 
 
 class Block:
-    """Base of the parts of a page: HTML text, and perhaps an anchor `id` and `blocks` within it."""
+    """Base of the parts of a page: HTML text, and perhaps an anchor `id` and `blocks` within it.
+
+    Raises InvalidInput: an anchor does not begin with a small letter, or has more than these, digits and hyphens.
+    """
+
+    def __post_init__(self) -> None:
+        name = getattr(self, "id", "none")
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
+            raise InvalidInput("An anchor has small letters, digits, hyphens.", f"got {name!r}", "figure-03")
 
     def html(self) -> str:
         """The block as HTML, every text escaped."""
@@ -201,12 +206,6 @@ class Block:
         """The anchors that this block makes on the page."""
         own, inner = getattr(self, "id", ""), getattr(self, "blocks", ())
         return (*([own] if own else []), *(name for block in inner for name in block.ids()))
-
-
-def check_id(name: str) -> None:
-    """Raise `InvalidInput` unless `name` can be an anchor: small letters, then digits and hyphens too."""
-    if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
-        raise InvalidInput("An anchor has small letters, digits, hyphens.", f"got {name!r}", "figure-03")
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ class Figure(Block):
     label: str = ""
 
     def __post_init__(self) -> None:
-        check_id(self.id)
+        super().__post_init__()
         inline(self.svg, self.id)
 
     def html(self) -> str:
@@ -358,7 +357,7 @@ class Table(Block):
 
     def __post_init__(self) -> None:
         if self.id:
-            check_id(self.id)
+            super().__post_init__()
         for index, row in enumerate(self.rows):
             if not isinstance(row, str) and len(row) != len(self.columns):
                 raise InvalidInput(
@@ -382,19 +381,15 @@ class Table(Block):
         ]
         return cls(columns, rows, *others, **named)
 
-    def records(self) -> list[dict[str, object]]:
-        """Rows as dictionaries by the names of the columns."""
-        names = [column.name for column in self.heads]
-        return [dict(zip(names, row)) for row in self.rows if not isinstance(row, str)]
-
     @cached_property
     def heads(self) -> list[Column]:
         """The columns as `Column`s; a text becomes a `Column` with that name."""
         return [Column(column) if isinstance(column, str) else column for column in self.columns]
 
     @cached_property
-    def _written(self) -> list[tuple[bool, list[str]]]:
-        written = []
+    def _written(self) -> tuple[list[bool], list[str | list[tuple[str, str]]]]:
+        """Whether each column is aligned to the right; the rows, a title as text, each cell as text and mark."""
+        right, columns = [], []
         for index, column in enumerate(self.heads):
             values: list[Any] = [
                 cell.value if isinstance(cell, Cell) else cell
@@ -409,20 +404,20 @@ class Table(Block):
                     decimals = max(0, 3 - math.floor(math.log10(max(sizes))))
             digits = column.digits if numeric else None
             texts = [number(v, digits) if digits and v is not None else scalar(v, decimals) for v in values]
-            written.append((numeric or column.right, texts))
-        return written
-
-    def _lines(self) -> Iterable[str | list[tuple[str, str]]]:
-        texts = zip(*(texts for _, texts in self._written))
-        for row in self.rows:
-            if isinstance(row, str):
-                yield row
-            else:
-                yield [(text, getattr(cell, "mark", "")) for text, cell in zip(next(texts), row)]
+            right.append(numeric or column.right)
+            columns.append(texts)
+        texts = zip(*columns)
+        return right, [
+            row
+            if isinstance(row, str)
+            else [(text, getattr(cell, "mark", "")) for text, cell in zip(next(texts), row)]
+            for row in self.rows
+        ]
 
     def html(self) -> str:
         """The table as HTML, in a frame that scrolls sideways on a narrow screen, or with rows that stack."""
-        css = [' class="number"' if numeric else "" for numeric, _ in self._written]
+        numeric, lines = self._written
+        css = [' class="number"' if right else "" for right in numeric]
         head = "".join(
             f'<th scope="col"{mark}>{prose(column.name)}{unit_html(column.unit)}</th>'
             for column, mark in zip(self.heads, css)
@@ -433,7 +428,7 @@ class Table(Block):
             labels[1:] = [f' data-label="{escape(name)}"' for name in names]
         grouped = any(isinstance(row, str) for row in self.rows) and not self.stacks
         body = []
-        for line in self._lines():
+        for line in lines:
             if isinstance(line, str):
                 cells = [f'<th scope="rowgroup" colspan="{len(css)}"><strong>{prose(line)}</strong></th>']
             else:
@@ -470,10 +465,11 @@ class Table(Block):
         )  # fmt: skip
         indent = " " if any(isinstance(row, str) for row in self.rows) else ""
         there = [k for k, column in enumerate(self.heads) if column.brief is not None]
-        for column, (right, _) in ((self.heads[k], self._written[k]) for k in there):
+        numeric, lines = self._written
+        for column, right in ((self.heads[k], numeric[k]) for k in there):
             heading = column.brief or ", ".join(part for part in (column.name, column.unit) if part)
             table.add_column(Text(heading), justify="right" if right else "left", no_wrap=wide or right)
-        for line in self._lines():
+        for line in lines:
             if isinstance(line, str):
                 table.add_row(Text(line, "bold"))
             else:
@@ -486,13 +482,13 @@ class Table(Block):
 # Settings and where a page comes from ----------------------------------------------------------------
 @dataclass(frozen=True)
 class Setting:
-    """One number or choice (text, a number, yes or no, None, or a list of these) that had a part in the result, and who
-    says so: ``Table 1``, ``ours``, ``option --period``."""
+    """One number or choice (text, a number, yes or no, None, or a list of these) that had a part in the result, with a
+    note on who says so: ``Table 1``, ``ours``, ``option --period``."""
 
     name: str
     value: object
     unit: str = ""
-    source: str = ""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -507,7 +503,7 @@ class Settings(Block):
         for name, group in self.groups.items():
             rows = "".join(
                 f'<tr><th scope="row">{prose(row.name)}</th><td>{prose(scalar(row.value))}{unit_html(row.unit)}</td>'
-                f"<td>{prose(row.source)}</td></tr>"
+                f"<td>{prose(row.note)}</td></tr>"
                 for row in group
             )
             parts += (

@@ -145,11 +145,9 @@ def new_figure(
 
 
 @house_style()
-def label(axes: Axes, quantity: str, unit: str, title: str = "") -> None:
-    """Name what the vertical axis shows, with its unit; an optional title stands above the panel."""
+def label(axes: Axes, quantity: str, unit: str) -> None:
+    """Name what the vertical axis shows, with its unit."""
     axes.set_ylabel(f"{quantity} ({unit})" if unit else quantity)
-    if title:
-        axes.set_title(title)
 
 
 @house_style()
@@ -218,14 +216,11 @@ def legend(axes: Axes) -> None:
     wrapped = ["\n".join(textwrap.wrap(name, 70)) for name in names]
     letters = [max(map(len, name.split("\n"))) for name in wrapped]
     room = 72.0 * axes.figure.bbox.width / axes.figure.dpi - 70.0  # pt, beside tick and axis labels
-    columns = 1
-    for rows in range(1, len(names)):  # Matplotlib fills a legend column by column
-        parts = np.array_split(letters, -(-len(names) // rows))
-        if sum(5.4 * max(part) + 42.0 for part in parts) <= room:
-            columns = len(parts)
-            break
+    # Matplotlib fills a legend column by column
+    layouts = (np.array_split(letters, -(-len(names) // rows)) for rows in range(1, len(names)))
+    fitting = (len(parts) for parts in layouts if sum(5.4 * max(part) + 42.0 for part in parts) <= room)
     axes.legend(
-        handles, wrapped, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2,
+        handles, wrapped, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=next(fitting, 1), borderaxespad=0.2,
         columnspacing=1.4,
     )  # fmt: skip
 

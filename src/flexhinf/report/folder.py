@@ -98,8 +98,11 @@ def _refusals(path: str | os.PathLike[str]) -> Iterator[Path]:
     except InvalidInput:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        what = "The report's folder cannot be written."
-        raise InvalidInput(what, f"{path}: {error}", "a folder that you may write to, with room") from error
+        raise InvalidInput(
+            "The report's folder cannot be written.",
+            f"{path}: {error}",
+            "a folder that you may write to, with room",
+        ) from error
 
 
 def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Path:

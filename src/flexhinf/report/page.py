@@ -13,7 +13,16 @@ from importlib import resources
 from typing import Any, Literal, get_args
 
 from flexhinf.errors import InvalidInput
-from flexhinf.report.blocks import Block, Provenance, Settings, check_id, escape, prose, scalar, unit_html
+from flexhinf.report.blocks import (
+    Block,
+    Provenance,
+    Setting,
+    Settings,
+    escape,
+    prose,
+    scalar,
+    unit_html,
+)
 from flexhinf.report.figure import DARK, LIGHT
 from flexhinf.validation import one_of
 
@@ -54,19 +63,19 @@ class Claim(Block):
     data: Any = None
 
     def __post_init__(self) -> None:
-        check_id(self.id)
+        super().__post_init__()
         one_of("There is no such verdict.", self.verdict, get_args(Verdict))
 
     def as_dict(self) -> dict[str, Any]:
         """The claim as it stands in ``metrics.json``."""
-        known = {
+        return {
             "id": self.id,
             "text": self.text,
             **({"criterion": self.criterion} if self.criterion else {}),
             "verdict": self.verdict,
             "evidence": self.evidence,
+            **({"numbers": self.numbers} if self.numbers else {}),
         }
-        return {**known, "numbers": self.numbers} if self.numbers else known
 
     def ids(self) -> tuple[str, ...]:
         """The anchors of the claim and of its blocks."""
@@ -152,14 +161,8 @@ class Status:
         )
 
 
-@dataclass(frozen=True)
-class KeyNumber:
+class KeyNumber(Setting):
     """One of the few numbers at the top of a page."""
-
-    label: str
-    value: object
-    unit: str = ""
-    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -169,9 +172,6 @@ class Section(Block):
     title: str
     blocks: Sequence[Block]
     id: str
-
-    def __post_init__(self) -> None:
-        check_id(self.id)
 
     def html(self) -> str:
         """The section as HTML."""
@@ -200,15 +200,21 @@ class Page:
     def __post_init__(self) -> None:
         names = [*(name for section in self.sections for name in section.ids()), "settings", "again"]
         if twice := sorted(name for name, times in Counter(names).items() if times > 1):
-            what = "Every anchor of a report page is there once ('settings' and 'again' are the page's own)."
-            raise InvalidInput(what, f"used more than once: {', '.join(twice)}", "another id")
+            raise InvalidInput(
+                "Every anchor of a report page is there once ('settings' and 'again' are the page's own).",
+                f"used more than once: {', '.join(twice)}",
+                "another id",
+            )
         blocks = [block for section in self.sections for block in section.blocks]
         pointed = {n for b in blocks if isinstance(b, Claim) for n in b.figures} | {
             f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims
         }
         if lost := sorted(pointed - set(names)):
-            what = "A claim points at a figure or at evidence that is not on the page."
-            raise InvalidInput(what, f"not found: {', '.join(lost)}", "a Figure, or a Claim for each")
+            raise InvalidInput(
+                "A claim points at a figure or at evidence that is not on the page.",
+                f"not found: {', '.join(lost)}",
+                "a Figure, or a Claim for each",
+            )
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""
@@ -224,7 +230,7 @@ class Page:
         )
         contents = "".join(f'<li><a href="#{part.id}">{prose(part.title)}</a></li>' for part in sections)
         strip = "".join(
-            f"<div><dt>{prose(n.label)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
+            f"<div><dt>{prose(n.name)}</dt><dd>{escape(scalar(n.value))}{unit_html(n.unit)}</dd>"
             + (f'<dd class="small">{prose(n.note)}</dd></div>' if n.note else "</div>")
             for n in self.numbers
         )

@@ -363,8 +363,7 @@ class Translator:
                 continue
             places.append(place)
             declared.append(f"{self.real.name} {place}[{piece.size * lanes}];")
-            moves = gather if k < read else scatter
-            moves.append(self._move(piece, start, place, lanes, "left", k < read))
+            (gather if k < read else scatter).append(self._move(piece, start, place, lanes, "left", k < read))
         lines = [*declared, *gather, f"{name}({', '.join(places)});", *scatter]
         yield from block(f"for (int c = 0; c < {step.count}; c += {lanes}) {{", lines)
 
@@ -380,16 +379,12 @@ class Translator:
             end = step.count - left % lanes if left >= lanes else step.count
             number = str(min(left, lanes))
             lines = [f"{self.real.name} column[{step.size * lanes}];"]
-            for columns, place in step.inputs:
-                start, inside = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
-                lines.append(self._move(columns, start, inside, lanes, number, True))
+            lines += self._moves(step.inputs, loops, lanes, number, True)
             spread = _shared(step.body) if lanes > 1 else {}
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
-            for columns, place in step.outputs:
-                start, inside = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
-                lines.append(self._move(columns, start, inside, lanes, number, False))
+            lines += self._moves(step.outputs, loops, lanes, number, False)
             copies = [f"{self.real.name} {name}[{piece.size * lanes}];" for piece, name in spread.items()]
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
@@ -398,6 +393,21 @@ class Translator:
                 "{", [*copies, *block(f"for (int c = {first}; c < {end}; c += {lanes}) {{", lines)]
             )
             first = end
+
+    def _moves(
+        self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
+    ) -> list[str]:
+        return [
+            self._move(
+                columns,
+                self._at(columns.whole, loops),
+                f"column + {place.offset * lanes}",
+                lanes,
+                left,
+                read,
+            )
+            for columns, place in pairs
+        ]
 
     def _move(self, columns: Columns, start: str, place: str, lanes: int, left: str, read: bool) -> str:
         """A call that copies a column, or `left` columns side by side, from a matrix at `start` to a place, or back."""

@@ -8,19 +8,18 @@ Polynomials in nested form: every coefficient is read once, one after the other,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
 
 from flexhinf.codegen.emit.opcodes import Lanes, Writer
 from flexhinf.polynomial import basis
 
+#: Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
+#: lanes; in a kernel for a single run eight rows of eight columns in a vector each.
 TILE, WIDE = 4, 8
-"""Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
-lanes; in a kernel for a single run eight rows of eight columns in a vector each."""
 
+#: Polynomials that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run.
 TOGETHER = 8
-"""Polynomials that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run."""
 
 PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.symbol, which says what it means
 
@@ -62,7 +61,7 @@ class Algebra:
         `operands`: Left, right, weights and plus.
         """
         (left, right, weights, plus), (rows, columns), writer = operands, shape, self.writer
-        for i, height, number in self._blocks(rows, self._side):
+        for i, height, number in writer.blocks(rows, self._side):
             factors = left, rows, i
             if weights is not None:  # w_k l_ki of these rows, (N, height): computed once, for all columns
                 memory = writer.allocate(f"[{count * height} x {writer.lanes.element}]")
@@ -77,9 +76,9 @@ class Algebra:
                         )
                         self._store(memory, self._at(k, height, first), product, together)
             if symmetric:  # left of the diagonal, and across it
-                tiles = chain(self._turns("0", number, self._side), [(i, height, "")])
+                tiles = chain(writer.turns("0", number, self._side), [(i, height, "")])
             else:
-                tiles = self._blocks(columns, self._side * max(1, self._side // height))
+                tiles = writer.blocks(columns, self._side * max(1, self._side // height))
             for j, width, _ in tiles:
                 place = (i, height), (j, width), columns
                 for cell, together, total in self._tile(*place, factors, right, str(count)):
@@ -127,18 +126,6 @@ class Algebra:
                 self._add_to(place, self._spread(left[a], together), values[b], together)
         return [(cell, together, self._loaded(place, together)) for *_, cell, together, place in cells]
 
-    def _turns(self, first: str, end: str, block: int) -> Iterator[tuple[str, int, str]]:
-        """A loop over full blocks: first element, length and number of each."""
-        with self.writer.loop(end, first) as turn:
-            yield self._times(turn, block), block, turn
-
-    def _blocks(self, size: int, block: int) -> Iterator[tuple[str, int, str]]:
-        """First element, length and number of all blocks, of which the last may be shorter."""
-        if size >= block:
-            yield from self._turns("0", str(size // block), block)
-        if size % block:
-            yield str(size - size % block), size % block, str(size // block)
-
     def _vectors(self, size: int) -> list[tuple[int, int]]:
         """First number and length of the vectors that hold so many neighbours; in lanes each goes alone."""
         vectors, first = [], 0
@@ -170,9 +157,9 @@ class Algebra:
                 self._store(work, self._at(i, pitch, j), zero, 1)
         with writer.loop(str(pitch), str(n)) as j:
             self._store(moved, j, zero, 1)
-        for first, height, number in self._blocks(n, self._side):
+        for first, height, number in writer.blocks(n, self._side):
             rest = pitch % self._side
-            tiles = self._turns(number, str(pitch // self._side), self._side)
+            tiles = writer.turns(number, str(pitch // self._side), self._side)
             for j, width, _ in chain(tiles, [(str(pitch - rest), rest, "")] if rest else []):
                 place, factors = ((first, height), (j, width), pitch), (Operand(work), pitch, first)
                 for cell, size, total in self._tile(*place, factors, Operand(work), first, work):
@@ -209,7 +196,7 @@ class Algebra:
         with writer.loop(
             blocks, writer.let(f"udiv i64 {j}, {together}")
         ) as q:  # left of the diagonal in vain
-            column = self._times(q, together)
+            column = writer.let(f"mul nsw i64 {q}, {together}")
             place = self._at(j, pitch, column)
             value = wide.real("fmul", self._load(rows, place, together), inverse)
             self._store(work, place, value, together)
@@ -219,7 +206,7 @@ class Algebra:
         with writer.loop(end, writer.let(f"add nsw i64 {j}, 1")) as k:
             spread = self._spread(writer.real("fneg", self._load(rows, self._at(j, pitch, k), 1)), together)
             with writer.loop(blocks, writer.let(f"udiv i64 {k}, {together}")) as q:
-                column = self._times(q, together)
+                column = writer.let(f"mul nsw i64 {q}, {together}")
                 value = self._load(rows, self._at(j, pitch, column), together)
                 place = self._at(k, pitch, column)
                 total = self.multiply_add(wide, spread, value, self._load(rows, place, together))
@@ -284,9 +271,6 @@ class Algebra:
 
     def _ahead(self, index: str, k: int) -> str:
         return self.writer.let(f"add nsw i64 {index}, {k}") if k else index
-
-    def _times(self, turn: str, block: int) -> str:
-        return self.writer.let(f"mul nsw i64 {turn}, {block}")
 
     def _place(self, start: str, together: int) -> str:
         """Memory for a sum with this start value, until LLVM promotes it to a register."""

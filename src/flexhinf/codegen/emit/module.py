@@ -20,8 +20,7 @@ columns are packed into lanes, and unpacked.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any
 
@@ -31,15 +30,16 @@ from flexhinf.codegen.emit.algebra import Algebra, Operand
 from flexhinf.codegen.emit.opcodes import (
     NEAR,
     OPCODES,
+    PURE,
     Dataflow,
     Lanes,
     ModuleText,
     Writer,
-    emit_normal,
     is_far,
     read_dataflow,
 )
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
+from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import (
     ENTRY,
     PREFIX,
@@ -63,66 +63,8 @@ _PLACES = 2
 _SUMS = 4  # of a guard, as many as the latency of an addition asks for
 _SMALL = 200  # operations of a function that is put where it is called
 
-
+#: Columns of a `Map` that travel together in the lanes of a kernel for a single run.
 BLOCK = 8
-"""Columns of a `Map` that travel together in the lanes of a kernel for a single run."""
-
-
-@dataclass(frozen=True)
-class Packer:
-    """Copies neighbouring columns of a matrix into elements of as many lanes, and back.
-
-    `wide`: Of the packed elements; in a kernel of several lanes these are the kernel's, and a column goes alone.
-    `left`: Columns; lanes without one are zero.
-    """
-
-    writer: Writer
-    wide: Lanes
-    left: int
-
-    def pack(self, source: str, shared: bool, rows: int, moves: tuple[int, int], target: str) -> None:
-        """From the first of these columns at `source` to `rows` elements at `target`; see `Columns.moves`.
-
-        `shared`: One number serves all lanes of the kernel.
-        """
-        writer, wide = self.writer, self.wide
-        unit = "double" if shared else writer.lanes.element
-        for element in writer.elements(rows):
-            place = self._place(source, element, moves[0], unit)
-            if writer.lanes.width > 1:
-                value = writer.load_element(place, 0, shared)
-            elif self._neighbours(moves):
-                value = writer.let(f"load {wide.real}, ptr {place}, align 8")
-            else:
-                value = "zeroinitializer"
-                for lane in range(self.left):
-                    number = writer.let(f"getelementptr double, ptr {place}, i64 {lane * moves[1]}")
-                    number = writer.let(f"load double, ptr {number}, align 8")
-                    value = writer.let(f"insertelement {wide.real} {value}, double {number}, i64 {lane}")
-            kept = writer.let(f"getelementptr {wide.element}, ptr {target}, i64 {element}")
-            writer.do(f"store {wide.real} {value}, ptr {kept}, align 8")
-
-    def unpack(self, source: str, rows: int, moves: tuple[int, int], target: str) -> None:
-        """The inverse: from `rows` elements at `source` to the first of these columns at `target`."""
-        writer, wide = self.writer, self.wide
-        for element in writer.elements(rows):
-            kept = writer.let(f"getelementptr {wide.element}, ptr {source}, i64 {element}")
-            value = writer.let(f"load {wide.real}, ptr {kept}, align 8")
-            place = self._place(target, element, moves[0], writer.lanes.element)
-            if writer.lanes.width > 1 or self._neighbours(moves):
-                writer.do(f"store {wide.real} {value}, ptr {place}, align 8")
-                continue
-            for lane in range(self.left):
-                number = writer.let(f"extractelement {wide.real} {value}, i64 {lane}")
-                position = writer.let(f"getelementptr double, ptr {place}, i64 {lane * moves[1]}")
-                writer.do(f"store double {number}, ptr {position}, align 8")
-
-    def _neighbours(self, moves: tuple[int, int]) -> bool:
-        return self.left == self.wide.width and (moves[1] == 1 or self.left == 1)
-
-    def _place(self, matrix: str, element: str, move: int, unit: str) -> str:
-        offset = self.writer.let(f"mul nsw i64 {element}, {move}")
-        return self.writer.let(f"getelementptr {unit}, ptr {matrix}, i64 {offset}")
 
 
 def emit_function(
@@ -192,25 +134,34 @@ def _define(
         writer.place("near", "ret void")
     for result, element, value in flow.outputs:
         writer.store_element(f"%out{result}", element, values[value])
-    head = f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{"
-    module.definitions[name] = "\n".join([head, *writer.lines, "  ret void", "}"])
+    writer.do("ret void")
+    module.define(
+        name, f"define internal void @{name}({', '.join(pointers)}) {attributes}nounwind {{", writer.lines
+    )
 
 
-@dataclass(frozen=True)
-class Module:
-    """LLVM text and the names to link it with.
+def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
+    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
 
-    `library`: Emitted name to the name of the C library function behind it. `operations`: Operations in the traced
-    functions, a measure of the time to compile.
+    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
+    seed, likewise.
     """
+    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
+    whole, real = lanes.integer, lanes.real
+    if full not in caller.module.definitions:
+        writer = Writer(caller.module, lanes)
+        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
+        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
+        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
+        caller.module.define(
+            full, f"define internal {real} @{full}({arguments}) noinline {PURE} {{", writer.lines
+        )
+    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
+    return caller.let(f"call {real} @{full}({numbers})")
 
-    text: str
-    library: dict[str, str]
-    operations: int
 
-
-def emit_module(program: Program, lanes: int, fused: bool = True) -> Module:
-    """Write the LLVM module of a program.
+def emit_module(program: Program, lanes: int, fused: bool = True) -> ModuleText:
+    """Write the LLVM module of a program: its text, and the names to link it with.
 
     `lanes`: W ≥ 1. `fused`: The target has a fused multiply-add. Raises Unsupported: A traced function holds an
     operation that is not in the table.
@@ -237,7 +188,7 @@ class _Emitter:
         }  # fmt: skip
         self.scratch = ""  # memory for the columns that a Sweep has in hand
 
-    def emit(self) -> Module:
+    def emit(self) -> ModuleText:
         writer, width = self.writer, self.lanes.width
         slots = len(self.program.buffers) + len(self.program.counts)
         self.pointers = {
@@ -266,7 +217,7 @@ class _Emitter:
             largest = writer.let(f"call i64 @{name}({self.lanes.integer} {largest})")
         writer.do(f"ret i64 {largest}")
         head = f"define i64 @{ENTRY}(ptr %context) nounwind {{\nentry:"
-        self.module.definitions[ENTRY] = "\n".join([head, *writer.first, *writer.lines, "}"])
+        self.module.define(ENTRY, head, [*writer.first, *writer.lines])
         # Functions of columns and small ones are put where they are called, if that is a place or two: what a `Map` has
         # in hand then stays in registers; a large function of a `Call` is slower inside of a loop.
         for name, places in self.calls.items():
@@ -274,11 +225,9 @@ class _Emitter:
                 self.module.definitions[name] = self.module.definitions[name].replace(
                     ") nounwind {", ") nounwind alwaysinline {", 1
                 )
-        return Module(
-            f'{self.module}!0 = !{{!"branch_weights", i32 1, i32 1000000}}\n',
-            dict(self.module.library),
-            sum(self.sizes.values()),
-        )
+        self.module.definitions["!0"] = '!0 = !{!"branch_weights", i32 1, i32 1000000}'
+        self.module.operations = sum(self.sizes.values())
+        return self.module
 
     def _word(self, k: int) -> str:
         return self.writer.let(f"getelementptr i64, ptr %context, i64 {k}")
@@ -288,7 +237,8 @@ class _Emitter:
             self._writers[type(step)](step, turns)
 
     def _repeat(self, step: Repeat, turns: tuple[str, ...]) -> None:
-        with self.writer.loop(str(step.turns(self.turns))) as turn:
+        end = self.turns[step.count] if isinstance(step.count, str) else str(step.count)
+        with self.writer.loop(end) as turn:
             self._body(step.body, (*turns, turn))
 
     def _when(self, step: When, turns: tuple[str, ...]) -> None:
@@ -337,49 +287,78 @@ class _Emitter:
         )
         name = self._function(step.function, wide, shared)
         starts = [self._address(whole(piece), turns) for piece in (*step.inputs, *step.outputs)]
-        for first, left in self._blocks(step.count, block):
-            packer, pointers, packed = Packer(writer, wide, left), [], []
+        for first, left, _ in writer.blocks(step.count, block):
+            pointers, packed = [], []
             for piece, start in zip((*step.inputs, *step.outputs), starts):
                 if not isinstance(piece, Columns):
                     pointers.append(start)
                     continue
-                columns = self._column(piece, start, first)
+                columns = self._column(piece, start, first, piece.moves[1])
                 place = writer.allocate(f"[{piece.size} x {wide.element}]")
                 pointers.append(place)
                 packed.append((place, piece, columns))
                 if len(pointers) <= len(step.inputs):
-                    packer.pack(columns, self._shared(piece.whole), piece.size, piece.moves, place)
+                    self._pack(piece, columns, place, wide, left)
             writer.do(f"call void @{name}({', '.join(f'ptr {pointer}' for pointer in pointers)})")
             self.calls[name] += 1
             self.mapped.add(name)
             for place, piece, columns in packed[-len(step.outputs) :]:
-                packer.unpack(place, piece.size, piece.moves, columns)
+                self._unpack(piece, columns, place, wide, left)
 
-    def _column(self, columns: Columns, start: str, first: str) -> str:
+    def _column(self, columns: Columns, start: str, index: str, move: int) -> str:
         unit = "double" if self._shared(columns.whole) else self.lanes.element
-        offset = self.writer.let(f"mul nsw i64 {first}, {columns.moves[1]}")
+        offset = self.writer.let(f"mul nsw i64 {index}, {move}")
         return self.writer.let(f"getelementptr {unit}, ptr {start}, i64 {offset}")
 
-    def _blocks(self, count: int, block: int) -> Iterator[tuple[str, int]]:
-        if count >= block:
-            with self.writer.loop(str(count // block)) as turn:
-                yield self.writer.let(f"mul nsw i64 {turn}, {block}"), block
-        if count % block:
-            yield str(count - count % block), count % block
+    def _pack(self, columns: Columns, start: str, packed: str, wide: Lanes, left: int) -> None:
+        """Copy `left` neighbouring columns, the first at `start`, to elements of as many lanes at `packed`.
+
+        `wide`: Of the packed elements, whose lanes without a column are zero. In a kernel of several lanes these are
+        the kernel's, and a column goes alone.
+        """
+        writer, shared, (along, across) = self.writer, self._shared(columns.whole), columns.moves
+        for element in writer.elements(columns.size):
+            place = self._column(columns, start, element, along)
+            if self.lanes.width > 1:
+                value = writer.load_element(place, 0, shared)
+            elif left == wide.width and (across == 1 or left == 1):
+                value = writer.let(f"load {wide.real}, ptr {place}, align 8")
+            else:
+                value = "zeroinitializer"
+                for lane in range(left):
+                    number = writer.let(f"getelementptr double, ptr {place}, i64 {lane * across}")
+                    number = writer.let(f"load double, ptr {number}, align 8")
+                    value = writer.let(f"insertelement {wide.real} {value}, double {number}, i64 {lane}")
+            kept = writer.let(f"getelementptr {wide.element}, ptr {packed}, i64 {element}")
+            writer.do(f"store {wide.real} {value}, ptr {kept}, align 8")
+
+    def _unpack(self, columns: Columns, start: str, packed: str, wide: Lanes, left: int) -> None:
+        """The inverse of `_pack`."""
+        writer, (along, across) = self.writer, columns.moves
+        for element in writer.elements(columns.size):
+            kept = writer.let(f"getelementptr {wide.element}, ptr {packed}, i64 {element}")
+            value = writer.let(f"load {wide.real}, ptr {kept}, align 8")
+            place = self._column(columns, start, element, along)
+            if self.lanes.width > 1 or (left == wide.width and (across == 1 or left == 1)):
+                writer.do(f"store {wide.real} {value}, ptr {place}, align 8")
+                continue
+            for lane in range(left):
+                number = writer.let(f"extractelement {wide.real} {value}, i64 {lane}")
+                position = writer.let(f"getelementptr double, ptr {place}, i64 {lane * across}")
+                writer.do(f"store double {number}, ptr {position}, align 8")
 
     def _sweep(self, step: Sweep, turns: tuple[str, ...]) -> None:
 
         def ends(columns: Columns, place: Slice, first: str, wide: Lanes) -> tuple[str, str]:
-            matrix = self._column(columns, self._address(columns.whole, turns), first)
+            matrix = self._column(columns, self._address(columns.whole, turns), first, columns.moves[1])
             memory = self._scratch(wide)
             return matrix, self.writer.let(f"getelementptr {wide.element}, ptr {memory}, i64 {place.offset}")
 
-        for first, left in self._blocks(step.count, BLOCK if self.single else 1):
+        for first, left, _ in self.writer.blocks(step.count, BLOCK if self.single else 1):
             wide = (Lanes(BLOCK) if left > 1 else Lanes(1)) if self.single else self.lanes
-            packer = Packer(self.writer, wide, left)
             for columns, place in step.inputs:
                 matrix, inside = ends(columns, place, first, wide)
-                packer.pack(matrix, self._shared(columns.whole), columns.size, columns.moves, inside)
+                self._pack(columns, matrix, inside, wide, left)
             lanes, writer = self.lanes, self.writer
             self.pointers[COLUMN] = self._scratch(wide)
             self.lanes, self.writer = wide, writer.alike(wide)
@@ -388,7 +367,7 @@ class _Emitter:
             del self.pointers[COLUMN]
             for columns, place in step.outputs:
                 matrix, inside = ends(columns, place, first, wide)
-                packer.unpack(inside, columns.size, columns.moves, matrix)
+                self._unpack(columns, matrix, inside, wide, left)
 
     def _scratch(self, wide: Lanes) -> str:
         if not self.scratch:

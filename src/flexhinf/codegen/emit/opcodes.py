@@ -28,7 +28,6 @@ from dataclasses import dataclass, field, replace
 
 import casadi
 
-from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import PREFIX, Unsupported
 from flexhinf.scalars.trace import walk
 
@@ -172,8 +171,8 @@ def _fuse(operations: dict[int, Operation], outputs: list[tuple[int, int, int]])
             del operations[left]
 
 
+#: Attributes of functions whose result depends on their arguments alone.
 PURE = "nounwind willreturn memory(none)"
-"""Attributes of functions whose result depends on their arguments alone."""
 
 _UNROLLED = 64  # elements of a guard or of a broadcast copy that are written out; longer ones get a loop
 
@@ -215,16 +214,22 @@ class ModuleText:
     """Text of a module, collected while functions are written: definitions, declarations, and names to link.
 
     `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
-    `library`: Emitted name of a C library function to its own name.
+    `library`: Emitted name of a C library function to its own name. `operations`: Operations in the traced functions, a
+    measure of the time to compile.
     """
 
     lanes: Lanes
     definitions: dict[str, str] = field(default_factory=dict)
     declarations: dict[str, str] = field(default_factory=dict)
     library: dict[str, str] = field(default_factory=dict)
+    operations: int = 0
 
     def __str__(self) -> str:
         return "\n".join([*self.declarations.values(), *self.definitions.values(), ""])
+
+    def define(self, name: str, head: str, lines: Sequence[str]) -> None:
+        """Add a function: its first line, up to the brace, and its body."""
+        self.definitions[name] = "\n".join([head, *lines, "}"])
 
 
 class Writer:
@@ -293,6 +298,18 @@ class Writer:
         yield turn
         self.do(f"store i64 {self.let(f'add nsw i64 {turn}, 1')}, ptr {place}, align 8")
         self.place(after, f"br label %{head}")
+
+    def turns(self, first: str, end: str, block: int) -> Iterator[tuple[str, int, str]]:
+        """A loop over full blocks: first element, length and number of each."""
+        with self.loop(end, first) as turn:
+            yield self.let(f"mul nsw i64 {turn}, {block}"), block, turn
+
+    def blocks(self, size: int, block: int) -> Iterator[tuple[str, int, str]]:
+        """First element, length and number of all blocks, of which the last may be shorter."""
+        if size >= block:
+            yield from self.turns("0", str(size // block), block)
+        if size % block:
+            yield str(size - size % block), size % block, str(size // block)
 
     def elements(self, size: int) -> Iterator[str]:
         """The integers below `size`: one after the other if they are few, else those of a loop."""
@@ -392,32 +409,14 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
             result = inside.let(f"insertelement {real} {result}, double {value}, i64 {lane}")
         inside.do(f"ret {real} {result}")
         arguments = ", ".join(f"{real} {name}" for name in names)
-        head = f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{"
-        module.definitions[lanewise] = "\n".join([head, *inside.lines, "}"])
+        module.define(
+            lanewise, f"define internal {real} @{lanewise}({arguments}) noinline {PURE} {{", inside.lines
+        )
     return writer.call(lanewise, *operands)
 
 
-def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> str:
-    """Emit a number N(0, 1) of `flexhinf.codegen.noise`; returns the name of the result.
-
-    `step`: Name of a 64-bit integer below 2³². `key`: Names of the sample, and of the low and the high word of the
-    seed, likewise.
-    """
-    lanes, full = caller.lanes, f"{PREFIX}normal{caller.lanes.width}"
-    whole, real = lanes.integer, lanes.real
-    if full not in caller.module.definitions:
-        writer = Writer(caller.module, lanes)
-        counter = ["%step", "%channel", "%sample", lanes.whole(0)]
-        writer.do(f"ret {real} {normal(writer, counter, ['%low', '%high'])}")
-        arguments = ", ".join(f"{whole} %{name}" for name in ("step", "channel", "sample", "low", "high"))
-        head = f"define internal {real} @{full}({arguments}) noinline {PURE} {{"
-        caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
-    numbers = ", ".join(f"{whole} {word}" for word in (step, lanes.whole(channel), *key))
-    return caller.let(f"call {real} @{full}({numbers})")
-
-
+#: Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer.
 REACH = 2.0**30
-"""Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer."""
 
 # π/2 as an unevaluated sum of three float64 numbers.
 HALF_PI = (
@@ -446,8 +445,8 @@ COSINE = (
 )
 
 
+#: (writer, name of each operand) → name of the result.
 Rule = Callable[..., str]
-"""(writer, name of each operand) → name of the result."""
 
 
 def is_far(writer: Writer, value: str) -> str:
@@ -476,7 +475,7 @@ def _turn(name: str, near: bool = False) -> Rule:
                 result = writer.let(f"phi {lanes.real} [ {within}, %entry ], [ {exact}, %beyond ]")
             writer.do(f"ret {real} {result}")
             head = f"define internal {real} @{full}({real} %x) alwaysinline {PURE} {{\nentry:"
-            caller.module.definitions[full] = "\n".join([head, *writer.lines, "}"])
+            caller.module.define(full, head, writer.lines)
         return caller.call(full, value)
 
     return rule
