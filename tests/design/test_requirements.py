@@ -24,7 +24,7 @@ from flexhinf.design.requirements import (
 )
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, SpecificationError
-from flexhinf.pages.drawing import achieved_text, limit_text, requirement_table
+from flexhinf.pages.page import achieved_text, limit_text, requirement_table
 from flexhinf.report import Cell
 
 

@@ -16,7 +16,6 @@ from flexhinf.pages.drawing import (
     Units,
     amplitude_text,
     changes_text,
-    finite,
     listed,
     note,
     pose_text,
@@ -24,6 +23,7 @@ from flexhinf.pages.drawing import (
     settling_text,
     units_of,
 )
+from flexhinf.report import finite
 
 Make = Callable[[str], Design]
 
@@ -125,9 +125,9 @@ def test_degrees_are_those_of_the_specification(report_design: Make) -> None:
 def test_weights_have_the_inverse_unit_of_what_they_weigh(report_design: Make) -> None:
     problem = report_design("cart").problem
     found = state_weights(problem, ("belt", "arm"))
-    units = {weight.signal: weight.unit for weight in found}
+    units = {name: unit for name, _, unit in found}
     assert units["link_position_belt"] == "1/m"
     assert units["link_position_arm_integral"] == "1/(rad·s)"
     assert units["joint_torque_rate_belt"] == "1/(N/s)"
     assert effort_unit(problem) == "N⁻² or (N·m)⁻²"
-    assert all(weight.value for weight in found)
+    assert all(weight for _, weight, _ in found)

@@ -24,8 +24,15 @@ from flexhinf.pages.design.law import mode_table
 from flexhinf.pages.design.region import level_table, region, widest_step
 from flexhinf.pages.design.step import histogram_bins, spread_table
 from flexhinf.pages.design.weights import candidate_table, robust_table
-from flexhinf.pages.drawing import achieved_text, joint_table, limit_text, requirement_table, with_figures
-from flexhinf.pages.page import design_settings, remarks, title_of
+from flexhinf.pages.drawing import joint_table, with_figures
+from flexhinf.pages.page import (
+    achieved_text,
+    design_settings,
+    limit_text,
+    remarks,
+    requirement_table,
+    title_of,
+)
 from flexhinf.report import Cell, Column, number
 
 Make = Callable[[str], Design]
@@ -157,8 +164,9 @@ def test_what_does_not_apply_has_no_section(report_design: Make) -> None:
 @pytest.mark.slow
 def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make) -> None:
     design = report_design("met")
-    rows, search = candidate_table(design).rows, design.design_problem.search
+    search = design.design_problem.search
     assert search is not None
+    rows = candidate_table(search).rows
     weights, shown = sorted(c.damping_weight for c in search.candidates), [row[0] for row in rows]
     assert shown == sorted(shown)
     assert set(shown) <= set(weights)
@@ -195,7 +203,7 @@ def test_the_spread_is_that_of_the_samples(report_design: Make) -> None:
     design = report_design("met")
     samples = design.evaluation.step_samples
     assert samples is not None
-    table = spread_table(design.evaluation)
+    table = spread_table(design.evaluation, samples)
     rows: Any = [dict(zip((column.name for column in table.heads), row)) for row in table.rows]
     for row, values in zip(rows, (samples.overshoot, samples.settling, samples.peak)):
         ordered = [number(value, 3) for value in np.sort(values)]

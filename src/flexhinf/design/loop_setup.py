@@ -197,7 +197,7 @@ class LoopPlants:
     """Plants, sensors, noise, limits and estimators of a loop: all of it except the control law."""
 
     robot: Robot
-    specification: Specification  # sensors, estimator, period, delay, quantisation, limits, extras and noise
+    specification: Specification  # `of_loop`: sensors, estimator, period, delay, limits, extras and noise
 
     @property
     def joints(self) -> tuple[str, ...]:

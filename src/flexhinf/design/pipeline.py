@@ -214,7 +214,7 @@ class Design(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""
-        return import_module(PAGES).write_design(self, folder)
+        return import_module(PAGES).write_report(self, folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,7 +282,7 @@ class Comparison(Summarised):
 
     def save(self, folder: str | Path) -> Path:
         """Write the report and its numbers into a folder, which is returned."""
-        return import_module(PAGES).write_comparison(self, folder)
+        return import_module(PAGES).write_report(self, folder)
 
     def units(self) -> dict[str, Any]:
         """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
@@ -372,7 +372,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         same_on_rigid = on_rigid.result()
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, evaluation.runs)
-    lines = _requirements(evaluation, synthesis, on_mujoco, rest, payloads)
+    lines = _requirements(s, evaluation, synthesis, on_mujoco, rest, payloads)
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
@@ -436,6 +436,7 @@ def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
 
 
 def _requirements(
+    stated: Specification,
     evaluation: LawEvaluation,
     synthesis: steps.Synthesis,
     on_mujoco: responses.Response | None,
@@ -445,11 +446,11 @@ def _requirements(
     """The specification line by line: the running loop first, then runs, then tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
-    damping = None if target is None else presets.required_damping(s, target)
+    damping = None if target is None else presets.required_damping(stated, target)
     lines, step, robots = _law_requirements(evaluation)
     if target is not None and damping is not None:
         lines += required.behaviour_requirements(
-            s, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
+            stated, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
@@ -480,7 +481,7 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
 def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
     """About how many steps of work a design has, or a comparison of so many laws, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
+    preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s.of_loop)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
     solved, rays = len(by_step.tried_degrees(states, s.degrees)), by_step.rays_of(states, s.rays)
     degrees = solved + (solved > 1) + (rays > 0) * (1 if s.degrees is None else solved)
@@ -550,7 +551,7 @@ def compare(
     linear = LawEvaluation(DESIGN, setup, other_noise=False)
     own = _in_scenario(linear, synthesis, responses.COMPARED_SAMPLES)
     unit = synthesis.problem.plant.unit(synthesis.problem.input_names[0])
-    limits, resolution = tuning.stated_limits(setup, unit), setup.position_resolution()
+    limits, resolution = tuning.stated_limits(s, setup.limits, unit), setup.position_resolution()
     criterion = tuning.criterion_for(
         tune, tuning.reference_metrics(own), own.runs.step_duration, limits, unit, resolution
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ValidationError, WithJsonSchema
@@ -266,6 +266,11 @@ class Specification:
     def gain_margin_limit(self) -> float:
         """Smallest gain margin that is allowed, a factor: as stated, or `GAIN_MARGIN`."""
         return GAIN_MARGIN if self.gain_margin is None else self.gain_margin
+
+    @property
+    def of_loop(self) -> Specification:
+        """What the loop of a law reads: of a bandwidth, which weights are searched for, at most the shaped command."""
+        return replace(self, bandwidth=None) if self.shaping == "jump" else self
 
     @property
     def in_degrees(self) -> bool:

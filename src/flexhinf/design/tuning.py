@@ -33,7 +33,8 @@ from flexhinf.design.laws import (
 )
 from flexhinf.design.loop_setup import LoopSetup, other_quantisation
 from flexhinf.design.requirements import peak_option
-from flexhinf.design.responses import forwarded
+from flexhinf.design.responses import JointLimits, forwarded
+from flexhinf.design.specification import Specification
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 
 #: Runs of the criterion, by the metric that is infinite where one diverged.
@@ -306,9 +307,8 @@ def check_mode(mode: str, advice: str) -> None:
     )
 
 
-def stated_limits(setup: LoopSetup, unit: str) -> dict[str, tuple[float, str] | None]:
+def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str, tuple[float, str] | None]:
     """Limits of the specification and of the joints, with where they come from: what `criterion_for` takes."""
-    s, joints = setup.specification, setup.limits
     peak = peak_option(unit, joints.peak_source) if joints.limits_peak else joints.saturation_source
     limits = {
         "peak_sensitivity": (s.peak_sensitivity_limit, s.peak_sensitivity and "--peak-sensitivity"),

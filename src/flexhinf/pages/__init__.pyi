@@ -30,8 +30,7 @@ from .files import (
     comparison_files as comparison_files,
     design_files as design_files,
     design_text as design_text,
-    write_comparison as write_comparison,
-    write_design as write_design,
+    write_report as write_report,
 )
 from .page import (
     design_page as design_page,

@@ -25,20 +25,17 @@ from flexhinf.pages.drawing import (
     Panel,
     count_text,
     figure_block,
-    finite,
     framed,
     joint_count,
     law_name,
     legend_above,
-    limit_text,
     line_style,
     panels,
     pose_text,
-    requirement_text,
     thin,
     units_of,
 )
-from flexhinf.pages.page import comparison_settings, files_section
+from flexhinf.pages.page import comparison_settings, files_section, limit_text, requirement_text
 from flexhinf.report import (
     Cell,
     Column,
@@ -52,6 +49,7 @@ from flexhinf.report import (
     Settings,
     Status,
     Table,
+    finite,
     house_style,
     label,
     number,

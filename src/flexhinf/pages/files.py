@@ -26,12 +26,8 @@ from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
-from flexhinf.pages.drawing import (
-    finite,
-    input_rows,
-)
-from flexhinf.pages.page import design_page, notes, verdict
-from flexhinf.report import to_json, write
+from flexhinf.pages.page import design_page, input_rows, notes, verdict
+from flexhinf.report import finite, to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
 ENDING = "nc"
@@ -74,14 +70,11 @@ def comparison_files(
     return {"index.html": comparison_page(comparison, command, warnings, (*files, *beside)).html(), **files}
 
 
-def write_design(design: Design, folder: str | Path) -> Path:
-    """Write the report of a design into a folder, which is returned; raises as `flexhinf.report.write`."""
-    return write(folder, design_files(design, ()))
-
-
-def write_comparison(comparison: Comparison, folder: str | Path) -> Path:
-    """Write the report of a comparison into a folder, which is returned; raises as `flexhinf.report.write`."""
-    return write(folder, comparison_files(comparison, ()))
+def write_report(result: Design | Comparison, folder: str | Path) -> Path:
+    """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`."""
+    return write(
+        folder, design_files(result, ()) if isinstance(result, Design) else comparison_files(result, ())
+    )
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
@@ -153,8 +146,7 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
             for line in design.requirements
         ],
     }
-    kept = {name: value for name, value in table.items() if value is not None}
-    document.add("result", design_file.toml_table(kept))
+    document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
     return tomlkit.dumps(document)
 
 
@@ -235,7 +227,8 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "slowest_values": dict(samples.values[samples.slowest]),
         },
         "ring_down": {
-            "damping": ring_down.damping, "diverged": ring_down.ring_down is None,
+            "damping": ring_down.damping,
+            "diverged": ring_down.ring_down is None,
             "fit_error": ring_down.ring_down and ring_down.ring_down.error,
             "joints": ring_down_rows(ring_down),
         },
@@ -254,7 +247,8 @@ def design_numbers(design: Design) -> dict[str, Any]:
         ],
         "rest": rest
         and {
-            **_picked(rest, "extras limit dead_zone"), "hunts": bool(rest.oscillating),
+            **_picked(rest, "extras limit dead_zone"),
+            "hunts": bool(rest.oscillating),
             "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
             "duration_s": float(rest.response.run.time[-1]),
             "diverged_at_s": rest.response.diverged_at,
@@ -296,7 +290,9 @@ def _weights(design: Design) -> dict[str, Any]:
         nominal_damping=behaviour.nominal_damping gamma_star"""
     return {
         **_picked(problem, "preset source"),
-        "states": {w.signal: w.value for w in state_weights(design.problem, design.robot.joint_names)},
+        "states": {
+            name: weight for name, weight, _ in state_weights(design.problem, design.robot.joint_names)
+        },
         "effort": design.problem.r2,
         "wanted": target and _picked(target, "bandwidth damping"),
         "tries": [

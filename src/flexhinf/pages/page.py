@@ -3,7 +3,7 @@ with who states it, the list of files, and tables for a terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import PurePath
@@ -13,10 +13,10 @@ import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import INITIAL_VARIANCE, noise_variances
-from flexhinf.design.pipeline import Comparison, Design, Status as Judged
+from flexhinf.design.pipeline import Comparison, Design
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import ROBOT
-from flexhinf.design.specification import Specification
+from flexhinf.design.responses import ROBOT, Response
+from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.options import option_name
@@ -31,15 +31,17 @@ from flexhinf.pages.drawing import (
     note,
     pose_text,
     range_text,
-    requirements,
     rounded,
     units_of,
     with_figures,
 )
 from flexhinf.report import (
+    Cell,
+    Column,
     KeyNumber,
     Note,
     Page,
+    Paragraph,
     Provenance,
     Section,
     Setting,
@@ -56,21 +58,135 @@ if TYPE_CHECKING:
     from rich.table import Table as Terminal
 
 
+# Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
+def requirements(design: Design) -> Blocks:
+    """Table of the requirements, those that are not met first, and of the inputs."""
+    units = units_of(design.evaluation)
+    yield requirement_table(
+        design.requirements,
+        units.degrees,
+        f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
+    )
+    if design.design_problem.target is None:
+        yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
+    limits, rows = design.setup.limits, []
+    several, limited = len(design.setup.joints) > 1, limits.limits_effort
+    for row in input_rows(design):
+        limit = float(limits.effort[limits.joints.index(row["joint"])]) if row["joint"] else np.inf
+        known = np.isfinite(row["value"])
+        more = ([row["joint"] or "–"] if several else []) + (
+            [100.0 * row["value"] / limit if known and np.isfinite(limit) else None] if limited else []
+        )
+        rows.append((row["what"], f"{number(row['value'], 3)} {row['unit']}" if known else "diverges", *more))
+    bound = f"; the limit is {effort_text(limits.effort)} {units.effort}" if limited else ""
+    yield Table(
+        (
+            "in", "input nearest its limit" if len(set(limits.effort.tolist())) > 1 else "largest input",
+            *(["joint"] if several else []),
+            *([Column("of its limit", "%", 1, brief=None)] if limited else []),
+        ),
+        rows, f"Inputs of the motors{bound}", "table-cost", title="Inputs of the motors",
+    )  # fmt: skip
+
+
+def limit_text(line: Requirement) -> str:
+    """The limit with its sign and unit, for example ``≤ 60 V``."""
+    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text}"
+
+
+def achieved_text(line: Requirement) -> str:
+    """The achieved value with its unit and the joint of the worst value."""
+    if np.isinf(line.found):
+        return "diverges" if line.at_most else "unlimited"
+    places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
+    where = f" ({', '.join(filter(None, places))})" if any(places) else ""
+    return f"{number(line.found, 3)}{line.unit_text}{where}"
+
+
+def requirement_text(line: Requirement) -> str:
+    """A requirement in one phrase, for example ``overshoot 9 % (at most 5 %; nominal robot)``."""
+    limit = f"{'at most' if line.at_most else 'at least'} {limit_text(line).split(' ', 1)[1]}"
+    return f"{line.what} {achieved_text(line)} ({limit}; {line.where})"
+
+
+def requirement_table(lines: Iterable[Requirement], degrees: bool = False, title: str = "") -> Table:
+    """Requirements grouped by where they hold; those that are not met, and their groups, first."""
+    groups: dict[str, list[Requirement]] = {}
+    for line in sorted(lines, key=lambda line: line.met):
+        groups.setdefault(line.where, []).append(line.converted(degrees))
+    rows: list[Any] = []
+    for where, group in groups.items():
+        rows.append(where)
+        for line in group:
+            judged = Cell(line.judgement, {"met": "green", "NOT MET": "red"}.get(line.judgement, "yellow"))
+            source = f"`{line.stated_by}`" if line.stated_by.startswith("--") else line.stated_by
+            limit = limit_text(line)
+            if source == "default":
+                source, limit = "our default", f"{limit}*"
+            rows.append((line.what, limit, achieved_text(line), judged, line.criterion, source))
+    return Table(
+        (
+            "requirement", Column("required", right=True), Column("achieved", right=True), "met",
+            Column("criterion", brief=None), Column("stated by", brief=None),
+        ),
+        rows,
+        f"A limit that is missed by at most {100.0 * TOLERANCE:g} % of it, the accuracy of the searches, counts as "
+        "met, and the line says so. * our default",
+        "table-specification", stacks=True, title=title,
+    )  # fmt: skip
+
+
+def input_rows(design: Design) -> list[dict[str, Any]]:
+    """The largest inputs of every run, until it diverged where it did: "what", "value", "joint", "unit"."""
+    e, setup, samples = design.evaluation, design.setup, design.evaluation.step_samples
+    runs: tuple[tuple[str, Response | np.ndarray | None], ...] = (
+        ("equilibrium at the start", setup.equilibrium(design.start)[1]),
+        ("equilibrium at the goal", setup.equilibrium(design.goal)[1]),
+        ("step, nominal robot", e.step),
+        (
+            f"step, worst of {0 if samples is None else len(samples)} sampled robots",
+            samples.inputs if samples is not None and len(samples) else None,
+        ),
+        ("step on MuJoCo's plant", design.mujoco),
+        ("planned move with feedforward", e.move.response),
+        ("load response: torques on the links", e.load_response.response),
+        ("sensor noise in equilibrium (rms)", e.input_noises),
+    )
+    rows, effort = [], setup.limits.effort
+    for what, run in ((what, run) for what, run in runs if run is not None):
+        inputs = run.inputs if isinstance(run, Response) else np.asarray(run, dtype=float)
+        cut = " (until it diverged)" if isinstance(run, Response) and run.diverged_at is not None else ""
+        sizes = np.abs(inputs).reshape(-1, len(setup.joints)).max(axis=0)
+        worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
+        value, unit = float(sizes[worst]), setup.model.unit(setup.model.inputs[worst])
+        joint = setup.joints[worst] if np.isfinite(value) else ""
+        rows.append({"what": f"{what}{cut}", "value": value, "joint": joint, "unit": unit})
+    return rows
+
+
 #: Sections in the order of the page: anchor, title, and the function of their blocks, notes first; none where it does
 #: not apply.
 PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
     ("specification", "Requirements", requirements),
-    ("step", "Step response", step.step),
-    ("draws", "Step response of robots within their tolerances", step.samples),
+    ("step", "Step response", lambda design: step.step(design.evaluation, design.mujoco)),
+    (
+        "draws",
+        "Step response of robots within their tolerances",
+        lambda design: step.samples(design.evaluation),
+    ),
     ("load", "Load response", runs.load),
     ("payload", "Payload", runs.payload),
     ("ring-down", "Ring-down after an impulse", runs.ring_down),
     ("move", "Planned move with feedforward", runs.move),
     ("rest", "Long run at rest with dry friction", runs.long_run),
     ("along", "Margins along the move", runs.margins_along),
-    ("margins", "Margins of the running loop", frequency.margins),
+    ("margins", "Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
     ("modes", "Poles", law.poles),
-    ("corners", "Corners of the tolerances", frequency.corners),
+    (
+        "corners",
+        "Corners of the tolerances",
+        lambda design: frequency.corners(design.evaluation, design.design_problem.preset == "robust"),
+    ),
     ("weights", "Weights", weights.weights),
     ("noise", "Noise levels of the estimator", weights.noise_levels),
     ("region", "Region: what is proved, what is sampled, and dissipation", region.region),
@@ -99,6 +215,18 @@ def design_page(
                 blocks = [*(note(" ".join(text.split())) for text in warnings), *blocks]
             if not all(isinstance(block, Note) for block in blocks):
                 sections.append(Section(title, tuple(blocks), anchor))
+    status, lines = design.status, design.requirements
+    ours = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
+    met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
+    if not any(line.what.startswith("damping") for line in lines):
+        met.append("neither bandwidth nor damping is required")
+    kinds = {
+        "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
+        "not met": status.not_met,
+        "risky": status.risky,
+        "not proved": status.not_proved,
+    }
+    texts = ((kind, "; ".join(part.rstrip(".") for part in parts)) for kind, parts in kinds.items())
     return Page(
         title_of(design),
         f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
@@ -108,7 +236,7 @@ def design_page(
         Settings(design_settings(design.synthesis, design.evaluation)),
         Provenance(tuple(command), s.seed),
         _key_numbers(design),
-        _status_lines(design.status, design.requirements),
+        [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text],
     )
 
 
@@ -129,33 +257,16 @@ def notes(design: Design) -> list[str]:
     return [text.replace("`", "") for texts in remarks(design).values() for text in texts]
 
 
-def _status_lines(status: Judged, lines: Sequence[Requirement]) -> list[Status]:
-    ours = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
-    met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
-    if not any(line.what.startswith("damping") for line in lines):
-        met.append("neither bandwidth nor damping is required")
-    texts = (
-        (kind, "; ".join(part.rstrip(".") for part in parts))
-        for kind, parts in {
-            "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
-            "not met": status.not_met,
-            "risky": status.risky,
-            "not proved": status.not_proved,
-        }.items()
-    )
-    return [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text]
-
-
 def verdict(design: Design) -> str:
     """The status and what the loop does, in one paragraph for a terminal."""
-    status, step_proof = design.status, design.step_proof
+    status, step_proof, e = design.status, design.step_proof, design.evaluation
     if not step_proof.proved:  # the headline says it in a sentence
         status = replace(
             status, not_proved=tuple(text for text in status.not_proved if text not in step_proof.missing)
         )
     parts = [status.line, _headline(design)]
     if design.mujoco is not None:
-        parts.append(f"On MuJoCo's plant: {step.difference_text(design)}.")
+        parts.append(f"On MuJoCo's plant: {step.difference_text(e.step, design.mujoco, units_of(e))}.")
     if design.rigid is not None:
         sides = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
         parts.append(f"The rigid design on the same robot: {'; '.join(sides)}.")
@@ -260,8 +371,11 @@ def robots_table() -> Terminal:
         assumed = sum("assumption" in parameter.source for parameter in robot.parameters)
         numbers = f"{len(robot.parameters) - assumed} sourced\n{assumed} assumed"
         rows.append((name, len(robot.joint_names), robot.drive, numbers, robot.description))
-    title = "Robots that come with flexhinf: flexhinf design NAME"
-    return Table(("name", "joints", "drive", "numbers", ""), rows, title).terminal()
+    return Table(
+        ("name", "joints", "drive", "numbers", ""),
+        rows,
+        "Robots that come with flexhinf: flexhinf design NAME",
+    ).terminal()
 
 
 #: Name, value, unit and source.
@@ -348,8 +462,8 @@ def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
         ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
         ("pose", synthesis.goal, _position_unit(e), _source(s, "pose", home)),
         *(
-            (f"weight of {w.signal.replace('_', ' ')}", w.value, w.unit, chosen.source)
-            for w in state_weights(problem, e.setup.joints)
+            (f"weight of {name.replace('_', ' ')}", weight, unit, chosen.source)
+            for name, weight, unit in state_weights(problem, e.setup.joints)
         ),
         ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
         ("disturbances", list(problem.disturbance_names), "", _source(s, "disturbances")),

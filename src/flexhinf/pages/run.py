@@ -29,10 +29,10 @@ from flexhinf.pages.drawing import (
     count_text,
     framed,
     line_style,
-    requirement_table,
     rounded,
     settling_text,
 )
+from flexhinf.pages.page import requirement_table
 from flexhinf.report import GRID, INK, MUTED, SERIES, Column, Table, house_style, number
 from flexhinf.robot.kinematics import skeleton
 from flexhinf.robot.signals import signal_names

@@ -15,6 +15,7 @@ from .blocks import (
     Table as Table,
     at_least as at_least,
     at_most as at_most,
+    finite as finite,
     number as number,
     to_json as to_json,
     versions as versions,

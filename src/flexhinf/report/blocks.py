@@ -117,6 +117,17 @@ def scalar(value: object, decimals: int | None = None) -> str:
 
 
 # JSON -------------------------------------------------------------------------------------------------
+def finite(value: Any) -> Any:
+    """Convert arrays to plain lists, and numbers that are not finite to None, at any depth."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {key: finite(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def to_json(value: object) -> str:
     """Text of a JSON document; lists of numbers stay on one line, the order of keys is kept, NumPy's values are taken.
 

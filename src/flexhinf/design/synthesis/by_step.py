@@ -55,9 +55,8 @@ class Task:
 
     def setup(self, law: Law, levels: EstimatorNoise | None = None, **changes: Any) -> LoopSetup:
         """The loop of a law, with these noise levels and changes of the specification."""
-        return LoopSetup(
-            self.robot, replace(self.s, **changes), law, self.goal, self.start, estimator_noise=levels
-        )
+        s = replace(self.s, **changes)
+        return LoopSetup(self.robot, s.of_loop, law, self.goal, self.start, estimator_noise=levels)
 
     def solved(
         self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None, **changes: Any
@@ -297,7 +296,7 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     `levels`: R^v of the estimator in these runs; by default what the specification states. Raises `InvalidInput` if a
     limit is not kept: with the best bandwidth found within it.
     """
-    limits, s = joint_limits(task.robot, task.s), task.s
+    limits, s = joint_limits(task.robot, task.s.of_loop), task.s
     if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
         return problem
     task.progress("the peak input of the step")

@@ -117,7 +117,7 @@ class _WholeLoop:
         robust = task.choose(bandwidth=damped.target.bandwidth.tolist(), damping=damped.target.damping)
         assert robust.channels is not None
         assert robust.search is not None
-        self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s).noise, damped.search
+        self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s.of_loop).noise, damped.search
         self.target, self.first = damped.target, damped.search.chosen
         self.channels, self.robust = robust.channels, robust.search.chosen
         self.levels, self.degree, self.count = levels, degree, 0
@@ -343,11 +343,11 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
     design_file.check_stated_units(robot, s)
-    move = plans.stated_move(robot, s)
-    start, goal = responses.start_and_goal(robot, s, move)
+    move = plans.stated_move(robot, s.of_loop)
+    start, goal = responses.start_and_goal(robot, s.of_loop, move)
     kinematics.check_fast(robot, s.period)
     kinematics.check_delay(robot, s.delay)
-    _refuse_early(robot, s, goal, start)
+    _refuse_early(robot, s.of_loop, goal, start)
     steps = _Steps(robot, s, goal, start, progress)
     synthesis = steps.proved() if preset_of(robot, s) == "proved" else steps.synthesis()
     if move is None:
@@ -394,7 +394,7 @@ class _Steps(Task):
             self.goal.tolist(),
             float((self.goal - self.start)[0]),
             specification=s,
-            effort_limit=float(responses.joint_limits(robot, s).effort[0]),
+            effort_limit=float(responses.joint_limits(robot, s.of_loop).effort[0]),
             tolerances=1.0 if robot.uncertain else 0.0,
             most_seconds=s.proof_seconds,
             admits=self.keeps_effort,
@@ -409,7 +409,7 @@ class _Steps(Task):
 
     def keeps_effort(self, law: proved_step.ProvedLaw) -> str:
         """The input that the step of a law takes on the running loop, as text; "" where it is within the limit."""
-        limits = responses.joint_limits(self.robot, self.s)
+        limits = responses.joint_limits(self.robot, self.s.of_loop)
         if not limits.limits_effort:
             return ""
         self.progress("the step on the running loop")

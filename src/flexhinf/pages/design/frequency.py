@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pipeline import FEW_PERIODS, NOISE_FRACTION, Design
+from flexhinf.design.pipeline import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -50,9 +50,8 @@ LOOP_CAPTION = "The linearised sampled loop at the goal, with estimator and dela
 
 
 # Margins ------------------------------------------------------------------------------------------------
-def margins(design: Design) -> Blocks:
+def margins(e: LawEvaluation) -> Blocks:
     """Margins of the running loop and of state feedback, frequency responses, noise, estimation error."""
-    e, units = design.evaluation, units_of(design.evaluation)
     m, own, s, joints = e.margins, e.state_margins, e.setup.specification, e.setup.joints
     yield from _margin_notes(e)
     text = (
@@ -71,7 +70,7 @@ def margins(design: Design) -> Blocks:
                 f" With the true state fed back the peak would be {number(own.peak_sensitivity, 3)}"
                 f"{raised if m.peak_sensitivity > own.peak_sensitivity else ''}."
             )
-    loops = [Loop("this law", e.frequency_response)]
+    loops, units = [Loop("this law", e.frequency_response)], units_of(e)
     yield from (
         Paragraph(text),
         margin_table(e),
@@ -82,7 +81,17 @@ def margins(design: Design) -> Blocks:
     if e.input_noises is not None:
         yield _noise_table(e, e.input_noises)
     if s.estimator != "none":
-        yield lambda: _estimation_figure(e)
+        run, names = e.step.run, ("link position", "link velocity", "motor position", "motor velocity")
+        truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
+        errors = np.split(units.scale * (truth - estimate), 4)
+        yield lambda: draw_figure(
+            "estimate",
+            [
+                joint_panel(name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9)
+                for k, (name, error) in enumerate(zip(names, errors))
+            ],
+            "True minus estimated state of every joint in the step.", "Estimation error", 7.4,
+        )  # fmt: skip
 
 
 def _margin_notes(e: LawEvaluation) -> Blocks:
@@ -133,9 +142,12 @@ def margin_table(e: LawEvaluation) -> Table:
         return f"× {low}, × {high}{f' ({joints[m.weakest_input]})' if len(m.gain_margins) > 1 else ''}"
 
     def bandwidths(m: Margins) -> str:
-        if len(m.bandwidth) > FEW_JOINTS and np.isfinite(m.bandwidth).all():
-            return f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
-        return ", ".join(number(float(w), 3) for w in m.bandwidth)
+        many = len(m.bandwidth) > FEW_JOINTS and np.isfinite(m.bandwidth).all()
+        return (
+            f"{range_text(m.bandwidth)} (slowest: {tracked[int(np.argmin(m.bandwidth))]})"
+            if many
+            else ", ".join(number(float(w), 3) for w in m.bandwidth)
+        )
 
     return Table(
         (
@@ -179,20 +191,6 @@ def _noise_table(e: LawEvaluation, together: np.ndarray) -> Table:
         "Noise of each sensor at the motor that it moves most; all sensors together: "
         f"{range_text(together, 2)} {effort} rms",
         "table-noise",
-    )  # fmt: skip
-
-
-def _estimation_figure(e: LawEvaluation) -> Figure:
-    run, joints, units = e.step.run, e.setup.joints, units_of(e)
-    truth, estimate = (e.setup.robot.layout.whole(run.signals[name].T) for name in ("state", "estimate"))
-    names = ("link position", "link velocity", "motor position", "motor velocity")
-    return draw_figure(
-        "estimate",
-        [
-            joint_panel(name, units.rate if k % 2 else units.angle, run.time, joints, error.T, linewidth=0.9)
-            for k, (name, error) in enumerate(zip(names, np.split(units.scale * (truth - estimate), 4)))
-        ],
-        "True minus estimated state of every joint in the step.", "Estimation error", 7.4,
     )  # fmt: skip
 
 
@@ -308,9 +306,9 @@ def _decibel(values: np.ndarray) -> np.ndarray:
 
 
 # Corners of the tolerances ------------------------------------------------------------------------------
-def corners(design: Design) -> Blocks:
-    """Table of the unstable corners of the tolerances; nothing for a robot without tolerances."""
-    e, cases, state = design.evaluation, design.evaluation.corners, design.evaluation.state_corners
+def corners(e: LawEvaluation, robust: bool) -> Blocks:
+    """Table of the unstable corners of the tolerances; nothing for a robot without; `robust`: with that preset."""
+    cases, state = e.corners, e.state_corners
     if cases is None:
         return
     if cases.unstable:
@@ -319,7 +317,7 @@ def corners(design: Design) -> Blocks:
             if state is not None and state.unstable > 0
             else "the estimator causes it: try another --torque-noise or --estimator"
         )
-        preset = "" if design.design_problem.preset == "robust" else ", or --preset robust"
+        preset = "" if robust else ", or --preset robust"
         yield note(
             f"{cases.unstable} of {cases.count} corners of the tolerances are unstable with this estimator; "
             f"{advice}{preset}."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from flexhinf.pages.drawing import (
     Panel,
     count_text,
     draw_figure,
-    finite,
     framed,
     in_joint,
     joint_table,
@@ -32,10 +31,7 @@ from flexhinf.pages.drawing import (
     thin,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, number
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from flexhinf.report import MUTED, SERIES, Column, Figure, Listing, Paragraph, Table, finite, number
 
 #: Damping ratios whose lines are drawn in the s-plane.
 RAYS = (0.1, 0.3, 0.7)
@@ -73,7 +69,7 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
 
-    def grows(axes: Axes) -> None:
+    def grows(axes: Any) -> None:
         axes.margins(x=0.06)
         axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
 
@@ -128,13 +124,6 @@ def poles(design: Design) -> Blocks:
         constants = f", time constant{'s' * (len(times) > 1)} {range_text(times)} s" if times else ""
         decay = f"{count_text(len(times), 'mode')} {'decays' if len(times) == 1 else 'decay'}"
         sentences.append(f"{name.capitalize()}: {decay} without oscillating{constants}.")
-    yield from (
-        lambda: poles_figure(_pole_groups(design)), mode_table(design),
-        Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error."),
-    )  # fmt: skip
-
-
-def _pole_groups(design: Design) -> list[PoleGroup]:
     looks: tuple[dict[str, Any], ...] = (
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
         {"marker": "^", "color": SERIES[2]}, {"marker": "x", "color": SERIES[1]},
@@ -152,7 +141,11 @@ def _pole_groups(design: Design) -> list[PoleGroup]:
             for loop, mark in zip(design.rigid.loops if design.rigid else (), "12")
         ),
     ]  # fmt: skip
-    return [(name, np.array(values, dtype=complex), look) for name, values, look in groups]
+    yield from (
+        lambda: poles_figure([(name, np.array(values, dtype=complex), look) for name, values, look in groups]),
+        mode_table(design),
+        Paragraph(f"{' '.join(sentences)} The law adds one mode for the integral of each joint's error."),
+    )  # fmt: skip
 
 
 def _modes(design: Design) -> Mapping[str, Sequence[Mode]]:

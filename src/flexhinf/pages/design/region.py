@@ -22,14 +22,25 @@ from flexhinf.pages.drawing import (
     amplitude_text,
     count_text,
     draw_figure,
-    finite,
     law_name,
     listed,
     note,
     thin,
     units_of,
 )
-from flexhinf.report import INK, SERIES, Column, Figure, Listing, Paragraph, Table, at_least, at_most, number
+from flexhinf.report import (
+    INK,
+    SERIES,
+    Column,
+    Figure,
+    Listing,
+    Paragraph,
+    Table,
+    at_least,
+    at_most,
+    finite,
+    number,
+)
 from flexhinf.report.blocks import WIDTH
 
 #: The certificate for all tolerances, beside that of the nominal robot.
@@ -136,6 +147,14 @@ def region(design: Design) -> Blocks:
     yield Paragraph(_degree_text(design))
     yield from _proof(design)
     if proved is None:
+        unit, most, rows = units_of(design.evaluation).position, widest_step(design), []
+        for c in design.choices:
+            level = "–" if not c.looked else "none" if math.isnan(c.level) else f"{c.level:.4g}"
+            level = "everything sampled" if c.looked and math.isinf(c.level) else level
+            step = amplitude_text(c.step_amplitude, unit, most) if c.looked else "–"
+            cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
+            checks = (c.limit, f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds)
+            rows.append((c.degree, law_name(c.degree), used, level, step, cost, *checks))
         yield from (
             Paragraph(
                 "Of every degree: the largest level set of V in which no violation of the dissipation inequality was "
@@ -145,8 +164,19 @@ def region(design: Design) -> Blocks:
                 "with the true state. The largest step moves all joints alike and starts with the integrals at which "
                 "V is smallest; a controller starts with those at which the input does not jump, where V is larger."
             ),
-            _region_table(design),
-        )
+            Table(
+                (
+                    Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
+                    Column("largest step sampled, V smallest", brief="sampled step"),
+                    Column("cost of the step", brief="cost"), Column("limited by", brief=None), "residual",
+                    Column("solve", "ms", 1), Column("check", "s", 1),
+                ),
+                rows, "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
+                "table-region", stacks=True,
+                title=f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
+                "Sampled step: with the integrals at which V is smallest, not the controller's",
+            ),
+        )  # fmt: skip
     if attained is not None and proved is not None:
         names = ", ".join(name.replace("_", " ") for name in proved.problem.disturbance_names)
         yield Paragraph(
@@ -265,28 +295,6 @@ def _strength(design: Design) -> str:
     certificate = design.proof.certificate
     own = "" if certificate is None else f"; of the law that is used V ≤ {at_least(certificate.level)} is"
     return f"sampled{own or ', not'} proved"
-
-
-def _region_table(design: Design) -> Table:
-    unit, most, rows = units_of(design.evaluation).position, widest_step(design), []
-    for c in design.choices:
-        level = "–" if not c.looked else "none" if math.isnan(c.level) else f"{c.level:.4g}"
-        level = "everything sampled" if c.looked and math.isinf(c.level) else level
-        step = amplitude_text(c.step_amplitude, unit, most) if c.looked else "–"
-        cost, used = _cost(c, design.choices[0]), "used" if c is design.chosen else ""
-        checks = (c.limit, f"{c.residual:.0e}", 1e3 * c.solve_seconds, c.check_seconds)
-        rows.append((c.degree, law_name(c.degree), used, level, step, cost, *checks))
-    return Table(
-        (
-            Column("degree of V", brief="degree"), "law", "", Column("V up to", brief="V ≤"),
-            Column("largest step sampled, V smallest", brief="sampled step"), Column("cost of the step", brief="cost"),
-            Column("limited by", brief=None), "residual", Column("solve", "ms", 1), Column("check", "s", 1),
-        ),
-        rows, "Step: of all joints alike, from rest to rest, with the integrals at which V is smallest",
-        "table-region", stacks=True,
-        title=f"{textwrap.fill(_degree_text(design), WIDTH)}\nRegion of each solution: {_strength(design)}\n"
-        "Sampled step: with the integrals at which V is smallest, not the controller's",
-    )  # fmt: skip
 
 
 def widest_step(design: Design) -> float:

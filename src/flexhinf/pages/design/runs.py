@@ -30,7 +30,6 @@ from flexhinf.pages.drawing import (
     Line,
     Panel,
     draw_figure,
-    finite,
     in_joint,
     joint_panel,
     joint_table,
@@ -39,7 +38,7 @@ from flexhinf.pages.drawing import (
     pose_text,
     units_of,
 )
-from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, number
+from flexhinf.report import MUTED, SERIES, Column, Figure, Paragraph, Table, finite, number
 from flexhinf.robot.elastic import DRY
 
 #: Margins along a move, and what they are called.

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pipeline import Design
 from flexhinf.design.requirements import MonteCarlo
 from flexhinf.design.responses import ROBOT, Response
 from flexhinf.pages.drawing import (
@@ -60,10 +59,10 @@ STARTING, MUCH = 20, 1.5
 PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
-def step(design: Design) -> Blocks:
+def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
     """The step: figure and metrics of each joint; on MuJoCo's plant too."""
-    e, s, units = design.evaluation, design.specification, units_of(design.evaluation)
-    names = [parameter.name for parameter in design.robot.parameters if parameter.value]
+    s, units = e.setup.specification, units_of(e)
+    names = [parameter.name for parameter in e.setup.robot.parameters if parameter.value]
     left = [
         extra
         for begins, extra in (
@@ -116,8 +115,8 @@ def step(design: Design) -> Blocks:
         "of the run. Input noise: standard deviation there",
         "table-step",
     )  # fmt: skip
-    if design.mujoco is not None:
-        plants = {"ours": e.step, "MuJoCo's": design.mujoco}
+    if mujoco is not None:
+        plants = {"ours": e.step, "MuJoCo's": mujoco}
         yield Table.of(
             (
                 Column("plant", key="plant"),
@@ -128,7 +127,8 @@ def step(design: Design) -> Blocks:
                 peak,
             ),
             [{**row, "plant": plant} for plant, response in plants.items() for row in response.metrics],
-            f"The same controller and noise on MuJoCo's plant: {difference_text(design)}", "table-mujoco",
+            f"The same controller and noise on MuJoCo's plant: {difference_text(e.step, mujoco, units)}",
+            "table-mujoco",
         )  # fmt: skip
 
 
@@ -136,14 +136,11 @@ def step_text(response: Response, units: Units) -> str:
     """The step in one sentence."""
     if response.diverged_at is not None:
         return f"The step diverges at {number(response.diverged_at, 3)} s."
-    overshoot, settling = response.overshoot, response.settling
     if not any("overshoot_percent" in row for row in response.metrics):
         return "No joint moves in this step."
-    settles = (
-        f"does not settle within {number(float(response.run.time[-1]), 3)} s"
-        if not np.isfinite(settling.value)
-        else f"settles in {number(settling.value, 3)} s"
-    )
+    overshoot, settling = response.overshoot, response.settling
+    late = f"does not settle within {number(float(response.run.time[-1]), 3)} s"
+    settles = f"settles in {number(settling.value, 3)} s" if np.isfinite(settling.value) else late
     return (
         f"The step {settles}{in_joint(settling.joint, response.joints)}, overshoots by {number(overshoot.value, 2)} %"
         f"{in_joint(overshoot.joint, response.joints)} and needs at most {peak_text(response, units)}."
@@ -209,10 +206,8 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     )  # fmt: skip
 
 
-def difference_text(design: Design) -> str:
+def difference_text(ours: Response, theirs: Response, units: Units) -> str:
     """Difference between the runs on MuJoCo's plant and on that of flexhinf, in words."""
-    ours, theirs, units = design.evaluation.step, design.mujoco, units_of(design.evaluation)
-    assert theirs is not None
     if theirs.diverged_at is not None or ours.diverged_at is not None:
         return "it diverges" if theirs.diverged_at is not None else "it does not diverge"
     apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
@@ -308,9 +303,9 @@ PANELS = 3
 CLOSE = 0.12
 
 
-def samples(design: Design) -> Blocks:
+def samples(e: LawEvaluation) -> Blocks:
     """Bands, histograms and a table of the sampled robots; none where no robot was sampled."""
-    e, runs = design.evaluation, design.evaluation.step_samples
+    runs = e.step_samples
     if runs is None or not len(runs):
         return
     if runs.diverged:
@@ -336,7 +331,7 @@ def samples(design: Design) -> Blocks:
         yield lambda: _bands(e, runs)
     if len(runs) >= 15 and np.isfinite([runs.overshoot, runs.settling]).any():
         yield lambda: _histograms(e, runs)
-    yield spread_table(e)
+    yield spread_table(e, runs)
 
 
 def _bands(e: LawEvaluation, samples: MonteCarlo) -> Figure:
@@ -417,10 +412,9 @@ def histogram_bins(values: np.ndarray, grain: float) -> np.ndarray:
     return grain * (np.arange(first, last + wide + 1, wide) - 0.5)
 
 
-def spread_table(e: LawEvaluation) -> Table:
+def spread_table(e: LawEvaluation, samples: MonteCarlo) -> Table:
     """Nominal robot, median, 95th percentile and worst of the samples, with the joint of the worst."""
-    samples, several, rows = e.step_samples, len(e.setup.joints) > 1, []
-    assert samples is not None
+    several, rows = len(e.setup.joints) > 1, []
     for name, unit, values, nominal, joint in _metrics(e, samples):
         quantiles = (float(np.quantile(values, q, method="higher")) for q in (0.5, 0.95, 1.0))
         cells = ("never" if np.isinf(value) else number(value, 3) for value in (nominal, *quantiles))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,12 +19,11 @@ from flexhinf.pages.drawing import (
     Panel,
     count_text,
     draw_figure,
-    finite,
     line_style,
     range_text,
 )
 from flexhinf.plant import GeneralisedPlant
-from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, number
+from flexhinf.report import INK, SERIES, Column, Figure, Paragraph, Table, finite, number
 from flexhinf.robot.signals import signal_names
 
 PRESETS = {
@@ -38,14 +37,6 @@ PRESETS = {
 
 #: Candidates of the trade-off of noise levels in a table, beside the default and the one that is used.
 ROWS = 6
-
-
-class Weight(NamedTuple):
-    """One weight: its signal, its value, and the unit that makes the product dimensionless."""
-
-    signal: str
-    value: float
-    unit: str
 
 
 def weights(design: Design) -> Blocks:
@@ -68,15 +59,38 @@ def weights(design: Design) -> Blocks:
         f"{number(problem.gamma)}."
     )
     if problem.search is not None and problem.target is not None:
-        yield from _search(design, problem.search, problem.target)
+        yield from _search(problem.search, problem.target)
     yield from whole_loop(design)
     if problem.robustness is not None:
         yield from (robust_table(problem.robustness), Paragraph(_robust_text(problem.robustness)))
-    yield from _weight_table(design)
+    joints, r2 = design.robot.joint_names, np.asarray(design.problem.r2, float)
+    rows: dict[str, dict[str, tuple[float, str]]] = {}
+    named = joints if len(joints) > 1 else ()
+    for whole, value, unit in state_weights(design.problem, joints):
+        joint = next((name for name in named if f"_{name}_" in f"{whole}_"), "")
+        signal = whole.replace(f"_{joint}", "", 1) if joint else whole
+        rows.setdefault(signal.replace("_", " "), {})[joint or next(iter(joints))] = value, unit
+    if rows:
+        yield Table(
+            ("weight of", *(named or ["value"]), "unit"),
+            [
+                (
+                    signal, *(number(by[joint][0]) if joint in by else "–" for joint in joints),
+                    " or ".join(dict.fromkeys(unit for _, unit in by.values())),
+                )
+                for signal, by in rows.items()
+            ],
+            "Weights: h(x) has one entry for each", "table-weights",
+        )  # fmt: skip
+    yield Paragraph(
+        f"{'' if rows else 'The penalty of the states is code. '}R2 = "
+        f"{range_text(np.diagonal(r2) if r2.ndim == 2 else np.atleast_1d(r2))} {effort_unit(design.problem)} "
+        f"({problem.effort_source})."
+    )
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Blocks:
+def _search(search: SearchResult, target: TargetBehaviour) -> Blocks:
     yield Paragraph(
         "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
         f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
@@ -109,14 +123,12 @@ def _search(design: Design, search: SearchResult, target: TargetBehaviour) -> Bl
             "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
             3.2, columns=3,
         ),
-        candidate_table(design),
+        candidate_table(search),
     )  # fmt: skip
 
 
-def candidate_table(design: Design) -> Table:
+def candidate_table(search: SearchResult) -> Table:
     """Table of some candidates by ζ: the first, the last, the one in use, and its neighbours."""
-    search = design.design_problem.search
-    assert search is not None
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
     used, last = next(k for k, c in enumerate(candidates) if c is search.chosen), len(candidates) - 1
     rows = [
@@ -227,8 +239,9 @@ def _robust_text(r: Robustness) -> str:
 
 
 # The weights themselves ---------------------------------------------------------------------------------
-def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weight]:
-    """Weights of states, integrals, spring torques and their rates; empty for a penalty that is the user's code."""
+def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[tuple[str, float, str]]:
+    """Weights of states, integrals, spring torques and their rates: signal, value, and the unit that makes the product
+    dimensionless; empty for a penalty that is the user's code."""
     states, coded = problem.penalty.states, callable(problem.penalty.states)
     values = getattr(states, "states", None) if coded else problem.penalty.weights(problem.state_names)
     named = [] if values is None else list(zip(problem.state_names, np.asarray(values, dtype=float)))
@@ -238,40 +251,13 @@ def state_weights(problem: GeneralisedPlant, joints: Sequence[str]) -> list[Weig
     def inverse(unit: str) -> str:
         return f"1/({unit})" if "·" in unit or "/" in unit else f"1/{unit}" if unit else ""
 
-    return [Weight(name, float(value), inverse(problem.plant.unit(name))) for name, value in named if value]
+    return [(name, float(value), inverse(problem.plant.unit(name))) for name, value in named if value]
 
 
 def effort_unit(problem: GeneralisedPlant) -> str:
     """Unit of R2 with a dimensionless z."""
-    units = (problem.plant.unit(name) for name in problem.input_names)
-    return " or ".join(dict.fromkeys(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units))
-
-
-def _weight_table(design: Design) -> Blocks:
-    joints, r2 = design.robot.joint_names, np.asarray(design.problem.r2, float)
-    rows: dict[str, dict[str, Weight]] = {}
-    named = joints if len(joints) > 1 else ()
-    for weight in state_weights(design.problem, joints):
-        joint = next((name for name in named if f"_{name}_" in f"{weight.signal}_"), "")
-        signal = weight.signal.replace(f"_{joint}", "", 1) if joint else weight.signal
-        rows.setdefault(signal.replace("_", " "), {})[joint or next(iter(joints))] = weight
-    if rows:
-        yield Table(
-            ("weight of", *(named or ["value"]), "unit"),
-            [
-                (
-                    signal, *(number(by[joint].value) if joint in by else "–" for joint in joints),
-                    " or ".join(dict.fromkeys(weight.unit for weight in by.values())),
-                )
-                for signal, by in rows.items()
-            ],
-            "Weights: h(x) has one entry for each", "table-weights",
-        )  # fmt: skip
-    yield Paragraph(
-        f"{'' if rows else 'The penalty of the states is code. '}R2 = "
-        f"{range_text(np.diagonal(r2) if r2.ndim == 2 else np.atleast_1d(r2))} {effort_unit(design.problem)} "
-        f"({design.design_problem.effort_source})."
-    )
+    units = dict.fromkeys(map(problem.plant.unit, problem.input_names))
+    return " or ".join(f"({unit})⁻²" if "·" in unit else f"{unit}⁻²" for unit in units)
 
 
 # Noise levels of the estimator --------------------------------------------------------------------------
@@ -298,7 +284,17 @@ def noise_levels(design: Design) -> Blocks:
         return
     yield from (lambda: _noise_figure(design, search), _noise_table(design, search))
     if "damping" in search.chosen.missed and all(n.startswith("motor") for n in design.setup.model.outputs):
-        yield _hardly_seen(design)
+        setup = design.setup
+        scales = JointScales.of(setup.model, setup.goal_equilibrium)
+        part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
+        worst = int(np.argmin(part))
+        zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
+        yield Paragraph(
+            "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
+            f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings while the motor "
+            f"stands still ({zero:.3g} Hz there): near that zero the error of any estimator stays undamped unless "
+            "noise is amplified. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
+        )
     if len(joints) > 1:
         by_joint = (search.chosen.levels.link_velocities, search.chosen.levels.motor_velocities)
         yield Table(
@@ -313,8 +309,10 @@ def noise_levels(design: Design) -> Blocks:
 
 def _outcome(search: NoiseSearch, robust: bool) -> str:
     if robust:
-        origin = "They were found together with the weights, for the tolerances: see there."
-        return f" {origin} The curve is of the same law."
+        return (
+            " They were found together with the weights, for the tolerances: see there. The curve is of the same "
+            "law."
+        )
     chosen, beyond = search.chosen, ""
     if search.unreachable:
         beyond = f" No levels reach the limit of the {' and the '.join(search.unreachable)}, which counts only in part."
@@ -332,20 +330,6 @@ def _outcome(search: NoiseSearch, robust: bool) -> str:
         *([f"{chosen.unstable} corners of the tolerances are unstable"] if chosen.unstable else []),
     ]
     return f"{beyond} No levels were found that keep {kept}: used are those that miss them least ({'; '.join(parts)})."
-
-
-def _hardly_seen(design: Design) -> Paragraph:
-    setup = design.setup
-    scales = JointScales.of(setup.model, setup.goal_equilibrium)
-    part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
-    worst = int(np.argmin(part))
-    zero = np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)
-    return Paragraph(
-        "Only the motors are measured. Of a vibration their positions show the part M/(M + J) of the twist, "
-        f"{part[worst]:.2g} in joint {setup.joints[worst]}, and nothing where the link swings while the motor stands "
-        f"still ({zero:.3g} Hz there): near that zero the error of any estimator stays undamped unless noise is "
-        "amplified. More damping takes a sensor of the link or of the joint's torque, or a less noisy one."
-    )
 
 
 def is_used(search: NoiseSearch, candidate: NoiseCandidate) -> bool:
