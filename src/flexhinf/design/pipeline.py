@@ -481,7 +481,7 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
 def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
     """About how many steps of work a design has, or a comparison of so many laws, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
-    preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s.of_loop)
+    preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
     solved, rays = len(by_step.tried_degrees(states, s.degrees)), by_step.rays_of(states, s.rays)
     degrees = solved + (solved > 1) + (rays > 0) * (1 if s.degrees is None else solved)

@@ -269,7 +269,7 @@ class Specification:
 
     @property
     def of_loop(self) -> Specification:
-        """What the loop of a law reads: of a bandwidth, which weights are searched for, at most the shaped command."""
+        """What plants and loops may read: all but the bandwidth of the search, unless it shapes the command."""
         return replace(self, bandwidth=None) if self.shaping == "jump" else self
 
     @property

@@ -296,7 +296,7 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     `levels`: R^v of the estimator in these runs; by default what the specification states. Raises `InvalidInput` if a
     limit is not kept: with the best bandwidth found within it.
     """
-    limits, s = joint_limits(task.robot, task.s.of_loop), task.s
+    limits, s = joint_limits(task.robot, task.s), task.s
     if not (limits.limits_peak or limits.limits_speed) or problem.target is None:
         return problem
     task.progress("the peak input of the step")

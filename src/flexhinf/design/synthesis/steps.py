@@ -343,8 +343,8 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     Raises `InvalidInput`, `InfeasibleGamma`, `NotStabilisable` or `NotDetectable` with what to change.
     """
     design_file.check_stated_units(robot, s)
-    move = plans.stated_move(robot, s.of_loop)
-    start, goal = responses.start_and_goal(robot, s.of_loop, move)
+    move = plans.stated_move(robot, s)
+    start, goal = responses.start_and_goal(robot, s, move)
     kinematics.check_fast(robot, s.period)
     kinematics.check_delay(robot, s.delay)
     _refuse_early(robot, s.of_loop, goal, start)
@@ -394,7 +394,7 @@ class _Steps(Task):
             self.goal.tolist(),
             float((self.goal - self.start)[0]),
             specification=s,
-            effort_limit=float(responses.joint_limits(robot, s.of_loop).effort[0]),
+            effort_limit=float(responses.joint_limits(robot, s).effort[0]),
             tolerances=1.0 if robot.uncertain else 0.0,
             most_seconds=s.proof_seconds,
             admits=self.keeps_effort,
@@ -409,7 +409,7 @@ class _Steps(Task):
 
     def keeps_effort(self, law: proved_step.ProvedLaw) -> str:
         """The input that the step of a law takes on the running loop, as text; "" where it is within the limit."""
-        limits = responses.joint_limits(self.robot, self.s.of_loop)
+        limits = responses.joint_limits(self.robot, self.s)
         if not limits.limits_effort:
             return ""
         self.progress("the step on the running loop")
