@@ -1,4 +1,6 @@
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -124,6 +126,17 @@ def test_netcdf_is_what_xarray_reads(run, tmp_path):
         assert data.disturbance_unit.values.tolist() == ["N·m", "N·m"]
         assert data.attrs["status"] == "completed"
         xr.testing.assert_identical(data.load(), run.data)
+
+
+def test_a_run_is_saved_without_importing_xarray(tmp_path):
+    """Importing it takes longer than many a run, and `flexhinf design` saves some."""
+    code = (
+        "import math, sys, flexhinf as fh; arm = fh.paper_arm(); law = fh.solve_hji(arm.problem(), math.inf, 2);"
+        "fh.Loop(arm.plant(), fh.Controller(law, None)).run(duration=0.1).save('run.nc');"
+        "print([name for name in ('xarray', 'pandas', 'dask') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.stdout.strip(), done.returncode) == ("[]", 0), done.stderr
 
 
 def test_names_of_any_script_are_saved(made, tmp_path):

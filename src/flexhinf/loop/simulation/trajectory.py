@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -194,8 +195,21 @@ class Trajectory(Summarised):
         np.savetxt(path, table, "%.17g", ",", header=header, comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
-        empty = [f"{kind}_name" for kind, names in self.names.items() if not names]
-        self.data.drop_dims(empty).to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
+        """`data` without signals that have no columns, as xarray would write it: importing that takes longer."""
+        from scipy.io import netcdf_file
+
+        with netcdf_file(path, "w", version=2) as file:
+            for key, value in {**self.settings, "status": self.status}.items():
+                setattr(file, key, str(value).encode())
+            file.createDimension("time", len(self.time))
+            _variable(file, "time", self.time, ("time",), units="s", long_name="time")
+            for kind in (kind for kind, names in self.names.items() if names):
+                column = f"{kind}_name"
+                file.createDimension(column, len(self.names[kind]))
+                attributes = {"units": ", ".join(self.units[kind]), "coordinates": f"{kind}_unit"}
+                _variable(file, kind, self.signals[kind], ("time", column), **attributes)
+                _variable(file, column, _letters(self.names[kind]), (column,), _Encoding="utf-8")
+                _variable(file, f"{kind}_unit", _letters(self.units[kind]), (column,), _Encoding="utf-8")
 
     def summary(self) -> dict[str, str]:
         """Status, length, and the metrics of the first tracked state."""
@@ -225,6 +239,27 @@ class Trajectory(Summarised):
 
     def _repr_html_(self) -> str:
         return table_html("Trajectory", self.summary()) + self.plot()._repr_html_()  # type: ignore[attr-defined]
+
+
+def _letters(texts: Sequence[str]) -> np.ndarray:
+    """Texts as rows of bytes, (N, letters)."""
+    encoded = np.array([text.encode() for text in texts])
+    return encoded.view("S1").reshape(len(texts), -1) if encoded.itemsize else np.zeros((len(texts), 1), "S1")
+
+
+def _variable(
+    file: Any, name: str, values: np.ndarray, dimensions: tuple[str, ...], **attributes: str
+) -> None:
+    """A variable of a NetCDF file; rows of bytes get a dimension of their length."""
+    if values.dtype.kind == "S":
+        letters = f"string{values.shape[1]}"
+        if letters not in file.dimensions:
+            file.createDimension(letters, values.shape[1])
+        dimensions = (*dimensions, letters)
+    variable = file.createVariable(name, values.dtype.str[1:].replace("S1", "c"), dimensions)
+    variable[:] = values
+    for key, value in attributes.items():
+        setattr(variable, key, value.encode())
 
 
 def _rms(errors: np.ndarray) -> float:
