@@ -37,7 +37,16 @@ def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, 
     reference = slowly.run.signals["reference"]
     np.testing.assert_allclose(reference, command(slowly.run.time), atol=1e-12)
     nominal, links, instants = shaped.robot.corner({}), shaped.true_plant.states[:2], np.arange(101)
-    sampled = shaped.steps([nominal], 0.1, 8, kept=links, instants=instants)
+    sampled = shaped.ensemble(
+        [nominal],
+        8,
+        shaped.bumpless_controller,
+        shaped.start,
+        0.1,
+        reference=command,
+        kept=links,
+        instants=instants,
+    )
     alone = shaped.step(0.1, nominal, seed=1, sub_steps=8)
     np.testing.assert_allclose(alone.run.signals["reference"], command(alone.run.time), atol=1e-12)
     np.testing.assert_array_equal(sampled.kept[0], alone.positions)
