@@ -107,6 +107,7 @@ from flexhinf.validation import real_number, value_text
 _RATE = 4e8  # estimated operations a second, within a factor of three from a second on: 2e8 (5 states) to 1.3e9 (127)
 _LONG = _RATE  # estimated operations below which no progress bar appears
 _DAY, _WAIT = 86_400.0, 600.0  # s: what takes longer is refused; what a refusal advises takes no longer
+_UNCHECKED = 1 << 22  # bytes: what needs less is not compared with the memory that is available
 _MOST = 1 << 1000  # beyond which estimates are cut off: they would leave the floats
 _CGROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 
@@ -155,7 +156,8 @@ def check_cost(size: tuple[int, int, int, int], degree: int, expanded: bool = Fa
         return max(2 * needed(degree) / available, total_work(size[0], degree) / (_WAIT * _RATE))
 
     what = f"Degree {degree} in {size[0]} {'state' if size[0] == 1 else 'states'}"
-    available, memory, seconds = available_memory(), needed(degree), total_work(size[0], degree) / _RATE
+    memory, seconds = needed(degree), total_work(size[0], degree) / _RATE
+    available = _UNCHECKED if 2 * memory <= _UNCHECKED else available_memory()
     if 2 * memory <= available and seconds <= _DAY:
         return memory
     fits = max(2, bisect_right(range(degree), 1.0, key=lambda k: cost(k) if k > 2 else 0.0) - 1)
