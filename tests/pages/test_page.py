@@ -172,7 +172,7 @@ def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make
     assert set(shown) <= set(weights)
     assert (shown[0], shown[-1]) == (weights[0], weights[-1])
     (used,) = [row for row in rows if row[-1]]
-    assert (used[0], used[5]) == (search.chosen.damping_weight, search.chosen.design.gamma_star)
+    assert (used[0], used[5]) == (search.chosen.damping_weight, search.chosen.gamma_star)
     assert f"evaluated {len(weights)} candidates" in text_of(design, "weights")
 
 

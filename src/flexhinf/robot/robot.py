@@ -171,7 +171,8 @@ class Robot(Summarised):
         return next(parameter for parameter in self.parameters if parameter.name == name)
 
     def with_values(self, values: Mapping[str, float]) -> Robot:
-        """The same robot with other nominal values; unknown names raise InvalidInput."""
+        """The same robot with other nominal values; unknown names and what is no mapping raise InvalidInput."""
+        checked_kind("The values are not named.", values, Mapping, "a mapping", "{'stiffness': 1.61}")
         return self.with_parameters(
             *(replace(self[name], value=real_number(values[name])) for name in values)
         )

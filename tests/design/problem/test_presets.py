@@ -185,11 +185,11 @@ def test_the_game_of_the_search_is_the_game_that_is_solved(
     for preset in ("damped", "robust"):
         game = problem_of(name, preset=preset, disturbances=disturbances)
         assert game.search is not None
-        searched = game.search.chosen.design
+        searched = game.search.chosen
         assert searched.gamma_star == pytest.approx(game.gamma_star, rel=3e-3)
         solution = fh.solve_hji(game.problem, game.gamma, 2)
         size = np.abs(solution.gain).max()
-        assert solution.gain == pytest.approx(searched.gain, rel=0.02, abs=2e-3 * size)
+        assert solution.gain == pytest.approx(searched.design.gain, rel=0.02, abs=2e-3 * size)
 
 
 # Robust ---------------------------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def _search(search: SearchResult, target: TargetBehaviour) -> Blocks:
                     ),
                     dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
                 ),
-                Panel("γ*", "", [line([c.design.gamma_star for c in candidates], None, SERIES[0])], **over),
+                Panel("γ*", "", [line([c.gamma_star for c in candidates], None, SERIES[0])], **over),
             ),
             "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
             3.2, columns=3,
@@ -134,7 +134,7 @@ def candidate_table(search: SearchResult) -> Table:
     rows = [
         (
             c.damping_weight, range_text(c.target_frequency), range_text(c.behaviour.bandwidth),
-            finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.design.gamma_star,
+            finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.gamma_star,
             "used" if c is search.chosen else "",
         )
         for c in (candidates[k] for k in sorted({0, max(0, used - 1), used, min(last, used + 1), last}))
