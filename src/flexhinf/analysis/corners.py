@@ -181,8 +181,10 @@ SAMPLED = (400, 60)
 def corner_plants(
     states: int, at: ParametersAt, uncertain: int | Sequence[Any], seed: int = 0
 ) -> tuple[Population, bool]:
-    """The corners at which `tolerance_corners` looks, of a loop of so many states, the nominal plant last, and whether
-    these are all corners; without states (0) their number is no matter of the effort."""
+    """The corners at which `tolerance_corners` looks, the nominal plant last, and whether these are all corners.
+
+    `states`: of the loop, which sets the cost of a corner; 0 where it costs nothing.
+    """
     number = uncertain if isinstance(uncertain, int) else len(uncertain)
     complete = number <= ALL_OF and 2.0**number * states**3 <= OPERATIONS
     count = 2**number if complete else SAMPLED[states > LARGE]

@@ -356,6 +356,7 @@ def common_value(statement: Certificate) -> CommonValue | None:
 
 
 def _slopes(function: Function) -> tuple[float, float]:
+    """The least and largest [φ(o + s) − φ(o)]/s."""
     s = np.linspace(-_FAR, _FAR, _SLOPES)
     s = s[s != 0.0]
     with np.errstate(all="ignore"):

@@ -514,6 +514,7 @@ def _power(name: str, exponent: int) -> str:
 
 
 def _bracket(function: Function, names: list[str]) -> str:
+    """φ(o + ℓᵀx) − φ(o)."""
     inner = _joined([
         f"{'-' if value < 0 else ''}{'' if abs(value) == 1.0 else f'{abs(value):.10g}*'}{name}"
         for value, name in zip(function.slope, names, strict=True)

@@ -148,9 +148,11 @@ class Composer:
     def when(self, flag: Block) -> Iterator[None]:
         """As `Direct.when`: steps that are left out where the flag is zero."""
         outside, self.body = self.body, []
-        yield
-        outside.append(When(flag.place, tuple(self.body)))
-        self.body = outside
+        try:
+            yield
+        finally:
+            inside, self.body = self.body, outside
+        self.body.append(When(flag.place, tuple(inside)))
 
     def repeat(
         self, times: int, function: Callable[..., tuple[Block, ...]], *arrays: Block
@@ -160,10 +162,12 @@ class Composer:
         for array, place in zip(arrays, held, strict=True):
             self.copy(array, place)
         outside, self.body = self.body, []
-        for result, place in zip(function(*held), held, strict=True):
-            self.copy(result, place)
-        outside.append(Repeat(times, tuple(self.body)))
-        self.body = outside
+        try:
+            for result, place in zip(function(*held), held, strict=True):
+                self.copy(result, place)
+        finally:
+            inside, self.body = self.body, outside
+        self.body.append(Repeat(times, tuple(inside)))
         return held
 
     def columns(
@@ -305,6 +309,7 @@ class _ColumnComposer(Composer):
         self._parts: dict[Hashable, tuple[Any, tuple[Slice, ...]]] = {}
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
+        """As `Direct.call`: one traced piece, or two."""
         blocks = [array for array in arrays if isinstance(array, Block) and array.size]
         moving = tuple(block.place.buffer == COLUMN for block in blocks)
         if not any(moving):
@@ -313,19 +318,25 @@ class _ColumnComposer(Composer):
         held = tuple(block.place for block, moves in zip(blocks, moving) if not moves)
         key = (traced.__hash__(), moving, held)
         if key not in self._parts:
-            from flexhinf.scalars import divide
-
-            before, rest = divide(traced, moving)
-            values: tuple[Slice, ...] = ()
-            if before is not None:
-                values = (self._outside.work((before.size1_out(0),)).place,)
-                self._outside.body.append(Call(before, held, values))
-            self._parts[key] = rest, values
+            self._parts[key] = self._divided(traced, moving, held)
         rest, more = self._parts[key]
         results = [self.work(shape) for shape in shapes]
         inputs = (*(block.place for block in blocks), *more)
         self.body.append(Call(rest, inputs, tuple(result.place for result in results if result.size)))
         return tuple(results) if several else results[0]
+
+    def _divided(
+        self, traced: Any, moving: tuple[bool, ...], held: tuple[Slice, ...]
+    ) -> tuple[Any, tuple[Slice, ...]]:
+        """The function to call for every column, and the slices of the numbers that are computed once outside."""
+        from flexhinf.scalars import divide
+
+        before, rest = divide(traced, moving)
+        if before is None:
+            return rest, ()
+        values = self._outside.work((before.size1_out(0),)).place
+        self._outside.body.append(Call(before, held, (values,)))
+        return rest, (values,)
 
 
 def _constants(array: Any) -> Any:

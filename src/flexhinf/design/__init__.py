@@ -1,7 +1,7 @@
 """Design of a controller from a robot and a specification, and comparison of control laws.
 
-`pipeline` has the entry points, `design` and `compare`. What they compute is in `synthesis`, `loop_setup`,
-`evaluation`, `requirements` and `result`.
+`pipeline` has the entry points, `design` and `compare`, and their results. What they compute is in `synthesis`,
+`loop_setup`, `evaluation`, `checks`, `requirements`, `certification` and `tuning`; campaigns are in `campaign_folder`.
 
 As an attribute of the package ``flexhinf.design`` is the function; its other names are imported from it, as in
 ``from flexhinf.design import Specification``.

@@ -129,7 +129,7 @@ def prove_box(
 ) -> Law:
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
-    `ranges`: see `flexhinf.certify.proof.parameter_ranges`.
+    `ranges`: see `flexhinf.certify.box.parameter_ranges`.
     `margins`: γ over that of `sampled_box`, in turn; by default those of its storage function.
     `seconds`: CPU time of this thread for all of them; each may take half of what is left, the last one all.
     `most_cells`: of one proof.

@@ -269,7 +269,7 @@ class Specification:
 
     @property
     def of_loop(self) -> Specification:
-        """What plants and loops may read: all but the bandwidth of the search, unless it shapes the command."""
+        """Copy without the searched bandwidth, so that no loop reads it; unchanged where it shapes the command."""
         return replace(self, bandwidth=None) if self.shaping == "jump" else self
 
     @property

@@ -116,7 +116,7 @@ def checked_parts(
 ) -> dict[int, np.ndarray]:
     """The parts with checked shapes and finite numbers, without zero parts of other degrees than the lowest.
 
-    That is one for f and h: their constant part must be rounding, and is dropped. `rows` are names, of f's.
+    `lowest` is 1 for f and h, whose constant part must vanish up to rounding and is dropped. `rows`: names of f's rows.
     """
     refuse_if(not parts, f"{name} has no coefficients.", "expected at least one degree", "give zeros")
     lead = np.shape(next(iter(parts.values())))[:-1]

@@ -167,7 +167,7 @@ class Robot(Summarised):
         }
 
     def __getitem__(self, name: str) -> Parameter:
-        one_of(f"The robot {self.name!r} has no parameter {name!r}.", name, self.nominal)
+        one_of(f"The robot {self.name!r} has no parameter {name!r}.", name, tuple(self.nominal))
         return next(parameter for parameter in self.parameters if parameter.name == name)
 
     def with_values(self, values: Mapping[str, float]) -> Robot:

@@ -327,8 +327,8 @@ def preset_of(robot: Robot, s: Specification) -> str:
 
 
 def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
-    """Damping ratio that every oscillation must have, where weights are searched for: as stated, or `DAMPING`, or less
-    where a design that states none was given less, see `flexhinf.design.synthesis.steps`; then at least `RINGS`."""
+    """Required damping ratio of every oscillation: the stated one, else `DAMPING`, or what the search lowered it to, at
+    least `RINGS`; see `flexhinf.design.synthesis.steps`."""
     if s.damping is not None:
         return s.damping
     return DAMPING if target is None else max(RINGS, min(DAMPING, target.damping))

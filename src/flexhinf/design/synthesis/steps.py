@@ -161,8 +161,7 @@ class _WholeLoop:
         return replace(problem, source=source, target=self.target), best.levels, outcome
 
     def best(self) -> LoopCandidate:
-        """The best candidate that overshoots clearly less than `damped` at all corners at which that stepped; else the
-        best that does not overshoot more; else `damped`."""
+        """Best candidate by overshoot at the corners: clearly below `damped`, else not above it, else `damped`."""
         from scipy.optimize import minimize
 
         # The weights whose channels cover the tolerances are the second start.

@@ -421,7 +421,7 @@ VISIBLE = 0.05
 #: signal that still has so much more of its peak than `VISIBLE` at the end of its run does not come to rest.
 FITS = 0.1
 
-#: A mode that falls below 1/e within so many samples is no oscillation, as `SampledSystem.damping` has it.
+#: A mode that falls below 1/e within so many samples is no oscillation, as `flexhinf.analysis.linear_loop` has it.
 LASTING = 2.0
 
 
