@@ -259,6 +259,10 @@ class Controller(Summarised):
         return read_only(self.data.flat(self._data_values))
 
     @cached_property
+    def _slopes(self) -> list[np.ndarray]:  # ∂u/∂x of each law at its operating point
+        return [LawCode(law, True).slope for law in self.laws]
+
+    @cached_property
     def _data_values(self) -> dict[str, np.ndarray]:
         laws, mode, limits, command = self.laws, self.mode, self.limits, self.command_limits
         codes = [LawCode(law, self.composed) for law in laws]
@@ -266,7 +270,7 @@ class Controller(Summarised):
         def rows(parts: Sequence[Any]) -> np.ndarray:  # those of several laws
             return np.stack(parts) if mode.laws > 1 else np.asarray(parts[0])
 
-        gains = [code.slope[:, len(self.states) :] for code in codes]
+        gains = [slope[:, len(self.states) :] for slope in self._slopes]
         n, m, p = len(self.states), len(self.law.input_names), len(self.measured)
         whole = n + len(self.tracked)
         values: dict[str, Any] = {
@@ -308,7 +312,7 @@ class Controller(Summarised):
     @cached_property
     def windup(self) -> Windup:
         """Bound of the integral action on inputs without limits, or with limits beyond it."""
-        return self._windup_option or Windup.of(self.laws, self.estimator, self.limits)
+        return self._windup_option or Windup.of(self.laws, self._slopes, self.estimator, self.limits)
 
     def input_before(self, input: Any = None, state: Any = None) -> np.ndarray:
         """The input (m,) before the first sample: `input` if it fits, or by `before_first` for a start `state` (n,)."""

@@ -33,7 +33,6 @@ import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.step import LawCode
 from flexhinf.loop.shared import share
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
@@ -208,10 +207,13 @@ class Windup:
             )
 
     @staticmethod
-    def of(laws: Sequence[Law], estimator: Estimator | None, inputs: Limits) -> Windup:
-        """The default bound for these laws and limits of the inputs."""
+    def of(
+        laws: Sequence[Law], slopes: Sequence[np.ndarray], estimator: Estimator | None, inputs: Limits
+    ) -> Windup:
+        """The default bound for these laws, with slopes ∂u/∂x (m, n), and limits of the inputs."""
         limits, lines, spreads = (
-            np.stack(parts) for parts in zip(*(_bounds(law, estimator) for law in laws))
+            np.stack(parts)
+            for parts in zip(*(_bounds(law, slope, estimator) for law, slope in zip(laws, slopes)))
         )
         limit = limits.max(axis=0)
         ends = inputs.lower, inputs.upper
@@ -220,11 +222,13 @@ class Windup:
         return Windup(limit, lines, spreads) if len(laws) > 1 else Windup(limit, lines[0], spreads[0])
 
 
-def _bounds(law: Law, estimator: Estimator | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bounds(
+    law: Law, slope: np.ndarray, estimator: Estimator | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     names = law.plant_states
     n, places = len(names), [names.index(name) for name in law.tracked]
     point, rest = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))
-    slope = LawCode(law, True).slope[:, :n]
+    slope = slope[:, :n]
     own = law.problem.plant if isinstance(law, ProblemLaw) else None
     model = own if estimator is None else estimator.plant
     travel = TRAVEL + np.abs(point[places])

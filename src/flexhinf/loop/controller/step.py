@@ -71,12 +71,12 @@ class LawCode:
     def slope(self) -> np.ndarray:
         """∂u/∂x at the operating point, (m, n)."""
         n, data = len(self.law.state_names), np.ravel(self.law.law_data)
-        if self.table is None:
+        table = None if self.law.depends_on_reference else self.law.law_table
+        if table is None:
             return jacobian(self.law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
-        degrees = self.table.degrees
-        before = sum(basis.count(n, k) for k in degrees if k < 1)
-        linear = self.table.coefficients[:, before : before + n]
-        return linear if 1 in degrees else np.zeros_like(linear)
+        before = sum(basis.count(n, k) for k in table.degrees if k < 1)
+        linear = table.coefficients[:, before : before + n]
+        return linear if 1 in table.degrees else np.zeros_like(linear)
 
     def on(
         self, run: Any, data: Any, active: Any = None, about: tuple[Any, Any] | None = None
