@@ -443,10 +443,10 @@ class Robot(Summarised):
             )
             signs = dict(zip(names, signs, strict=True))
         for name, sign in signs.items():
-            refuse_if(
-                not -1.0 <= sign <= 1.0,
-                f"The sign for {self[name].name!r} leaves its tolerance.",  # refuses an unknown one
-                f"expected −1 to 1, got {sign!r}",
-                "−1, 0 or 1",
-            )
+            if name not in self.nominal or not -1.0 <= sign <= 1.0:
+                raise InvalidInput(
+                    f"The sign for {self[name].name!r} leaves its tolerance.",  # refuses an unknown one
+                    f"expected −1 to 1, got {sign!r}",
+                    "−1, 0 or 1",
+                )
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
