@@ -13,7 +13,7 @@ import numpy as np
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, load_robot
 from flexhinf.robot.dynamics import bodies_of, mass_matrix
-from fuzz.drawn import Drawn
+from fuzz.random_text import RandomText
 from fuzz.tally import Tally
 
 ATTEMPTS = 1500
@@ -50,16 +50,16 @@ ELASTIC = "".join(
 
 def run(attempts: int, seed: int) -> Tally:
     """Up to two options of each element at a time."""
-    tally, drawn = (
+    tally, random = (
         Tally("options of MJCF files, against MuJoCo"),
-        Drawn(np.random.default_rng([seed, 10]), 0.15),
+        RandomText(np.random.default_rng([seed, 10]), 0.15),
     )
     mujoco.set_mju_user_warning(lambda text: None)  # printed, and written into a file of the working folder
     with tempfile.TemporaryDirectory() as folder:
         path, elastic = Path(folder) / "arm.xml", Path(folder) / "elastic.toml"
         elastic.write_text(ELASTIC, encoding="utf-8")
         for attempt in range(attempts):
-            text = _text(drawn)
+            text = _text(random)
             path.write_text(text, encoding="utf-8")
             how = f"seed {seed}, attempt {attempt}"
             try:
@@ -72,12 +72,12 @@ def run(attempts: int, seed: int) -> Tally:
     return tally
 
 
-def _text(drawn: Drawn) -> str:
+def _text(random: RandomText) -> str:
     parts = {}
     for place, choices in OPTIONS.items():
-        picked = [drawn.one(choices) for _ in range(drawn.one((0, 0, 0, 0, 0, 0, 1, 1, 2)))]
+        picked = [random.one(choices) for _ in range(random.one((0, 0, 0, 0, 0, 0, 1, 1, 2)))]
         unique = {text.split("=")[0]: text for text in picked}.values()
-        parts[place] = " ".join(text.replace("N", drawn.number().replace('"', "")) for text in unique)
+        parts[place] = " ".join(text.replace("N", random.number().replace('"', "")) for text in unique)
     return MJCF.format(**parts)
 
 

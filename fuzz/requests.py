@@ -25,7 +25,7 @@ from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, load_robot
 from flexhinf.robot.kinematics import link_frames
 from flexhinf.robot.waypoints import waypoints
-from fuzz.drawn import HOSTILE, UNITS, USUAL, Drawn, meaning
+from fuzz.random_text import HOSTILE, UNITS, USUAL, RandomText, meaning
 from fuzz.tally import Tally
 
 ATTEMPTS = 2000
@@ -85,7 +85,7 @@ def run(attempts: int, seed: int) -> Tally:
     """One way to ask for something at a time."""
     tally = Tally("waypoints, payloads, goals in space, numbers with units, per joint and per sensor")
     rng = np.random.default_rng([seed, 9])
-    ways: tuple[Callable[[Drawn, Path], str], ...] = (
+    ways: tuple[Callable[[RandomText, Path], str], ...] = (
         _waypoints,
         _payload,
         _goal,
@@ -97,11 +97,11 @@ def run(attempts: int, seed: int) -> Tally:
         for attempt in range(attempts):
             way = ways[rng.integers(len(ways))]
             how = f"seed {seed}, attempt {attempt}, {way.__name__}"
-            drawn = Drawn(rng)
+            random = RandomText(rng)
             try:
                 with warnings.catch_warnings(), np.errstate(all="ignore"):
                     warnings.simplefilter("ignore")
-                    tally.answered(way(drawn, Path(folder)), how)
+                    tally.answered(way(random, Path(folder)), how)
             except FlexhinfError as error:
                 whole = error.what and error.found and error.advice
                 tally.raised(error, how) if whole else tally.answered(f"not in three parts: {error}", how)
@@ -123,19 +123,19 @@ def _close(found: Any, expected: Any) -> bool:
 
 
 # Waypoints ------------------------------------------------------------------------------------------
-def _waypoints(drawn: Drawn, folder: Path) -> str:
+def _waypoints(random: RandomText, folder: Path) -> str:
     """A CSV file, or columns by name: the positions of each joint, and a motion that passes through them."""
     names = ["time", *JOINTS]
-    drawn.rng.shuffle(names)
-    if drawn.hostile():
-        names[drawn.rng.integers(3)] = drawn.one(NAMES)
-    units = [drawn.one(["", "s", "ms"]) if name == "time" else drawn.unit(["rad"] if name == "arm" else ["m"])
+    random.rng.shuffle(names)
+    if random.hostile():
+        names[random.rng.integers(3)] = random.one(NAMES)
+    units = [random.one(["", "s", "ms"]) if name == "time" else random.unit(["rad"] if name == "arm" else ["m"])
              for name in names]  # fmt: skip
-    rows = _rows(drawn, names, int(drawn.rng.integers(1, 7)))
+    rows = _rows(random, names, int(random.rng.integers(1, 7)))
     expected = _expected(names, units, rows)
-    if drawn.rng.random() < 0.8:
+    if random.rng.random() < 0.8:
         move: Any = folder / "way.csv"
-        _write(drawn, move, names, units, rows)
+        _write(random, move, names, units, rows)
     else:
         headings = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units)]
         move = {heading: [meaning(row[k]) for row in rows] for k, heading in enumerate(headings)}
@@ -151,7 +151,7 @@ def _waypoints(drawn: Drawn, folder: Path) -> str:
     times, positions = expected
     if not _close(table.times, times - times[0]) or not _close(found, positions):
         return f"{table} instead of {expected}"
-    shaping = drawn.one(("jump", "quintic", "jerk-limited"))
+    shaping = random.one(("jump", "quintic", "jerk-limited"))
     plan: Any = stated_move(_cart(), Specification(move=table, shaping=shaping))
     if not np.allclose(plan(times - times[0]), positions, rtol=1e-6, atol=1e-6):
         return f"a motion that misses {positions}"
@@ -159,17 +159,17 @@ def _waypoints(drawn: Drawn, folder: Path) -> str:
     return "" if np.isfinite(plan.derivatives(parts, 2)).all() else "a motion that is not finite"
 
 
-def _rows(drawn: Drawn, names: list[str], count: int) -> list[list[str]]:
-    times = np.cumsum(drawn.rng.uniform(0.0, 2000.0 if drawn.rng.random() < 0.3 else 3.0, count))
+def _rows(random: RandomText, names: list[str], count: int) -> list[list[str]]:
+    times = np.cumsum(random.rng.uniform(0.0, 2000.0 if random.rng.random() < 0.3 else 3.0, count))
     rows = [
         [
-            repr(float(times[k])) if name == "time" and not drawn.hostile() else drawn.number()
+            repr(float(times[k])) if name == "time" and not random.hostile() else random.number()
             for name in names
         ]
         for k in range(count)
     ]
-    if drawn.hostile():
-        rows[drawn.rng.integers(count)] = list(drawn.one(rows))
+    if random.hostile():
+        rows[random.rng.integers(count)] = list(random.one(rows))
     return rows
 
 
@@ -199,17 +199,17 @@ def _expected(
     return columns["time"], np.column_stack([columns[joint] for joint in JOINTS])
 
 
-def _write(drawn: Drawn, path: Path, names: list[str], units: list[str], rows: list[list[str]]) -> None:
-    mark = drawn.one((",", ", ", ";", "; "))
-    brackets = drawn.one(("[]", "()"))
+def _write(random: RandomText, path: Path, names: list[str], units: list[str], rows: list[list[str]]) -> None:
+    mark = random.one((",", ", ", ";", "; "))
+    brackets = random.one(("[]", "()"))
     heading = [
         f"{name} {brackets[0]}{unit}{brackets[1]}" if unit else name for name, unit in zip(names, units)
     ]
-    end = drawn.one(("\n", "\r\n"))
+    end = random.one(("\n", "\r\n"))
     lines = [mark.join(_quoted(cell, mark) for cell in row) for row in [heading, *rows]]
-    if drawn.rng.random() < 0.2:
-        lines.insert(int(drawn.rng.integers(len(lines) + 1)), drawn.one(("# by hand", "", "   ", "#,,,")))
-    path.write_bytes((drawn.one(("", "\ufeff")) + end.join(lines) + end).encode())
+    if random.rng.random() < 0.2:
+        lines.insert(int(random.rng.integers(len(lines) + 1)), random.one(("# by hand", "", "   ", "#,,,")))
+    path.write_bytes((random.one(("", "\ufeff")) + end.join(lines) + end).encode())
 
 
 def _quoted(cell: str, mark: str) -> str:
@@ -217,16 +217,18 @@ def _quoted(cell: str, mark: str) -> str:
 
 
 # Payloads -------------------------------------------------------------------------------------------
-def _payload(drawn: Drawn, folder: Path) -> str:
+def _payload(random: RandomText, folder: Path) -> str:
     """Mass, its range, the link and the place: the robot's numbers are those of the text."""
-    masses = [drawn.number().lstrip("-+") for _ in range(drawn.rng.integers(1, 5 if drawn.hostile() else 4))]
-    if not drawn.hostile():
+    masses = [
+        random.number().lstrip("-+") for _ in range(random.rng.integers(1, 5 if random.hostile() else 4))
+    ]
+    if not random.hostile():
         masses = sorted(masses, key=lambda mass: meaning(mass) or 0.0)
-    place = [drawn.number() for _ in range(drawn.one((0, 0, 3, 3, 2) if drawn.hostile() else (0, 3)))]
-    link = drawn.one(NAMES) if drawn.hostile() else drawn.one(("", "arm", "belt"))
+    place = [random.number() for _ in range(random.one((0, 0, 3, 3, 2) if random.hostile() else (0, 3)))]
+    link = random.one(NAMES) if random.hostile() else random.one(("", "arm", "belt"))
     text = (
         "..".join(masses)
-        + drawn.one(("", "kg"))
+        + random.one(("", "kg"))
         + (f"@{link}" if link else "")
         + (":" + ",".join(place) if place else "")
     )
@@ -257,18 +259,18 @@ def _file(folder: Path) -> Path:
 
 
 # Goals in space -------------------------------------------------------------------------------------
-def _goal(drawn: Drawn, folder: Path) -> str:
+def _goal(random: RandomText, folder: Path) -> str:
     """``--pose-xyz`` and ``--tool``: the point is where it is to be, the joints are within their ranges."""
-    robot = load_robot("planar-two-link") if drawn.rng.random() < 0.7 else _cart()
-    parts = [(drawn.one(USUAL), drawn.unit(["m"])) for _ in range(3)]
-    if drawn.rng.random() < 0.8:  # mostly within reach
-        q = np.array([drawn.rng.uniform(-1.0, 1.0) for _ in robot.joint_names])
+    robot = load_robot("planar-two-link") if random.rng.random() < 0.7 else _cart()
+    parts = [(random.one(USUAL), random.unit(["m"])) for _ in range(3)]
+    if random.rng.random() < 0.8:  # mostly within reach
+        q = np.array([random.rng.uniform(-1.0, 1.0) for _ in robot.joint_names])
         turns, places = link_frames(robot, q)
         parts = [(repr(float(x)), "") for x in places[-1] + turns[-1] @ [0.3, 0.0, 0.0]]
-    if drawn.hostile():
-        parts[drawn.rng.integers(3)] = drawn.number(), drawn.unit(["m"])
-    link = drawn.one(NAMES) if drawn.hostile() else drawn.one(("", robot.joint_names[-1]))
-    offset = ["0.3", "0", drawn.number()] if drawn.hostile() else ["300mm", "0", "0"]
+    if random.hostile():
+        parts[random.rng.integers(3)] = random.number(), random.unit(["m"])
+    link = random.one(NAMES) if random.hostile() else random.one(("", robot.joint_names[-1]))
+    offset = ["0.3", "0", random.number()] if random.hostile() else ["300mm", "0", "0"]
     text, tool = ",".join(n + u for n, u in parts), f"{link}:{','.join(offset)}"
     found = with_joints(DesignRequest(robot, Specification(), "robot"), text, tool).specification.pose
     expected = [meaning(*part) for part in parts]
@@ -285,17 +287,17 @@ def _goal(drawn: Drawn, folder: Path) -> str:
 
 
 # Numbers with units ---------------------------------------------------------------------------------
-def _quantity(drawn: Drawn, folder: Path) -> str:
+def _quantity(random: RandomText, folder: Path) -> str:
     """Fields with a number per joint or per sensor: the SI numbers, or a refusal where one has the wrong unit."""
-    field = drawn.one(
+    field = random.one(
         ("pose", "start", "via", "tracking_error", "integral_dead_zone", "peak_speed", "quantisation")
     )
     kinds = ("m/s", "rad/s") if field == "peak_speed" else ("m", "rad")
-    count = 2 if field in ("pose", "start", "via") or drawn.rng.random() < 0.6 else 1
+    count = 2 if field in ("pose", "start", "via") or random.rng.random() < 0.6 else 1
     of = [[kind] for kind in kinds] if count == 2 else [list(kinds)]
-    parts = [(drawn.number().replace(",", ";"), drawn.unit(of[k])) for k in range(count)]
+    parts = [(random.number().replace(",", ";"), random.unit(of[k])) for k in range(count)]
     value: Any = ",".join(number + unit for number, unit in parts)
-    if drawn.rng.random() < 0.3 and "," not in "".join(number for number, _ in parts):
+    if random.rng.random() < 0.3 and "," not in "".join(number for number, _ in parts):
         value = [number + unit for number, unit in parts]
     expected = [meaning(*part) for part in parts]
     fits = all(
@@ -324,12 +326,12 @@ def _quantity(drawn: Drawn, folder: Path) -> str:
     return ""
 
 
-def _limits(drawn: Drawn, folder: Path) -> str:
+def _limits(random: RandomText, folder: Path) -> str:
     """Limits per joint, over those of the robot: the numbers as stated, infinity for none."""
-    field = drawn.one(("peak_effort", "saturation"))
-    texts = [drawn.number() if drawn.rng.random() < 0.8 else "inf" for _ in range(drawn.one((1, 2, 2, 3)))]
+    field = random.one(("peak_effort", "saturation"))
+    texts = [random.number() if random.rng.random() < 0.8 else "inf" for _ in range(random.one((1, 2, 2, 3)))]
     value: Any = ",".join(texts)
-    if drawn.rng.random() < 0.5:
+    if random.rng.random() < 0.5:
         value = tuple(meaning(text) for text in texts)
     expected = [meaning(text) for text in texts]
     fits = len(expected) < 3 and all(one is not None and one > 0.0 for one in expected)
@@ -349,7 +351,7 @@ def _limits(drawn: Drawn, folder: Path) -> str:
     )
 
 
-def _words(drawn: Drawn, folder: Path) -> str:
+def _words(random: RandomText, folder: Path) -> str:
     """Words for shaping, extras and friction: one of those that there are, or a refusal."""
     known = {
         "shaping": ("jump", "quintic", "jerk-limited"),
@@ -357,7 +359,7 @@ def _words(drawn: Drawn, folder: Path) -> str:
         "friction_model": (True, False),
         "estimator": ("ukf", "ekf", "observer", "none"),
     }
-    field = drawn.one(list(known))
+    field = random.one(list(known))
     choices = (
         *HOSTILE,
         *NAMES,
@@ -372,7 +374,7 @@ def _words(drawn: Drawn, folder: Path) -> str:
         "JUMP",
         " ukf ",
     )
-    value = drawn.one(choices) if drawn.rng.random() < 0.5 else drawn.one(known[field])
+    value = random.one(choices) if random.rng.random() < 0.5 else random.one(known[field])
     if value is None:
         return ""
     s = Specification(**{field: value})

@@ -67,16 +67,16 @@ def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
     }
     if getattr(samples, "inputs", None) is not None:
         row["sampled_peak_share"] = float((samples.inputs / limits).max())
-    if getattr(found, "rest", None) is not None:
-        row["hunting"] = [*map(float, found.rest.amplitudes)]
-        row["hunts"] = bool(found.rest.oscillating)
-        row["rest_error"] = float(found.rest.errors.max())
+    if getattr(found, "limit_cycle", None) is not None:
+        row["hunting"] = [*map(float, found.limit_cycle.amplitudes)]
+        row["hunts"] = bool(found.limit_cycle.oscillating)
+        row["rest_error"] = float(found.limit_cycle.errors.max())
     return row | _reach(found.synthesis.noise_search, found.setup)
 
 
 def _least_damped(evaluation: Any) -> dict[str, Any]:
     """The oscillation of the running loop that is damped least."""
-    ringing = [mode for mode in evaluation.running_modes if mode.eigenvalue.imag > 0.0]
+    ringing = [mode for mode in evaluation.closed_loop_modes if mode.eigenvalue.imag > 0.0]
     least = min(ringing, key=lambda mode: mode.damping, default=None)
     return {
         "damping": 1.0 if least is None else least.damping,

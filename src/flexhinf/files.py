@@ -250,10 +250,10 @@ def _exchange_of_names() -> Callable[[bytes, bytes], int] | None:
         if sys.platform == "darwin":
             renamed = library.renamex_np
             renamed.argtypes = (ctypes.c_char_p, ctypes.c_char_p, ctypes.c_uint)
-            return lambda one, other: renamed(one, other, 2)
+            return lambda path, other: renamed(path, other, 2)
         renamed, here = library.renameat2, -100
         renamed.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_uint)
-        return lambda one, other: renamed(here, one, here, other, 2)
+        return lambda path, other: renamed(here, path, here, other, 2)
     except (OSError, TypeError, AttributeError):  # Windows, an old or another C library
         return None
 

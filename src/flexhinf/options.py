@@ -40,7 +40,7 @@ _SPEEDS = (
     {"rad/s": 1.0, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0, "rpm": math.pi / 30.0},
     {"m/s": 1.0, "mm/s": 1e-3},
 )
-_READINGS = (*_POSITIONS, *_SPEEDS, {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}, {"N": 1.0})
+_QUANTITIES = (*_POSITIONS, *_SPEEDS, {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0}, {"N": 1.0})
 
 #: Longest list that is a field's value: rows of weights have a number per state.
 _LONGEST = 10_000
@@ -277,7 +277,7 @@ PerJointSpeed = Annotated[
     Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),
 ]  # fmt: skip
 Quanta = Annotated[
-    _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_READINGS),
+    _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_QUANTITIES),
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
 ]  # fmt: skip
 Distances = Annotated[

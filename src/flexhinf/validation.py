@@ -208,8 +208,8 @@ def checked_name(
     spaces, control characters or characters that change the direction of writing.
     """
     text = name if isinstance(name, str) else ""
-    words = text.split(" ") if spaces else [text]
-    plain = all(word and word.isprintable() and not set(word) & set(without + " ") for word in words)
+    names = text.split(" ") if spaces else [text]
+    plain = all(word and word.isprintable() and not set(word) & set(without + " ") for word in names)
     if not plain or unicodedata.combining(text[0]) or len(text) > longest:
         allowed = "single spaces" if spaces else " ".join(["no spaces", *(f"{mark!r}" for mark in without)])
         long = f" ({len(text)} characters)" if len(text) > longest else ""

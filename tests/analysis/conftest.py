@@ -99,7 +99,7 @@ def _dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSyste
     """`LinearLoop.system` with a state for each input that waits: plant, inputs (newest first), memory."""
     (n, m), p, s, q = loop.b.shape, len(loop.c), len(loop.memory), len(loop.positions)
     k = loop.g.shape[1]
-    j, phi, old, new = loop.held(delay)
+    j, phi, old, new = loop.sampled_plant(delay)
     size = n + (j + 1) * m + s
     past, memory = slice(n, n + (j + 1) * m), slice(n + (j + 1) * m, size)
     oldest = slice(past.stop - m, past.stop)
@@ -128,7 +128,7 @@ def _dense_system(loop: LinearLoop, delay: float | None = None) -> DiscreteSyste
 def _dense_opened(loop: LinearLoop, delay: float | None = None) -> DiscreteSystem:
     """`LinearLoop.opened` with a state for each input that waits."""
     (n, m), p, s = loop.b.shape, len(loop.c), len(loop.memory)
-    j, phi, old, new = loop.held(delay)
+    j, phi, old, new = loop.sampled_plant(delay)
     size = n + (j + 1) * m + s
     memory, unit = slice(size - s, size), np.eye(size + m)
     oldest, given = slice(size - s - m, size - s), unit[size:]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flexhinf.analysis.sampled_controller import Rows, near_rest, one_period, solved
+from flexhinf.analysis.sampled_controller import Rows, near_equilibrium, one_period, solved
 from flexhinf.robot import load_robot, paper_arm
 
 
@@ -72,7 +72,7 @@ def test_a_period_near_a_rest_is_that_of_the_loop_there(name: str) -> None:
     if name == "coil":
         x[0, 4] = -plant.derivative(x[0], u[0])[4] / plant.linearise(x[0], u[0])[0][4, 4]
     p = plant.parameters.vector()[None, :]
-    later, slope = near_rest(plant, 1e-3, steps, x, u, p)
+    later, slope = near_equilibrium(plant, 1e-3, steps, x, u, p)
     exact, by = one_period(plant, 1e-3, steps, x, u, p)
     assert np.allclose(later, x, atol=1e-12)
     assert np.allclose(exact, x, atol=1e-12)

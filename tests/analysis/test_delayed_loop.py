@@ -31,7 +31,7 @@ def test_figures_are_those_of_a_loop_assembled_otherwise(
 ) -> None:
     filter = made.filter(arm.plant(), np.zeros(4))
     linear = EquilibriumLoop(cubic, filter, arm.plant(), PERIOD, 1.0, delay=delay).linear()
-    dense, found = made.dense_system(linear), linear.running
+    dense, found = made.dense_system(linear), linear.closed_loop
     grid = np.array([0.0, 0.3, 5.0, 14.0, 80.0, 700.0, np.pi / PERIOD])
     expected = dense.response(grid)
     assert np.allclose(found.response(grid), expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
@@ -118,7 +118,7 @@ def test_a_delay_of_two_hundred_samples_by_closed_forms(made: SimpleNamespace) -
 
 def test_echoes_are_no_oscillations(made: SimpleNamespace) -> None:
     """Of 0.2 s of delay every frequency comes back; less than a tenth of it does not count."""
-    running = soft(made, 0.3, 200).linear().running
+    running = soft(made, 0.3, 200).linear().closed_loop
     assert running.stable
     assert running.damping[0] > 0.25
     assert (np.abs(running.multipliers) > BRIEF).sum() > 2 * len(running.poles)
@@ -142,7 +142,7 @@ def test_seven_joints(made: SimpleNamespace, delay: int) -> None:
     law, (x, _) = made.law(robot, degree=2), robot.operating_point()
     linear = EquilibriumLoop(law, made.filter(robot.plant(), x), robot.plant(), PERIOD, delay=delay).linear()
     values = made.dense_system(linear).multipliers
-    assert linear.running.stable == (np.abs(values).max() < 1.0)
+    assert linear.closed_loop.stable == (np.abs(values).max() < 1.0)
     large = values[(np.abs(values) > BRIEF) & (np.abs(values) ** delay >= ECHO)]
-    apart = np.abs(np.subtract.outer(large, linear.running.modes()[0])).min(axis=1)
+    apart = np.abs(np.subtract.outer(large, linear.closed_loop.modes()[0])).min(axis=1)
     assert apart.max() < 1e-6

@@ -88,7 +88,7 @@ def _compare(made: SimpleNamespace, loop: EquilibriumLoop) -> None:
     # One input's loop, the others closed: S_ii = 1/(1 + L_i).
     assert np.allclose(np.diagonal(sensitivity, axis1=1, axis2=2), 1.0 / (1.0 + found.input_loops), rtol=1e-6)
     assert np.allclose(
-        np.exp(found.linear.running.poles * loop.period), _multipliers(made, linear), atol=1e-6
+        np.exp(found.linear.closed_loop.poles * loop.period), _multipliers(made, linear), atol=1e-6
     )
 
 
@@ -145,7 +145,7 @@ def test_the_peaks_are_those_of_the_margins(made: SimpleNamespace, arm: Robot, c
         cubic, made.filter(arm.plant(), np.zeros(4)), arm.plant(inductance=True), PERIOD, 1.0, delay=5
     )
     found, exact = frequency_response(loop), margins(loop)
-    assert found.linear.running.stable
+    assert found.linear.closed_loop.stable
     peaks = [np.linalg.norm(each, 2, axis=(1, 2)).max() for each in (found.sensitivity, found.complementary)]
     assert 0.99 * exact.peak_sensitivity < peaks[0] <= exact.peak_sensitivity * (1.0 + 1e-9)
     assert 0.99 * exact.peak_complementary < peaks[1] <= exact.peak_complementary * (1.0 + 1e-9)

@@ -52,7 +52,7 @@ def test_small_motions_are_those_of_the_compiled_loop(
 @pytest.mark.parametrize("samples", [0.0, 0.3, 1.0, 2.75])
 def test_an_input_between_samples(arm: Robot, cubic: HJISolution, samples: float) -> None:
     linear = EquilibriumLoop(cubic, None, arm.plant(inductance=True), PERIOD, 0.5).linear()
-    j, phi, old, new = linear.held(samples * PERIOD)
+    j, phi, old, new = linear.sampled_plant(samples * PERIOD)
     assert j == int(samples)
     share, x = samples - j, np.random.default_rng(0).normal(size=5)
     before, after = np.array([1.5]), np.array([-0.5])

@@ -27,7 +27,7 @@ def test_rows_and_penalty_are_two_texts_of_one_h(
 ) -> None:
     rng, robot = np.random.default_rng(4), robot_of(name)
     scales = scales_of(robot)
-    pace = rng.uniform(0.3, 3.0, len(robot.joint_names)) * scales.held
+    pace = rng.uniform(0.3, 3.0, len(robot.joint_names)) * scales.antiresonance
     rows = scales.rows(pace, damping)
     problem = robot.problem(scales.penalty(pace, damping))
     points = rng.normal(size=(20, len(problem.state_names)))
@@ -80,7 +80,7 @@ def test_inertia_stiffness_and_lowest_vibration_are_those_of_newton_and_euler(
     stiffness = [robot.nominal[f"stiffness_{joint}"] for joint in robot.joint_names]
     assert scales.stiffness == pytest.approx(stiffness)
     lowest = eigh(np.diag(stiffness), inertia, eigvals_only=True)[0]
-    assert scales.held == pytest.approx(np.sqrt(lowest), rel=1e-9)
+    assert scales.antiresonance == pytest.approx(np.sqrt(lowest), rel=1e-9)
 
 
 def test_the_motors_damping_counts_the_back_emf_and_the_gear() -> None:

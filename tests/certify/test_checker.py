@@ -354,8 +354,8 @@ def test_the_second_route_catches_what_the_first_lets_through(monkeypatch: pytes
 def test_the_second_route_alone_tells_right_from_wrong() -> None:
     of = Proof(upright())
     cell = Cell((0, 1), (0.25,), (0.25,), 1.0, 1.5, 0.0)
-    assert second_route.cell_holds(of, cell, 0)
-    assert not second_route.cell_holds(of, replace(cell, begin=1.0, end=12.0), 0)
+    assert second_route.cell_is_proved(of, cell, 0)
+    assert not second_route.cell_is_proved(of, replace(cell, begin=1.0, end=12.0), 0)
 
 
 def test_every_cell_can_be_proved_by_the_second_route() -> None:

@@ -21,7 +21,7 @@ from flexhinf.certify.checker.second_route import (
     EveryCell,
     Sample,
     cell_ended,
-    cell_holds,
+    cell_is_proved,
     cell_of,
     confirm,
 )
@@ -135,8 +135,8 @@ def test_a_cell_holds_up_to_the_level_at_which_its_bound_is_zero(name: str) -> N
             level = float(-bound / Q(cell.multiplier))
             if level > 1e-9:
                 seen += growth < 0
-                assert cell_holds(at_level(proof, level * (1 - 1e-9)), cell, corner) == (growth < 0)
-                assert not cell_holds(at_level(proof, level * (1 + 1e-9)), cell, corner)
+                assert cell_is_proved(at_level(proof, level * (1 - 1e-9)), cell, corner) == (growth < 0)
+                assert not cell_is_proved(at_level(proof, level * (1 + 1e-9)), cell, corner)
     assert seen >= 2
 
 
@@ -155,7 +155,7 @@ def test_a_cell_holds_without_the_level_where_r_is_negative(name: str) -> None:
         for cell in cells(proof, 3 if proof.n > 2 else 6, 2):
             cell = replace(cell, multiplier=0.0)
             bound, growth = bound_of_r(proof, cell, 0)
-            assert cell_holds(proof, cell, 0) == (bound < 0 and growth < 0)
+            assert cell_is_proved(proof, cell, 0) == (bound < 0 and growth < 0)
             seen[bound < 0 and growth < 0] += 1
     assert seen[1]
 
@@ -172,8 +172,8 @@ def test_a_cell_in_which_v_may_not_grow_does_not_hold() -> None:
                 cell = Cell((0, 1), (), (), begin, end, 1.0)
                 low, high = (end, high) if bound_of_r(proof, cell, 0)[1] < 0 else (low, end)
             assert begin < low < 0.71
-            assert cell_holds(proof, Cell((0, 1), (), (), begin, low * (1 - 1e-9), 1.0), 0)
-            assert not cell_holds(proof, Cell((0, 1), (), (), begin, high * (1 + 1e-9), 1.0), 0)
+            assert cell_is_proved(proof, Cell((0, 1), (), (), begin, low * (1 - 1e-9), 1.0), 0)
+            assert not cell_is_proved(proof, Cell((0, 1), (), (), begin, high * (1 + 1e-9), 1.0), 0)
 
 
 @pytest.mark.parametrize("name", CLAIMS)
@@ -197,11 +197,11 @@ def test_zero_is_not_negative() -> None:
     lazy = replace(CUBIC, value=(((2,), 1.0),), drift=((Term(-1.0, (1,)),),), g1=(((),),), g2=(((),),), law=((),),
                    penalty=((((1,), 2.0),),), parameters=())  # fmt: skip
     cell = Cell((0, 1), (), (), 0.5, 1.0, 0.0)
-    assert not cell_holds(Proof(lazy), cell, 0)
-    assert cell_holds(Proof(replace(lazy, penalty=((((1,), 1.99),),))), cell, 0)
+    assert not cell_is_proved(Proof(lazy), cell, 0)
+    assert cell_is_proved(Proof(replace(lazy, penalty=((((1,), 1.99),),))), cell, 0)
     flat = at_level(Proof(upright((((2, 0), 1.0),), coordinates=((1.0, 0.0), (0.0, 1.0)))), -1e6)
-    assert not cell_holds(flat, Cell((1, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
-    assert cell_holds(flat, Cell((0, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
+    assert not cell_is_proved(flat, Cell((1, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
+    assert cell_is_proved(flat, Cell((0, 1), (0.0,), (1.0,), 0.5, 1.0, 1.0), 0)
 
 
 # Taylor polynomials -----------------------------------------------------------------------------------------------
@@ -287,7 +287,7 @@ def test_every_cell_is_shown_at_all_corners_and_where_it_ends(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(second_route, "cell_holds", lambda p, cell, i: asked.append((cell, i)) or True)
+    monkeypatch.setattr(second_route, "cell_is_proved", lambda p, cell, i: asked.append((cell, i)) or True)
     monkeypatch.setattr(second_route, "cell_ended", lambda p, cell: asked.append((cell, "ended")) or True)
     claim = CLAIMS[name]
     n = len(claim.states)
@@ -308,7 +308,7 @@ def test_every_cell_is_shown_at_all_corners_and_where_it_ends(
     assert every.count == len(sides) + len(ends_)
     assert ticks == [0, 0]
     assert list(every.cells) == []
-    monkeypatch.setattr(second_route, "cell_holds", lambda p, cell, i: i == 0)
+    monkeypatch.setattr(second_route, "cell_is_proved", lambda p, cell, i: i == 0)
     with pytest.raises(Refusal, match="confirm"):
         confirm(proof, cell, [0, 1])
     confirm(proof, cell, [0])

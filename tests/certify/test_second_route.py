@@ -13,7 +13,7 @@ from tests.certify.test_checker import LEVEL, V_4, upright
 
 from flexhinf.certify.checker import second_route
 from flexhinf.certify.checker.bounds import Proof
-from flexhinf.certify.checker.second_route import Cell, cell_ended, cell_holds
+from flexhinf.certify.checker.second_route import Cell, cell_ended, cell_is_proved
 
 CLAIM = upright(V_4, LEVEL)
 
@@ -55,7 +55,7 @@ def accepted() -> tuple[int, int]:
     proof, counts = Proof(CLAIM), [0, 0]
     with ctx.workprec(128):
         for cell, ended in wrong_cells():
-            counts[ended] += cell_ended(proof, cell) if ended else cell_holds(proof, cell, 0)
+            counts[ended] += cell_ended(proof, cell) if ended else cell_is_proved(proof, cell, 0)
     return counts[0], counts[1]
 
 

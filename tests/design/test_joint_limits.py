@@ -19,7 +19,7 @@ from flexhinf.design.loop_setup import LoopSetup, other_quantisation, sensor_ste
 from flexhinf.design.plans import plan_move
 from flexhinf.design.responses import ROBOT, joint_limits
 from flexhinf.design.specification import FIELDS, SpecificationError
-from flexhinf.design.synthesis.by_step import COARSE, LEAST, WIDTH, _BandwidthSearch
+from flexhinf.design.synthesis.by_step import COARSE, MIN_FRACTION, WIDTH, _BandwidthSearch
 from flexhinf.design.synthesis.steps import _refuse_early
 from flexhinf.errors import InvalidInput
 
@@ -136,7 +136,7 @@ class _Model(_BandwidthSearch):
 
     def __init__(self, limits: Any, size: np.ndarray, coupling: float = 0.0) -> None:
         self.limits, self.size, self.coupling = np.array([limits.peak, limits.speed]), size, coupling
-        self.held = np.zeros((1, 2))
+        self.holding_input = np.zeros((1, 2))
 
     def tried(self, bandwidth: np.ndarray, before: Any = None) -> Any:
         inputs = self.size * bandwidth**2 + self.coupling * bandwidth[0] ** 2
@@ -155,7 +155,7 @@ def test_only_the_joints_beyond_a_limit_become_slower(robot_of: Named) -> None:
     best, fractions = search.slower(np.ones(2), search.tried(np.ones(2))[1])
     assert best is not None
     assert fractions[0] < 1.0
-    search = _Model(limits, np.array([5.0, 2.0 / (COARSE * LEAST) ** 2]))
+    search = _Model(limits, np.array([5.0, 2.0 / (COARSE * MIN_FRACTION) ** 2]))
     assert search.slower(np.ones(2), search.tried(np.ones(2))[1])[0] is None
 
 
@@ -175,7 +175,7 @@ def test_a_bandwidth_that_sampled_robots_do_not_confirm_is_lowered(
     np.testing.assert_allclose(fractions, (1.0 - WIDTH) ** 2 * np.ones(2))
     np.testing.assert_array_equal(best, fractions)  # type: ignore[arg-type]
     assert len(asked) == 3
-    search = _Model(limits, np.array([5.0, 1.0 / (0.9 * LEAST) ** 2]))
+    search = _Model(limits, np.array([5.0, 1.0 / (0.9 * MIN_FRACTION) ** 2]))
     monkeypatch.setattr(search, "peaks", peaks)
     assert search.confirmed(np.ones(2), np.ones(2), np.ones(2))[0] is None  # type: ignore[arg-type]
 

@@ -58,13 +58,13 @@ def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
     assert run.amplitudes.max() < 0.2 * run.without.amplitudes.max()
     assert run.errors.max() < 1e-3  # what the zone costs
     design = SimpleNamespace(
-        rest=run, specification=setup.specification, evaluation=SimpleNamespace(setup=setup)
+        limit_cycle=run, specification=setup.specification, evaluation=SimpleNamespace(setup=setup)
     )
     note = next(long_run(cast(Design, design))).text
     assert "1 mrad in shoulder" in note
     # A zone of a hundredth of the step that is too narrow: old code said nothing of it.
     first = run.without
-    design.rest = replace(first, tried=replace(first, dead_zone=run.dead_zone))
+    design.limit_cycle = replace(first, tried=replace(first, dead_zone=run.dead_zone))
     note = next(long_run(cast(Design, design))).text
     assert "1 mrad in shoulder left" in note
     assert "1 %" in note
@@ -123,7 +123,7 @@ def test_every_report_says_who_hunts(setup):
     run = check_limit_cycle(setup)
     assert run is not None
     design = SimpleNamespace(
-        rest=run,
+        limit_cycle=run,
         specification=setup.specification,
         evaluation=SimpleNamespace(setup=setup),
         robot=setup.robot,
@@ -139,7 +139,7 @@ def test_every_report_says_who_hunts(setup):
     assert "hunts" in table.html()
     assert "below the limit" in table.html()
     assert "<svg" in figure.html()
-    still = SimpleNamespace(**{**vars(design), "rest": None})
+    still = SimpleNamespace(**{**vars(design), "limit_cycle": None})
     assert not list(long_run(cast(Design, still)))
 
 

@@ -71,7 +71,7 @@ def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Be
     setup = setup_of("planar-two-link", (0.4, -0.3), estimator="none", shaping=shaping, move=WAY)
     plan = stated_move(setup.robot, setup.specification)
     assert plan is not None
-    move = setup.move(plan, rest=1.0)
+    move = setup.move(plan, dwell=1.0)
     at = np.searchsorted(move.response.run.time, np.array(WAY["time"]) - 1e-9)
     wanted = np.column_stack([WAY["shoulder"], WAY["elbow"]])
     np.testing.assert_allclose(move.response.positions[at], wanted, atol=2e-3)

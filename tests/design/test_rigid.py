@@ -7,7 +7,7 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop, modes_of, stiffness_and_inertia
-from flexhinf.design.rigid import SIDES, RigidLaw, rigid_problem
+from flexhinf.design.rigid import FEEDBACK_SIDES, RigidLaw, rigid_problem
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.robot.arm import Arm
 
@@ -34,7 +34,7 @@ def test_the_rigid_model_satisfies_newton_and_euler(name: str) -> None:
         assert np.abs(needed - given).max() < 1e-10 * max(1.0, np.abs(ddq).max())
 
 
-@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("side", FEEDBACK_SIDES)
 def test_with_stiff_springs_the_rigid_law_does_what_it_was_made_for(side: str) -> None:
     robot = fh.load_robot("planar-two-link")
     stiff = robot.with_values({f"stiffness_{joint}": 1e8 for joint in robot.joint_names})
@@ -63,7 +63,7 @@ def test_on_elastic_joints_it_is_unstable_from_the_links_and_rings_from_the_moto
     energy = stiffness_and_inertia(problem.plant, robot.operating_point())
     link, motor = (
         modes_of(RigidLaw(solution, problem, side).closed_loop(), robot.joint_names, *energy)
-        for side in SIDES
+        for side in FEEDBACK_SIDES
     )
     assert not all(mode.stable for mode in link)
     assert all(mode.stable for mode in motor)

@@ -54,7 +54,7 @@ TABLES = {
     seconds: (units.SECONDS,),
     frequencies: (units._FREQUENCIES,),
     speeds: units._SPEEDS,
-    quanta: units._READINGS,
+    quanta: units._QUANTITIES,
     lambda text: angles(text)[0]: units._POSITIONS,
 }
 

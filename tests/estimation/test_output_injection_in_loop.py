@@ -54,7 +54,7 @@ def test_compiled_it_is_the_shell(monkeypatch, make, one_trace):
         shell.correct(y)
         np.testing.assert_allclose(controller.estimate, shell.mean, rtol=1e-10, atol=1e-10)
         shell.predict(u)
-    belief = controller.memory.named(controller._remembered.memory).belief
+    belief = controller.memory.named(controller._history.memory).belief
     scale = np.sqrt(np.diag(shell.covariance))
     np.testing.assert_allclose(
         belief[1] / np.outer(scale, scale), shell.covariance / np.outer(scale, scale), atol=1e-9

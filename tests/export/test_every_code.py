@@ -168,15 +168,15 @@ def test_the_older_memory_is_32_to_64_good_samples_old(missing: float) -> None:
     """Of measured and predicted samples alike: each program once had a count of its own."""
     controller, rng = made(48.0), np.random.default_rng(3)
     controller.step(0.1, 0.5)
-    history = [controller._remembered.memory.copy()]
+    history = [controller._history.memory.copy()]
     for k in range(1000):
         controller.step(None if rng.random() < missing else 0.1 + 1e-4 * k, 0.5)
-        history.append(controller._remembered.memory.copy())
+        history.append(controller._history.memory.copy())
         if k > 64:
             age = next(
                 a
                 for a, kept in enumerate(reversed(history))
-                if np.array_equal(kept, controller._remembered.older)
+                if np.array_equal(kept, controller._history.older)
             )
             assert 32 <= age < 64
 

@@ -76,7 +76,7 @@ def plain_loop(
     limit=np.inf,
     bumpless=False,
     last=None,
-    fade=0.5,
+    blend_time=0.5,
     hysteresis=0.1,
     push=0.0,
 ):
@@ -102,7 +102,7 @@ def plain_loop(
         growth = 0.0
         if before is not None:
             growth = H * (0.5 * (before[0] + x[0]) - (0.5 * (before[1] + goal) if moving else before[1]))
-        bias = bias * np.exp(-H / fade)
+        bias = bias * np.exp(-H / blend_time)
         if taken:
             misfit = last - rest - law.gain[:, :4] @ (x - point[:4])
             error = np.linalg.lstsq(law.gain[:, 4:], misfit, rcond=None)[0][0]

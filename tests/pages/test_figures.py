@@ -81,6 +81,6 @@ def test_axes_show_every_finite_value() -> None:
     low, high = framed(np.array([1.0, 3.0, np.nan, np.inf]))
     assert (low, high) == pytest.approx((0.88, 3.12))
     _, (axes,) = new_figure()
-    joint_panel("", "", np.arange(2.0), ["a"], np.array([[0.0], [0.1]]), least=1.0).draw(axes)
+    joint_panel("", "", np.arange(2.0), ["a"], np.array([[0.0], [0.1]]), min_span=1.0).draw(axes)
     assert axes.get_ylim() == pytest.approx((-0.45, 0.55))
     assert len(np.arange(10_000)[thin(np.arange(10_000))]) <= 1500

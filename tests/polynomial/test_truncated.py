@@ -135,8 +135,8 @@ def test_forgetting_changes_no_result(monkeypatch):
     inner = home.support(np.arange(1, home.size))
     series = [1.0, -1.0, 0.5, 2.0, -3.0]
     before = multiply(full, x, full, x), compose(series, inner, x[1:])
-    monkeypatch.setattr(truncated, "REMEMBERED_PAIRS", 10)
-    home.remember(11)
+    monkeypatch.setattr(truncated, "CACHED_PAIRS", 10)
+    home.count_cached(11)
     after = multiply(full, x, full, x), compose(series, inner, x[1:])
     for (a, u), (b, v) in zip(before, after, strict=True):
         assert a is b

@@ -271,12 +271,12 @@ def growth_rates(
     chosen = np.arange(len(population)) if plants is None else plants
     vectors = _vectors(loop, population) if vectors is None else vectors
     rates: list[GrowthRates] = []
-    equilibria, count, rest = None, len(chosen), list(noises)
-    while rest:
+    equilibria, count, remaining = None, len(chosen), list(noises)
+    while remaining:
         going_on()
-        together = rest[: max(1, ROWS // max(count, 1))]
-        part = list(itertools.takewhile(lambda noise: noise is not None, together)) or rest[:1]
-        del rest[: len(part)]
+        together = remaining[: max(1, ROWS // max(count, 1))]
+        part = list(itertools.takewhile(lambda noise: noise is not None, together)) or remaining[:1]
+        del remaining[: len(part)]
         own = [noise.covariance(loop.step.states) for noise in part if noise is not None]
         # (n, n); (N, n, n) of several
         per_row = np.repeat(np.array(own), count, axis=0) if len(own) > 1 else own[0] if own else None

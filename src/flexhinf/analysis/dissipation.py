@@ -255,7 +255,7 @@ class LinearCorners:
     ) -> LinearCorners:
         """All corners of up to 12 uncertain numbers, samples of the corners of more; see `dissipation_corners`."""
         (population, complete), plant = corner_plants(0, at, uncertain, seed), problem.plant
-        plant.traced_jacobians  # noqa: B018  traced once, shared by all
+        plant.trace_jacobians()  # once: the plants of all corners share them
         expansion, count = problem.expand(1), len(population)
         nominal = (expansion.f_parts[1], expansion.g1_parts[0][:, :, 0], expansion.g2_parts[0][:, :, 0])
         a, b1, b2 = (np.tile(matrix, (count, 1, 1)) for matrix in nominal)

@@ -23,7 +23,7 @@ from flexhinf.analysis.sampled_controller import (
     Stepped,
     equilibrium_integrals,
     model_rows,
-    near_rest,
+    near_equilibrium,
     solved,
 )
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -192,7 +192,9 @@ class EquilibriumLoop:
         that of (true plant, input that acted last, memory, waiting inputs)."""
         n, m, s, p = self.plant.n, self.step.m, self.step.size, self.step.p
         stepped, by_y = self.stepped(z, vectors, fixed, outside=False)
-        x, slope = near_rest(self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors)
+        x, slope = near_equilibrium(
+            self.plant, self.period, self.sub_steps, z[:, :n], stepped.u.value, vectors
+        )
         after = np.hstack([x, stepped.memory.value])
         if not waits:
             moved = slope[:, :, n:] @ self.by_loop(stepped.u.by, by_y)
@@ -391,11 +393,11 @@ def frequency_response(
     `EquilibriumLoop.linear`; a NumericalFailure says that the loop has no equilibrium with this plant.
     """
     linear = loop if isinstance(loop, LinearLoop) else loop.linear(values, process_noise)
-    running, opened, m, top = linear.running, linear.opened(), linear.b.shape[1], np.pi / linear.period
+    closed, opened, m, top = linear.closed_loop, linear.opened(), linear.b.shape[1], np.pi / linear.period
     if frequencies is None:
-        sizes = np.abs(running.poles)
+        sizes = np.abs(closed.poles)
         low = float(sizes[sizes > 1e-6 * top].min(initial=top)) / 10.0**BELOW
-        near = np.concatenate([running.frequencies(), opened.frequencies()])
+        near = np.concatenate([closed.frequencies(), opened.frequencies()])
         grid = np.unique(
             np.concatenate([np.geomspace(low, top, POINTS), near[(near >= low) & (near <= top)]])
         )
@@ -408,7 +410,7 @@ def frequency_response(
                 "numpy.geomspace(0.1, 1000, 200), in rad/s",
             )
     n, q, k = m + len(linear.c), len(linear.positions), linear.g.shape[1]
-    answer = running.response(grid, np.r_[0:m, n : n + q + k])  # one solve for all outputs by w, r and d
+    answer = closed.response(grid, np.r_[0:m, n : n + q + k])  # one solve for all outputs by w, r and d
     if linear.late_command:
         answer[:, :, m : m + q] *= np.exp(-1j * grid * linear.period)[:, None, None]
     sensitivity, positions = answer[:, :m, :m], answer[:, 2 * m :]

@@ -261,7 +261,7 @@ class LinearLoop:
     late_command: bool = False
     delay: float = 0.0  # the loop's own, s; every method counts it unless it is given another delay
 
-    def held(self, delay: float | None = None) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    def sampled_plant(self, delay: float | None = None) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """(j, Φ, Γ_old, Γ_new): x⁺ = Φ x + Γ_old u(k−j−1) + Γ_new u(k−j) for a delay in s."""
         samples = (self.delay if delay is None else delay) / self.period
         j = int(np.floor(samples + WHOLE))
@@ -271,7 +271,7 @@ class LinearLoop:
         return j, late @ early, late @ old, new
 
     @cached_property
-    def running(self) -> DiscreteSystem:
+    def closed_loop(self) -> DiscreteSystem:
         """`system` with the loop's own delay."""
         return self.system(self.delay)
 
@@ -301,7 +301,7 @@ class LinearLoop:
         begin = np.cumsum([0, m, p, q, k]).tolist()
         at = ("w", "v", "r", "d").index(into)
         outputs = {"u+w": slice(0, m), "u": slice(m, 2 * m), "q": slice(2 * m, 2 * m + q)}[out_of]
-        system = self.running if delay is None else self.system(delay)
+        system = self.closed_loop if delay is None else self.system(delay)
         return system.block(outputs, slice(begin[at], begin[at + 1]))
 
     def opened(self, delay: float | None = None, i: int | None = None) -> DiscreteSystem:
@@ -321,7 +321,7 @@ class LinearLoop:
         """(a, e, u, j) of the loop opened at its inputs: x⁺ = a x + e v, u = u x for x = (plant, input that acted last,
         memory), with an input v that is j samples late."""
         (n, m), s = self.b.shape, len(self.memory)
-        j, phi, old, new = self.held(delay)
+        j, phi, old, new = self.sampled_plant(delay)
         seen = np.hstack([self.c, self.d])
         u, after = (np.hstack([block[:, s:] @ seen, block[:, :s]]) for block in (self.law, self.memory))
         a = np.vstack([np.hstack([phi, old, np.zeros((n, s))]), np.zeros((m, n + m + s)), after])

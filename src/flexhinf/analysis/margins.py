@@ -15,7 +15,7 @@ stability with its gain times k = −1/L_i = −S_ii/T_ii wherever that is real 
 therefore shows the peak of S and the gain margins of all inputs.
 
 Delay margin: broken at the plant's input, a loop delayed by (j + φ) periods T is z⁻ʲ L_φ(z), with L_φ exact
-(`LinearLoop.held`). It is on the edge where an eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. So for a few φ the
+(`LinearLoop.sampled_plant`). It is on the edge where an eigenvalue λ of −z⁻ʲ L_φ is one at z = e^{jωT}. For some φ the
 frequencies with |λ(L_φ)| = 1 are found, their phase gives j as a real number, and Newton's method brings ω and the
 delay together. The smallest delay is checked by the multipliers of the closed loop before it, up to 200 samples; should
 any have left the unit circle there, it is bisected down to where they do.
@@ -64,7 +64,7 @@ def delay_margin(loop: LinearLoop) -> tuple[float, float]:
     Zero if the loop is unstable as it is, its own delay included; infinite (and NaN) if no delay makes it unstable.
     """
     own = loop.delay
-    if not loop.running.stable:
+    if not loop.closed_loop.stable:
         return 0.0, np.nan
     candidates = []
     for fraction in FRACTIONS:
@@ -166,7 +166,7 @@ class Margins:
     @cached_property
     def stable(self) -> bool:
         """Whether the closed loop is stable."""
-        return self.linear.running.stable
+        return self.linear.closed_loop.stable
 
     @property
     def _accuracy(self) -> float:
@@ -178,11 +178,11 @@ class Margins:
         if self.grid is not None:
             return self.grid
         opened = [self.linear.opened(i=i).near_poles() for i in range(self.linear.b.shape[1])]
-        return np.unique(np.concatenate([self.linear.running.frequencies(), *opened]))
+        return np.unique(np.concatenate([self.linear.closed_loop.frequencies(), *opened]))
 
     @cached_property
     def _sweep(self) -> np.ndarray:
-        return self.linear.running.response(self._frequencies, self._inputs)
+        return self.linear.closed_loop.response(self._frequencies, self._inputs)
 
     @cached_property
     def _inputs(self) -> np.ndarray:
@@ -191,14 +191,14 @@ class Margins:
         return np.array([*range(m), *(k for k, name in torques if name.startswith("link_torque"))])
 
     def _peak(self, outputs: slice, inputs: slice, top: float = np.inf) -> tuple[float, float]:
-        kept, chosen, running = self._frequencies <= top, self._inputs[inputs], self.linear.running
+        kept, chosen, closed = self._frequencies <= top, self._inputs[inputs], self.linear.closed_loop
 
         def sizes(response: np.ndarray) -> np.ndarray:
             return np.linalg.norm(response[:, outputs], 2, axis=(1, 2))
 
         swept = sizes(self._sweep[kept][:, :, inputs])
         return highest_peak(
-            lambda w: sizes(running.response(w, chosen)), self._frequencies[kept], swept, self._accuracy
+            lambda w: sizes(closed.response(w, chosen)), self._frequencies[kept], swept, self._accuracy
         )
 
     @cached_property
@@ -221,7 +221,7 @@ class Margins:
         m = self.linear.b.shape[1]
         if not self.stable:
             return np.full((m, 2), np.nan)
-        system = self.linear.running.block(slice(0, 2 * m), slice(0, m))
+        system = self.linear.closed_loop.block(slice(0, 2 * m), slice(0, m))
         return _gain_margins(
             lambda w: _critical_factors(system.response(w)), self._frequencies,
             _critical_factors(self._sweep[:, : 2 * m, :m]), np.pi / system.period, self._accuracy,
@@ -357,7 +357,7 @@ class Margins:
         return self._peak(slice(2 * m, None), slice(m, None), top)[0] if self.stable else np.inf
 
     damping, damping_frequency = _pair(
-        "linear.running.damping",
+        "linear.closed_loop.damping",
         "Smallest damping ratio of all oscillations of the running loop (plant, estimator, delay), see "
         "`DiscreteSystem.damping`; negative for an unstable loop.",
         "|s| of that oscillation, rad/s.",
@@ -446,8 +446,8 @@ class FilteredLoop:
         self.grid = np.geomspace(BELOW * bandwidth, np.pi / loop.period, POINTS)
         own, (_, h), places = self.own, loop.model, loop.step.places
         gain = loop.gain(loop.filter.process_noise)
-        rest = np.zeros((len(h), len(own.memory) - places["u"].stop))
-        innovation = np.hstack([-h, -own.d, rest, np.eye(len(h))])
+        unused = np.zeros((len(h), len(own.memory) - places["u"].stop))
+        innovation = np.hstack([-h, -own.d, unused, np.eye(len(h))])
 
         def split(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             moved = matrix[:, places["belief"]] @ np.linalg.inv(np.eye(h.shape[1]) - gain @ h)
@@ -466,6 +466,6 @@ class FilteredLoop:
         """With the stationary gain of this R^v (n, n), on a sweep with a point at every pole of the running loop; a
         NumericalFailure if there is no such gain in these numbers."""
         linear = self.linear(self.loop.gain(process_noise))
-        poles = linear.running.poles
+        poles = linear.closed_loop.poles
         near = np.abs(poles[np.imag(poles) >= 0.0])
         return Margins(linear, np.union1d(self.grid, near[(near > self.grid[0]) & (near < self.grid[-1])]))

@@ -168,7 +168,7 @@ class JointScales:
     motor_inertia: np.ndarray  # (n,), J; zero for a rigid joint, where it is part of M
     damping: np.ndarray  # (n,), of each motor, back-EMF included, N·m·s/rad
     per_input: np.ndarray  # (n,), torque per unit of input
-    held: float  # lowest frequency at which the links vibrate while the motors are held, rad/s
+    antiresonance: float  # lowest frequency at which the links vibrate while the motors are held, rad/s
     layout: Layout  # which joints have a spring
 
     @staticmethod
@@ -180,7 +180,7 @@ class JointScales:
         a, b, _, _ = plant.linearise(*equilibrium)
         motors, links = np.diag(inertia)[n:], inertia[:n, :n]
         free = links[np.ix_(elastic, elastic)]
-        held = np.linalg.eigvals(np.linalg.solve(free, np.diag(stiffness[elastic]))).real.min()
+        antiresonance = np.linalg.eigvals(np.linalg.solve(free, np.diag(stiffness[elastic]))).real.min()
         rows = slice(2 * n + len(elastic), layout.mechanical)
         damping, per_input = (
             layout.motors(np.diag(links @ of_links), np.diag(of_motors) * motors[elastic])
@@ -190,7 +190,13 @@ class JointScales:
             )
         )
         return JointScales(
-            stiffness, np.diag(links), motors, damping, np.abs(per_input), float(np.sqrt(held)), layout
+            stiffness,
+            np.diag(links),
+            motors,
+            damping,
+            np.abs(per_input),
+            float(np.sqrt(antiresonance)),
+            layout,
         )
 
     @property
@@ -202,7 +208,7 @@ class JointScales:
         return np.where(frequencies > 0.0, frequencies, frequencies[elastic].min())
 
     @property
-    def sides(self) -> tuple[np.ndarray, np.ndarray]:
+    def split_inertia(self) -> tuple[np.ndarray, np.ndarray]:
         """Inertia before and behind each spring (n,); of a rigid joint half of its own each."""
         rigid, half = self.motor_inertia == 0.0, 0.5 * (self.link_inertia + self.motor_inertia)
         return np.where(rigid, half, self.link_inertia), np.where(rigid, half, self.motor_inertia)

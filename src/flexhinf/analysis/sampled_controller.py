@@ -127,7 +127,7 @@ def one_period(
     return later[:, :n], slope[:, :n]
 
 
-def near_rest(
+def near_equilibrium(
     plant: Plant, period: float, sub_steps: int, x: np.ndarray, u: np.ndarray, p: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The plant linearised, one period later: as `one_period` where the plant rests, at a tenth of the work.
@@ -243,9 +243,9 @@ def equilibrium_integrals(law: LawRows, x: np.ndarray, u: np.ndarray) -> np.ndar
     30 rad·s. With several joints they are followed from zero at the operating point. A NumericalFailure says that there
     are none.
     """
-    point, rest = np.asarray(law.law.operating_point), np.asarray(law.law.operating_input)
+    point, at_goal = np.asarray(law.law.operating_point), np.asarray(law.law.operating_input)
     n, k = len(x), len(point) - len(x)
-    away, wanted = x - point[:n], u - rest
+    away, wanted = x - point[:n], u - at_goal
     if not k or (np.array_equal(away, np.zeros(n)) and np.array_equal(wanted, np.zeros(len(u)))):
         return point[n:].copy()
     if k == len(u) == 1:
@@ -428,10 +428,10 @@ class SampledController:
         growth = (past[place["position"]] + position).times(half)
         integral = past[place["integral"]] + (growth if self.moving else growth - wanted.times(2.0 * half))
         deviation = stacked(estimate, integral) - about[: self.n + self.k]
-        rest = about[self.n + self.k :]
+        at_goal = about[self.n + self.k :]
         placed = self.moving and self.law.depends_on_reference
-        where = stacked(deviation, about[: self.n], rest) if placed else deviation
-        u = rest + where.through(self.law_rows.about if placed else self.law_rows)
+        where = stacked(deviation, about[: self.n], at_goal) if placed else deviation
+        u = at_goal + where.through(self.law_rows.about if placed else self.law_rows)
         after = stacked(u, integral, position)
         if self.estimator is not None:
             after = stacked(stacked(belief, u).through(lambda v: self._predict(v, held)), after)
@@ -459,11 +459,11 @@ class SampledController:
         return slice(0, 0)
 
     def _belief(self, moving: Any, still: Any) -> Any:
-        parts, rest = [], {True: moving, False: still}
+        parts, left = [], {True: moving, False: still}
         for k, part in enumerate(self.estimator.initial):
             size, moves = int(np.size(part)), k in self.parts
-            parts.append(rest[moves][:size].reshape(np.shape(part)))
-            rest[moves] = rest[moves][size:]
+            parts.append(left[moves][:size].reshape(np.shape(part)))
+            left[moves] = left[moves][size:]
         return type(self.estimator.initial)(*parts)
 
     def _moved(self, belief: Any) -> Any:

@@ -258,8 +258,8 @@ def gradient(runs: DisturbanceRuns, d: np.ndarray) -> tuple[np.ndarray, float] |
         by_d[part] += np.einsum("ki,kij->kj", adjoints, by_torque)
         commands = commands + np.einsum("ki,kij->kj", adjoints, by_command)
         # The command of the interval before acts now; sample 0 has none before it.
-        first_one = int(begin == 0)
-        by_d[begin + first_one - 1 : part.stop - 1, : runs.commands] += commands[first_one:]
+        skipped = int(begin == 0)
+        by_d[begin + skipped - 1 : part.stop - 1, : runs.commands] += commands[skipped:]
     return by_d * runs.period, float(cost.sum() * runs.period)
 
 

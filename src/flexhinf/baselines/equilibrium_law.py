@@ -300,8 +300,10 @@ class LinearQuadratic(EquilibriumLaw):
 
 def lqr(problem: GeneralisedPlant, effort: float = 1.0) -> LinearQuadratic:
     """The LQR of a problem, of any plant; see `lqr_gain`."""
-    gain, rest = lqr_gain(problem, effort), equilibrium_of(problem)
-    return LinearQuadratic(plant=problem.plant, equilibrium=rest, integrate=problem.integrate, gain=gain)
+    gain, equilibrium = lqr_gain(problem, effort), equilibrium_of(problem)
+    return LinearQuadratic(
+        plant=problem.plant, equilibrium=equilibrium, integrate=problem.integrate, gain=gain
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

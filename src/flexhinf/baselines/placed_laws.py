@@ -66,7 +66,7 @@ from flexhinf.baselines.equilibrium_law import (
     elastic_joints,
     equilibrium_of,
 )
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import GeneralisedPlant, Plant
 from flexhinf.scalars import apply, digest
 from flexhinf.scalars.trace import linear
@@ -133,7 +133,7 @@ class TorqueFeedback(PlacedLaw):
                 "rotor_inertia=0.25 * J, compensation='motor'",
             )
         if self.compensation == "motor":
-            _ = self.turns  # raises where q̄ cannot be found
+            self.check_contraction()
             return
         stiffness, slope = np.diag(self.joints.stiffness), self.joints.gravity_slope
         potential = np.block([
@@ -204,17 +204,20 @@ class TorqueFeedback(PlacedLaw):
 
     @cached_property
     def turns(self) -> int:
-        """Number of iterations for q̄, such that ḡ is wrong by at most 1e-6 of the weight."""
+        """Number of iterations for q̄, such that ḡ is wrong by at most 1e-6 of the weight; at most `MOST_TURNS` + 1."""
         factor = max(self.contraction, LEFT)
         turns = np.ceil(np.log(LEFT) / np.log(factor)) - 1 if factor < 1.0 else np.inf
-        if turns > MOST_TURNS:
-            raise InvalidInput(
-                "The link position cannot be found from the motor position by iteration.",
-                f"expected springs stiffer than the gravity torque's slope, so that at most {MOST_TURNS} turns do; "
-                f"got a contraction by {factor:.3g}",
-                "compensation='goal', or stiffer joints",
-            )
-        return int(turns)
+        return int(min(turns, MOST_TURNS + 1))
+
+    def check_contraction(self) -> None:
+        """Refuse springs that are so soft that the iteration for q̄ takes more than `MOST_TURNS` turns, or diverges."""
+        refuse_if(
+            self.turns > MOST_TURNS,
+            "The link position cannot be found from the motor position by iteration.",
+            f"expected springs stiffer than the gravity torque's slope, so that at most {MOST_TURNS} turns do; "
+            f"got a contraction by {max(self.contraction, LEFT):.3g}",
+            "compensation='goal', or stiffer joints",
+        )
 
     def weight(self, theta: Any, stiffness: Any, p: Any) -> Any:
         """ḡ(θ), (n,), for motor positions (n,) and the parameter vector p, of any element."""

@@ -158,11 +158,11 @@ def tune(
         points, costs = [*points, *scattered], [*costs, *map(cost, scattered)]
     if names:
         first = points[int(np.argmin(costs))]
-        mean, least = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
+        mean, lowest = _adapted(cost, first, low, high, samples - spread, np.random.default_rng(seed))
         if refinements:
             from scipy.optimize import minimize
 
-            best, step = first if min(costs) <= least else mean, np.log(SIMPLEX)
+            best, step = first if min(costs) <= lowest else mean, np.log(SIMPLEX)
             corners = [
                 best,
                 *(best + np.where(best + step > high, -step, step) * axis for axis in np.eye(len(best))),
@@ -180,7 +180,7 @@ def _adapted(
     samples: int,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, float]:
-    n, best, least = len(mean), mean, inf
+    n, best, lowest = len(mean), mean, inf
     count = 4 + int(3.0 * log(n))  # this and the other constants as in [hansen2016]
     weights = np.log((count + 1.0) / 2.0) - np.log(np.arange(1, count // 2 + 1))
     weights /= weights.sum()
@@ -200,8 +200,8 @@ def _adapted(
         points = mean + step * scale * moves
         costs = np.array([cost(point) for point in points])
         order = np.argsort(costs, kind="stable")[: len(weights)]
-        if costs[order[0]] < least:
-            best, least = points[order[0]], float(costs[order[0]])
+        if costs[order[0]] < lowest:
+            best, lowest = points[order[0]], float(costs[order[0]])
         chosen, move = moves[order], weights @ moves[order]
         mean = np.clip(mean + step * scale * move, low, high)
         normal = np.linalg.solve(root, move)
@@ -215,4 +215,4 @@ def _adapted(
             + c_many * (chosen.T * weights) @ chosen
         )
         step *= float(np.exp(c_step / damping * (length / expected - 1.0)))
-    return best, least
+    return best, lowest

@@ -40,7 +40,7 @@ from .results import (
     success_interval as success_interval,
 )
 from .worst_case import (
-    FoundPlant as FoundPlant,
+    EvaluatedPlant as EvaluatedPlant,
     WorstCase as WorstCase,
     check_starts as check_starts,
     stored_worst as stored_worst,

@@ -31,7 +31,7 @@ from flexhinf.campaign.metrics import (
     UNSTABLE,
     chosen_metrics,
     is_unstable,
-    rest_reduction,
+    stability_reduction,
 )
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Loop, Trajectory
@@ -248,7 +248,7 @@ class Campaign:
             return None
         reductions = [reduction for metrics in self.metrics for reduction in metrics.reductions]
         ensemble = self._ensemble(reductions=reductions, kept=self.signals or (), instants=self.instants)
-        return replace(ensemble, common=(*ensemble.common, rest_reduction(ensemble)))
+        return replace(ensemble, common=(*ensemble.common, stability_reduction(ensemble)))
 
     @cached_property
     def _recorder(self) -> Ensemble:
@@ -308,14 +308,14 @@ def check_counts(samples: Any, seed: Any, batch: Any) -> None:
     checked_integer("batch", batch, 1, LARGEST_BATCH, str(BATCH))
 
 
-def checked_integer(name: str, value: Any, least: int, most: int, example: str) -> int:
-    """Return an integer between `least` and `most`; anything else is refused with InvalidInput."""
-    if not is_integer(value) or not least <= int(value) <= most:
+def checked_integer(name: str, value: Any, smallest: int, largest: int, example: str) -> int:
+    """Return an integer between `smallest` and `largest`; anything else is refused with InvalidInput."""
+    if not is_integer(value) or not smallest <= int(value) <= largest:
         raise InvalidInput(
             f"No such {name}."
             if name != "samples"
             else "The number of the campaign's samples is not usable.",
-            f"expected an integer from {least} to {most}, got {name}={value_text(value)}",
+            f"expected an integer from {smallest} to {largest}, got {name}={value_text(value)}",
             f"{name}={example}",
         )
     return int(value)

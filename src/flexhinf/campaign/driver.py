@@ -115,9 +115,9 @@ def _as_done(
     pending: dict[Any, int],
 ) -> Iterator[tuple[int, Rows]]:
     """Keep `most()` batches submitted, and yield each one when it is done; `pending` has the rest."""
-    rest = iter(batches)
+    remaining = iter(batches)
     while True:
-        pending.update((submit(batch), batch) for batch in islice(rest, max(most() - len(pending), 0)))
+        pending.update((submit(batch), batch) for batch in islice(remaining, max(most() - len(pending), 0)))
         if not pending:
             return
         for future in first_done():
@@ -205,8 +205,8 @@ def drive(
                 Report(done, total, fresh, f"{path.name} is {wrong}; it is removed and its samples run again")
             )
         progress(Report(done, total, fresh))
-        with closing(_run(executor or in_this_process, campaign, missing)) as running:
-            for batch, rows in running:
+        with closing(_run(executor or in_this_process, campaign, missing)) as results:
+            for batch, rows in results:
                 good[batch] = journal.write(batch, rows)
                 fresh += len(rows["sample"])
                 progress(Report(done + fresh, total, fresh))
@@ -228,11 +228,11 @@ def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) 
     checked_integer("workers", workers, 1, MOST_WORKERS, "2")
 
     def run(campaign: Campaign, batches: Sequence[int]) -> Iterator[tuple[int, Rows]]:
-        rest, deaths = list(batches), 0
-        while rest:
+        remaining, deaths = list(batches), 0
+        while remaining:
             try:
-                for batch, rows in _pooled(campaign, rest, workers):
-                    rest.remove(batch)
+                for batch, rows in _pooled(campaign, remaining, workers):
+                    remaining.remove(batch)
                     deaths = 0
                     yield batch, rows
             except BrokenProcessPool as error:

@@ -45,7 +45,7 @@ UNDAMPED = 0.9
 _EMPTY = (0.0, np.inf, -np.inf, np.inf, -np.inf)
 
 
-def rest_reduction(ensemble: Ensemble) -> Reduction:
+def stability_reduction(ensemble: Ensemble) -> Reduction:
     """Reduction to ``unstable`` (N,), 0 or 1, of N runs side by side: bit by bit the result of `is_unstable`."""
     command, plant, controller = ensemble.command, ensemble.plant, ensemble.controller
     places = tuple(tracked_place(plant, controller, name) for name in controller.judged)
@@ -79,13 +79,13 @@ def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
     that is less than the last tenth."""
     moving = [np.flatnonzero(np.any(values != values[-1], axis=1)) for values in signals]
     still = max((int(places[-1]) + 1 for places in moving if len(places)), default=0)
-    rest = samples - still
-    moved = rest < max(TAIL * samples, 3)
-    return (samples, samples) if moved else (still + rest // 3, still + 2 * rest // 3)
+    steady = samples - still
+    moved = steady < max(TAIL * samples, 3)
+    return (samples, samples) if moved else (still + steady // 3, still + 2 * steady // 3)
 
 
 def _update(places: Sequence[Place], kept: Any, now: Instant) -> Any:
-    """Update the memory of `rest_reduction` with one sample: both windows, then five numbers of each state."""
+    """Update the memory of `stability_reduction` with one sample: both windows, then five numbers of each state."""
     first, second = kept[0], kept[1]
     updated = [first, second]
     for k, place in enumerate(places):

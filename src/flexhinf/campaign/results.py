@@ -311,8 +311,8 @@ class CampaignJudgement:
         """
         values = self.column(metric)
         known = np.flatnonzero(~np.isnan(values))
-        least = any(rule.metric == metric and not rule.at_most for rule in self.requirements)
-        worst = np.argmin if least else np.argmax
+        smaller_is_worse = any(rule.metric == metric and not rule.at_most for rule in self.requirements)
+        worst = np.argmin if smaller_is_worse else np.argmax
         return int(known[worst(values[known])]) if len(known) else None
 
     @property

@@ -39,7 +39,7 @@ FOLDER = Path("worst-case")
 
 
 @dataclass(frozen=True)
-class FoundPlant:
+class EvaluatedPlant:
     """One plant by its numbers, its value of the metric (NaN where the run has none) and the status of its run."""
 
     numbers: Mapping[str, float]
@@ -60,9 +60,9 @@ class WorstCase:
     least: bool  # Whether small values are the bad ones
     sample: int  # The worst sample inside the box; every run of the search has its noise
     # sampled, found, nominal: That sample, the plant that the search found, and the nominal one, with the same noise
-    sampled: FoundPlant
-    found: FoundPlant
-    nominal: FoundPlant
+    sampled: EvaluatedPlant
+    found: EvaluatedPlant
+    nominal: EvaluatedPlant
     # The metric of the plant found with this number alone at its nominal value; NaN where the run has none
     alone: Mapping[str, float]
     intervals: Mapping[str, tuple[float, float]]  # The box
@@ -88,7 +88,7 @@ class WorstCase:
         """Whether the search found a worse plant than the samples."""
         return self.found.size(self.least) > self.sampled.size(self.least)
 
-    def run(self, campaign: Campaign, plant: FoundPlant | None = None) -> Trajectory:
+    def run(self, campaign: Campaign, plant: EvaluatedPlant | None = None) -> Trajectory:
         """Run the plant found, or another one with the same noise; InvalidInput where it cannot be run."""
         sample = _box(campaign).built((plant or self.found).numbers)
         refuse_if(
@@ -99,7 +99,7 @@ class WorstCase:
         )
         return next(campaign.trajectories([self.sample], [sample]))
 
-    def again(self, campaign: Campaign) -> FoundPlant:
+    def again(self, campaign: Campaign) -> EvaluatedPlant:
         """Run the plant found again, alone: the same bits as in the search."""
         return _runs(campaign, [self.found.numbers], self.sample, self.metric)[0]
 
@@ -168,7 +168,7 @@ def worst_case(
         )
 
     all_corners = 1 << len(names) <= MOST_CORNERS
-    sampled = FoundPlant(
+    sampled = EvaluatedPlant(
         dict(zip(names, points[first].tolist())), float(table[metric][first]), str(table["status"][first])
     )
     worst_plant, together = sampled, 1
@@ -230,13 +230,13 @@ def _columns(campaign: Campaign, rows: Mapping[str, Any] | None, names: list[str
 
 def _runs(
     campaign: Campaign, numbers: list[dict[str, float]] | list[Mapping[str, float]], noise: int, metric: str
-) -> list[FoundPlant]:
+) -> list[EvaluatedPlant]:
     box, plants = _box(campaign), []
     for begin in range(0, len(numbers), CHUNK):
         some = numbers[begin : begin + CHUNK]
         rows = rows_of(campaign, [noise] * len(some), [box.built(point) for point in some])
         plants += [
-            FoundPlant(dict(point), float(value), str(status))
+            EvaluatedPlant(dict(point), float(value), str(status))
             for point, value, status in zip(some, rows[metric], rows["status"])
         ]
     return plants

@@ -196,8 +196,8 @@ def group_ends(
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
         corners = (dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group)))
-        least, *_, largest = sorted(corners, key=partial(power_product, group, unity=number(1.0)))
-        ends.append([least, largest])
+        smallest, *_, largest = sorted(corners, key=partial(power_product, group, unity=number(1.0)))
+        ends.append([smallest, largest])
     return ends
 
 

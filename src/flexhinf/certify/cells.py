@@ -355,8 +355,8 @@ def search(
             share += float((width * np.where(outside, 1 - cells.inner, 0)).sum())
             share += float((width * np.where(accepted, cells.outer - cells.inner, 0)).sum())
             if failed.any():
-                part, rest = results[failed], cells[failed]
-                end = _disproved(bounds, rest, part, level) or _halves(bounds, rest, part)
+                part, failing = results[failed], cells[failed]
+                end = _disproved(bounds, failing, part, level) or _halves(bounds, failing, part)
                 if isinstance(end, Outcome):
                     return replace(end, cells=done)
                 stack.append(end)
@@ -416,10 +416,10 @@ def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | R
         return _outcome(
             bounds, cells, results, place, "not closed" if cells.inner[place] >= 1 else "undecided"
         )[0]
-    along, *sides = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
+    along, *halves = (cells[side] for side in (chosen == 0, chosen > 0, chosen > 0))
     along.outer = (along.inner + along.outer) / 2
-    for part, sign in zip(sides, (1, -1)):
+    for part, sign in zip(halves, (1, -1)):
         place = np.arange(len(part)), chosen[chosen > 0] - 1
         part.h[place] /= 2
         part.t[place] += sign * part.h[place]
-    return np.concatenate([along, *sides]).view(np.recarray)
+    return np.concatenate([along, *halves]).view(np.recarray)

@@ -257,7 +257,7 @@ def path_start(claim: Claim, start: Start, amplitude: float) -> np.ndarray:
 #: Heading of what a file says and nothing checks.
 AUTHOR = "In the author's words, not checked"
 
-_MOST_SHOWN, _MOST_MONOMIALS = 12, 60  # terms of a sum; monomials of V and the law on a terminal
+_MAX_TERMS, _MAX_MONOMIALS = 12, 60  # terms of a sum; monomials of V and the law on a terminal
 _DIGITS = 6
 
 
@@ -369,7 +369,7 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
         f"  R2 = [{'; '.join(' '.join(map(repr, row)) for row in claim.r2)}]",
         *(
             f"  {name} = {_row(polynomial, claim.states, len(polynomial))}"
-            if whole or len(polynomial) <= _MOST_MONOMIALS
+            if whole or len(polynomial) <= _MAX_MONOMIALS
             else f"  {name}: {len(polynomial)} monomials, in the file and on the page"
             for name, polynomial in (*zip((s.name for s in claim.inputs), claim.law), ("V", claim.value))
         ),
@@ -490,7 +490,7 @@ def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven
     """Terms in full, up to a dozen, as numerator/denominator, parameters before states before the function; each times
     the signal by which it is driven, if any."""
     texts = []
-    for term in terms[:_MOST_SHOWN]:
+    for term in terms[:_MAX_TERMS]:
         below = [_power(name, -e) for name, e in term.parameters if e < 0]
         above = [
             *(_power(name, e) for name, e in term.parameters if e > 0),
@@ -502,7 +502,7 @@ def _sum(terms: Terms, names: list[str], functions: tuple[Function, ...], driven
         text = "*".join(above if above and number == "1" else [number, *above])
         under = f"/({'*'.join(below)})" if len(below) > 1 else "".join(f"/{factor}" for factor in below)
         texts.append("-" * (term.coefficient < 0) + text + under)
-    return _joined(texts + [f"{len(terms) - _MOST_SHOWN} more"] * (len(terms) > _MOST_SHOWN))
+    return _joined(texts + [f"{len(terms) - _MAX_TERMS} more"] * (len(terms) > _MAX_TERMS))
 
 
 def _joined(texts: list[str]) -> str:
@@ -536,7 +536,7 @@ def _named(signal: Signal) -> str:
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
 
-def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MOST_SHOWN) -> str:
+def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MAX_TERMS) -> str:
     """A polynomial as text, with every digit; beyond so many terms, how many there are."""
     text = ""
     for powers, value in polynomial[:most]:

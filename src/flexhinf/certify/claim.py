@@ -231,8 +231,8 @@ def check_line(what: str, text: str) -> None:
 
 def require(*checks: Check) -> None:
     """Raise `InvalidInput` where a certificate does not fit together."""
-    for holds, expected, got in checks:
-        if not holds:
+    for condition, expected, got in checks:
+        if not condition:
             raise InvalidInput(
                 "The certificate does not fit together.", f"expected {expected}, got {got}", "all its parts"
             )

@@ -300,19 +300,19 @@ class MeanForms:
         at, beyond = self._monomials(middle), self._monomials(np.abs(middle) + half)
         k, pairs, size = self.count, len(self._pairs), len(face)
         spread = np.array([half[i] * half[j] for i, j in self._pairs])
-        value_at, rest, slopes = np.zeros((k, size)), np.zeros((k, size)), np.zeros((k, self.n, size))
+        value_at, remainder, slopes = np.zeros((k, size)), np.zeros((k, size)), np.zeros((k, self.n, size))
         for number in np.unique(face):
             cells = np.flatnonzero(face == number)
             table, magnitudes = self._tables[number]
             value, size_of = table @ at[:, cells], magnitudes @ beyond[:, cells]
             value_at[:, cells] = value[:k]
             slopes[:, :, cells] = value[k:].reshape(k, self.n, -1) * half[:, cells]
-            rest[:, cells] = (
+            remainder[:, cells] = (
                 np.einsum("kic,ic->kc", size_of[k:].reshape(k, pairs, -1), spread[:, cells])
                 + _SUM_ROUNDING * size_of[:k]
             )
-        rest += _SUM_ROUNDING * (np.abs(slopes).sum(axis=1) + rest)
-        return value_at, slopes, rest
+        remainder += _SUM_ROUNDING * (np.abs(slopes).sum(axis=1) + remainder)
+        return value_at, slopes, remainder
 
 
 _BOX_ORDER = 3  # of the polynomials that stand for quotients of elementary functions
@@ -379,16 +379,26 @@ class BoxExcess(Algebra):
         """
         middle = np.vstack([0.5 * (low + high), t])
         halves = np.vstack([0.5 * (high - low), half])
-        value, slopes, rest = self._mean.enclose(face, middle, halves)
+        value, slopes, remainder = self._mean.enclose(face, middle, halves)
         quotient, spread = self._quotients(face, middle, halves)
         first, second, function = self._factors
-        a, a_slope, a_rest = value[first], slopes[first], rest[first]
+        a, a_slope, a_remainder = value[first], slopes[first], remainder[first]
         c, c_spread = quotient[function], spread[function]
-        b, b_slope, b_rest = c * value[second], c[:, None] * slopes[second], np.abs(c) * rest[second]
-        b_rest += c_spread * (np.abs(value[second]) + np.abs(slopes[second]).sum(axis=1) + rest[second])
+        b, b_slope, b_remainder = (
+            c * value[second],
+            c[:, None] * slopes[second],
+            np.abs(c) * remainder[second],
+        )
+        b_remainder += c_spread * (
+            np.abs(value[second]) + np.abs(slopes[second]).sum(axis=1) + remainder[second]
+        )
         a_size, b_size = (np.abs(each).sum(axis=1) for each in (a_slope, b_slope))
         centre, linear = a * b, a[:, None] * b_slope + b[:, None] * a_slope
-        left = np.abs(a) * b_rest + np.abs(b) * a_rest + (a_size + a_rest) * (b_size + b_rest)
+        left = (
+            np.abs(a) * b_remainder
+            + np.abs(b) * a_remainder
+            + (a_size + a_remainder) * (b_size + b_remainder)
+        )
         left += _SUM_ROUNDING * (np.abs(centre) + np.abs(linear).sum(axis=1) + left)
         at_vertices = np.abs(np.tensordot(self._changes, linear, axes=1)).sum(axis=1)
         bound = self._changes @ centre + at_vertices * (1.0 + _SUM_ROUNDING) + np.abs(self._changes) @ left

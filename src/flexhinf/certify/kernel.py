@@ -384,7 +384,7 @@ class _Kernel(Writer):
     def _value(self) -> None:
         layout = self.shape.value
         self.moved(layout, "value_table", self.integer("mul", self.face, str(layout.count)), "value", 0)
-        least, growth = self.sum(), self.sum()
+        lowest, growth = self.sum(), self.sum()
         for group, b, even in self.each(layout.groups):
             inner, slope, width = [self.zero] * 3
             for k, c in zip(group.degrees, self.coefficients(group, b, "value")):
@@ -393,14 +393,14 @@ class _Kernel(Writer):
                 slope = self.fused(times, self.power(2, k - 2), slope)
                 width = self.fused(self.absolute(times), self.power(4, k - 2), width)
             if group.size == 0:
-                self.add(least, inner)
+                self.add(lowest, inner)
                 self.output("growth_at_centre", slope)
                 self.add(growth, self.minus(slope, width))
             else:
                 down, falls = (self.let(f"fneg {_VECTOR} {a}") if even else a for a in (inner, slope))
-                self.add(least, self.largest(down, even), "fsub")
+                self.add(lowest, self.largest(down, even), "fsub")
                 self.add(growth, self.plus(self.largest(falls, even), width), "fsub")
-        self.output("least_value", self.minus(self.load(least), self.input("value_rounding")))
+        self.output("least_value", self.minus(self.load(lowest), self.input("value_rounding")))
         self.output("growth", self.minus(self.load(growth), self.input("growth_rounding")))
         self.value_tail, total = self.about_middle(layout, "value")
         self.output("value_range", self.load(total))
@@ -440,11 +440,11 @@ class _Kernel(Writer):
         self.tail, total = self.about_middle(shape.whole, "whole", 2)
         upper = self.plus(self.plus(self.load(total), self.load(self.tail)), self.load(allowance))
         self.output("upper", upper)
-        least, centre, spread = map(self.result, ("least_value", "value", "value_range"))
+        lowest, centre, spread = map(self.result, ("least_value", "value", "value_range"))
         reaches = self.compare("ogt", self.plus(centre, spread), self.level)
         undecided = self.logical("xor", self.compare("olt", upper, self.zero), "splat (i1 true)")
         crossing = self.logical("and", undecided, reaches)
-        with self.where(self.any(self.logical("and", crossing, self.compare("ole", least, self.level)))):
+        with self.where(self.any(self.logical("and", crossing, self.compare("ole", lowest, self.level)))):
             self._multipliers(allowance)
         with self.where(self.any(undecided)):
             self._scores()

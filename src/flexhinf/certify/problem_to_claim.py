@@ -153,9 +153,10 @@ def _of_polynomials(plant: PolynomialPlant, penalty: Any) -> dict[str, Any]:
 
     output = trace(lambda x, h: _checked(penalty, x, h), n, outputs)
     reader = _Reader(n, 0, (), np.zeros(0), output.n_instructions())
-    rest, h = (0,) * (len(reader.context.names()) - n), [row(plant.h_parts, i) for i in range(outputs)]
+    others, h = (0,) * (len(reader.context.names()) - n), [row(plant.h_parts, i) for i in range(outputs)]
     designed = [
-        reader.context.from_dict({(*t.powers, *rest): rational(t.coefficient) for t in terms}) for terms in h
+        reader.context.from_dict({(*t.powers, *others): rational(t.coefficient) for t in terms})
+        for terms in h
     ]
     return {
         "drift": tuple(row({k: part for k, part in plant.f_parts.items() if k}, i) for i in range(n)),
@@ -308,9 +309,9 @@ def _exact_double(value: fmpq, where: str) -> float:
     return number
 
 
-def require(holds: bool, what: str) -> None:
+def require(condition: bool, what: str) -> None:
     """Refuse a plant that the method cannot take."""
-    if not holds:
+    if not condition:
         raise InvalidInput(
             "The method cannot prove anything about this plant.",
             f"expected polynomials of the state, and functions ({', '.join(FUNCTIONS)}) of linear forms, got {what}",

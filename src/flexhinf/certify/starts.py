@@ -53,10 +53,10 @@ class _NoForm(Exception):
 
 def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
     """The path of starts for either rule, as far as V stays below the certificate's level."""
-    rest = rest_path(statement)
-    if rest is None:
+    equilibrium = equilibrium_path(statement)
+    if equilibrium is None:
         return ()
-    path, free = rest
+    path, free = equilibrium
     level, probe, paths = statement.start_level, 1e-3, []
     for rule, place in ((SMALLEST_VALUE, settled), (UNCHANGED_INPUT, unchanged_input)):
         first = place(solution, path_start(statement, path, probe), free)
@@ -83,7 +83,7 @@ def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, .
 
 
 # The equilibrium ----------------------------------------------------------------------------------
-def rest_path(statement: Certificate, side: float = -1.0) -> tuple[Start, np.ndarray] | None:
+def equilibrium_path(statement: Certificate, side: float = -1.0) -> tuple[Start, np.ndarray] | None:
     """The equilibrium at −a, or with `side` 1 at +a, as terms in a, and which states are integrators (n,); None without
     integrators, and where the rates do not give the states one by one."""
     try:
@@ -178,8 +178,8 @@ def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) ->
     """States of the integrators with which the law's input keeps the start in equilibrium, by Newton's method."""
     index, count = np.flatnonzero(free), int(free.sum())
     f, _, g2, _ = solution.exact_fields(x[None])
-    held = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]
-    if len(held) != count:
+    input_at_goal = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]
+    if len(input_at_goal) != count:
         return None
     x, scale = x.copy(), 1 / np.sqrt(np.diag(solution.P)[index])
     for _ in range(30):
@@ -189,7 +189,7 @@ def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) ->
         slope = (inputs[1 : 1 + count] - inputs[1 + count :]).T / (2 * difference)
         if not np.isfinite(slope).all() or np.linalg.matrix_rank(slope) < count:
             return None
-        step = -np.linalg.solve(slope, inputs[0] - held)
+        step = -np.linalg.solve(slope, inputs[0] - input_at_goal)
         x[index] += step
         if np.abs(step / np.maximum(np.abs(x[index]), scale * 1e-6)).max() < 1e-10:
             return x
@@ -203,13 +203,17 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
     Steps of an amplitude a start at −a, seen from the goal, or with `side` 1 at +a.
     """
     driven = [(i, row[0]) for i, row in enumerate(statement.g2) if row[0]]
-    rest = rest_path(statement, side)
-    if rest is None or not (
-        rest[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
+    equilibrium = equilibrium_path(statement, side)
+    if equilibrium is None or not (
+        equilibrium[1].sum() == len(statement.law) == len(driven) == len(driven[0][1]) == 1
         and all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     ):
         return None
-    path, functions, place = rest[0].path, list(rest[0].functions), int(np.flatnonzero(rest[1])[0])
+    path, functions, place = (
+        equilibrium[0].path,
+        list(equilibrium[0].functions),
+        int(np.flatnonzero(equilibrium[1])[0]),
+    )
     ((rate, (divisor,)),), known = driven, dict(enumerate(path))
     try:  # the input at −a: −f_i/g2_i
         parts = [p for t in statement.drift[rate] for p in term_along(t, known, statement, functions)]
@@ -237,10 +241,10 @@ def tabled_start(
     solution: ValueFunction, statement: Certificate, step: float, side: float = -1.0
 ) -> Start | None:
     """The path of starts up to a step, the integrator tabled where the nominal input does not jump, or None."""
-    rest = rest_path(statement, side)
-    if rest is None:
+    equilibrium = equilibrium_path(statement, side)
+    if equilibrium is None:
         return None
-    path, free = rest
+    path, free = equilibrium
     amplitudes = np.linspace(0.0, step, _KNOTS + 1)
     states = path_states(path, statement.middle, amplitudes)
     for k in range(1, len(states)):
@@ -473,7 +477,7 @@ def limit_slice(
     check = sample_region(solution, certificate.gamma, penalty)
     if check is None or not 0.0 < check.level < np.inf:
         return None
-    point, least = check.worst_point, np.linalg.inv(solution.P)
+    point, inverse = check.worst_point, np.linalg.inv(solution.P)
 
     def apart(choice: tuple[np.ndarray, int | None]) -> float:
         x = choice[0]
@@ -484,7 +488,7 @@ def limit_slice(
     starts = [path_start(certificate, start, start.amplitude) for start in certificate.starts]
     choices: list[tuple[np.ndarray, int | None]] = [
         *((x, None) for x in sorted(starts, key=lambda x: -float(solution.value(x)))[:1]),
-        *((least[:, i] / least[i, i], i) for i in range(len(least))),
+        *((inverse[:, i] / inverse[i, i], i) for i in range(len(inverse))),
     ]
     other, moved = next((choice for choice in choices if apart(choice) > APART), max(choices, key=apart))
 

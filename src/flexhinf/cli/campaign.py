@@ -98,14 +98,14 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
         if o.worst_case:
             note("the worst case is searched when all shards are there, by the same command without --shard")
         return 0
-    for metric, least in metrics.items():
+    for metric, smaller_is_worse in metrics.items():
         with step_progress() as stage:
             if metric == GAIN:
                 search_gain(design, journal, stage)
                 continue
             text = f"worst {pages.metric_text(metric)}"
             campaigns.worst_case(
-                campaign, metric, table.columns, least=least, starts=o.starts, journal=journal,
+                campaign, metric, table.columns, least=smaller_is_worse, starts=o.starts, journal=journal,
                 nominal=table.journal.about.get("nominal", {}),
                 progress=lambda runs, best, stage=stage, text=text: stage(f"{text}: {best:.4g} after {runs} runs"),
             )  # fmt: skip
@@ -152,8 +152,10 @@ def _searched(
     campaigns.check_starts(o.starts)
     chosen = [campaigns.known_metric(name, [*known, GAIN]) for name in o.metric]
     chosen = chosen or [*(rule.metric for rule in requirements), *([GAIN] if gain else [])]
-    least = {rule.metric for rule in requirements if not rule.at_most}
-    return {name: name in least for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)}
+    lower_limits = {rule.metric for rule in requirements if not rule.at_most}
+    return {
+        name: name in lower_limits for name in sorted(dict.fromkeys(chosen), key=lambda name: name == GAIN)
+    }
 
 
 @app.command("merge")

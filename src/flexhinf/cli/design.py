@@ -299,10 +299,10 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
     if o.plant:
         path = file_of(o.source, "A plant is that of a design file.", "flexhinf export fmu DIR --plant")
         robot, s = fh.load_design(path)
-        rest = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
+        equilibrium = robot.operating_point(s.pose if s.start is None else s.start, s.extras)
         name = o.name or export.identifier_of(robot.name)
         written = export.export_plant_fmu(
-            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *rest
+            robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *equilibrium
         )
     else:
         controller, title = controller_of(o.source)

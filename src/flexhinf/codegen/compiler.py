@@ -275,7 +275,7 @@ def _read(path: Path, key: bytes) -> bytes | None:
     try:
         with open_regular(path) as file:
             info = os.fstat(file.fileno())
-            if not _is_ours(info):
+            if not _is_private(info):
                 raise ValueError("it is no file of this user alone")
             if info.st_size > _LARGEST:
                 raise ValueError("it is too large")
@@ -289,7 +289,7 @@ def _read(path: Path, key: bytes) -> bytes | None:
     return image
 
 
-def _is_ours(info: os.stat_result) -> bool:
+def _is_private(info: os.stat_result) -> bool:
     """Whether it is a regular file of this user that nobody else may write (where the system knows of users)."""
     private = not hasattr(os, "getuid") or (
         info.st_uid == os.getuid() and not info.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
@@ -305,9 +305,11 @@ def _write(path: Path, key: bytes, image: bytes) -> None:
                 file.write(_MAGIC + key + hashlib.sha256(image).digest() + image)
             os.replace(temporary, path)
         files = {other: os.lstat(other) for other in path.parent.iterdir()}
-        ours = [other for other, info in files.items() if _NAME.fullmatch(other.name) and _is_ours(info)]
-        ours.sort(key=lambda other: files[other].st_mtime)
-        for other in ours[: max(0, len(ours) - _MOST_FILES)]:
+        cached_files = [
+            other for other, info in files.items() if _NAME.fullmatch(other.name) and _is_private(info)
+        ]
+        cached_files.sort(key=lambda other: files[other].st_mtime)
+        for other in cached_files[: max(0, len(cached_files) - _MOST_FILES)]:
             if read_bytes(other, len(_MAGIC)) == _MAGIC:
                 other.unlink(missing_ok=True)
 
@@ -370,8 +372,8 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
                 head = json.dumps(module.library).encode() + b"\n"
                 return head + machine.assemble(str(module), machine.level(module.operations))
 
-            made_for = (host.triple, host.cpu, host.features, host.version)
-            parts = (fingerprint(program), str(lanes), *made_for, emitter_digest(), version("flexhinf"))
+            target = (host.triple, host.cpu, host.features, host.version)
+            parts = (fingerprint(program), str(lanes), *target, emitter_digest(), version("flexhinf"))
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(

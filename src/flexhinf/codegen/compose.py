@@ -319,10 +319,10 @@ class _ColumnComposer(Composer):
         key = (traced.__hash__(), moving, held)
         if key not in self._parts:
             self._parts[key] = self._divided(traced, moving, held)
-        rest, more = self._parts[key]
+        later, more = self._parts[key]
         results = [self.work(shape) for shape in shapes]
         inputs = (*(block.place for block in blocks), *more)
-        self.body.append(Call(rest, inputs, tuple(result.place for result in results if result.size)))
+        self.body.append(Call(later, inputs, tuple(result.place for result in results if result.size)))
         return tuple(results) if several else results[0]
 
     def _divided(
@@ -331,12 +331,12 @@ class _ColumnComposer(Composer):
         """The function to call for every column, and the slices of the numbers that are computed once outside."""
         from flexhinf.scalars import divide
 
-        before, rest = divide(traced, moving)
+        before, later = divide(traced, moving)
         if before is None:
-            return rest, ()
+            return later, ()
         values = self._outside.work((before.size1_out(0),)).place
         self._outside.body.append(Call(before, held, (values,)))
-        return rest, (values,)
+        return later, (values,)
 
 
 def _constants(array: Any) -> Any:

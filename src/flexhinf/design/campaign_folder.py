@@ -117,7 +117,6 @@ def open_campaign(
     InvalidInput before any work if the folder holds something else or a campaign with other settings; FlexhinfError as
     `flexhinf.design.design`.
     """
-    _ = request.stated  # refuses what does not fit
     journal, place = Journal.read(folder, (SETUP,)), Path(folder).expanduser().absolute()
     if journal is None:
         (place / SETUP).mkdir(parents=True, exist_ok=True)

@@ -120,11 +120,11 @@ def impulse_runs(
     period, quiet = setup.specification.period, setup.without_noise
     scales = JointScales.of(setup.model, setup.goal_equilibrium)
     impulses = FRACTION * default_load(scales.per_input, peak) / scales.vibration
-    duration = round(min(most, PERIODS * 2.0 * np.pi / scales.held) / period) * period
-    state, held = setup.equilibrium(setup.goal)
+    duration = round(min(most, PERIODS * 2.0 * np.pi / scales.antiresonance) / period) * period
+    state, holding_input = setup.equilibrium(setup.goal)
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
-    room = np.maximum(setup.limits.effort - np.abs(held), 1e-12)
-    used = np.array([float((np.abs(run.inputs - held).max(axis=0) / room).max()) for run in runs])
+    room = np.maximum(setup.limits.effort - np.abs(holding_input), 1e-12)
+    used = np.array([float((np.abs(run.inputs - holding_input).max(axis=0) / room).max()) for run in runs])
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
@@ -133,7 +133,7 @@ def impulse_runs(
     # The fit has all that the loop stores, as deviations from rest: state, estimate, last inputs, the newest last.
     stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
     for signals in (response.run.signals for response in runs):
-        inputs = signals["input"] - held
+        inputs = signals["input"] - holding_input
         before = [np.vstack([np.zeros((lag, inputs.shape[1])), inputs[:-lag]]) for lag in lags]
         believed = signals.get("estimate", signals["state"][:, :0])
         estimate = believed - state[: believed.shape[1]]
@@ -158,7 +158,7 @@ MOST_NUMBERS = 30_000_000
 
 #: Largest sub-step times the fastest mode, and fewest sub-steps per period: RK4 errs by 3e-6 per radian of its phase,
 #: and the time at which a joint turns round or sticks is known to a sub-step.
-RK4_STEP, LEAST_PARTS = 0.2, 4
+RK4_STEP, MIN_PARTS = 0.2, 4
 
 #: An oscillation up to so many standard deviations of a measured position, or one step of its sensor, is no cycle.
 DEVIATIONS = 3.0
@@ -252,7 +252,7 @@ def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
     plant = setup.robot.plant(s.measured, extras=extras, sticking=True)
     fastest = plant.fastest_mode(*setup.equilibrium(setup.goal))
-    parts = max(LEAST_PARTS, sub_steps(s.period, fastest, RK4_STEP))
+    parts = max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
     # without noise, which is a dither that may hide what sticks
     response = setup.without_noise.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
@@ -430,13 +430,13 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
     true = robot.plant_parameters({**robot.nominal, **masses})
     step = setup.step(runs.step_duration, values=true, sub_steps=runs.sub_steps)
     if any(mass > robot.nominal[name] for name, mass in masses.items()):
-        nominal, held = (
+        nominal, loaded = (
             np.asarray(robot.links.gravity_torque(setup.goal, Parameters(p)), dtype=float)
             for p in (robot.plant_parameters(), true)
         )
-        load_step = setup.load_response(-(held - nominal), runs.load_duration, runs.sub_steps)
-    running = margins(setup.equilibrium_loop(values=true))
-    return PayloadEvaluation(robot, masses, step, load_step, running)
+        load_step = setup.load_response(-(loaded - nominal), runs.load_duration, runs.sub_steps)
+    loop_margins = margins(setup.equilibrium_loop(values=true))
+    return PayloadEvaluation(robot, masses, step, load_step, loop_margins)
 
 
 def payload_requirements(

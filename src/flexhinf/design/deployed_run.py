@@ -121,8 +121,8 @@ def prepare_run(
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
     if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
-        state, held = model.operating_point(start)
-        arguments |= {"initial_input": held} if not controller.first_input.is_zero else {}
+        state, holding_input = model.operating_point(start)
+        arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
     return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments)
@@ -191,7 +191,8 @@ class DesignCampaign:
     with the tolerances of the campaign. `variables`: quantities that vary from sample to sample. `metrics`: those of
     each run, with the limits of the design.
 
-    Raises InvalidInput: for a parameter that does not act, or where nothing varies.
+    Raises InvalidInput: for a parameter that does not act, where nothing varies, or for a duration that does not fit
+        the period.
     """
 
     request: design_file.DesignRequest
@@ -236,14 +237,14 @@ class DesignCampaign:
             "expected a tolerance, a range of the payload, an initial error or a disturbance",
             "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
         )
+        if o.duration is not None:
+            sample_count(o.duration, s.period)
         self.robot, self.variables = robot, tuple(variables)
 
     @property
     def stated(self) -> dict[str, str]:
-        """Settings of design and campaign as text by name, before anything is designed; InvalidInput for a misfit."""
+        """Settings of design and campaign as text by name, known before anything is designed."""
         o, s, (start, goal), model = self.options, self.specification, self.ends, self.request.robot
-        if o.duration is not None:
-            sample_count(o.duration, s.period)
         changed = [p for p in self.robot.parameters if p not in model.parameters]
         parameters = [*(("robot", p) for p in model.parameters), *(("true robot", p) for p in changed)]
         return {

@@ -80,7 +80,7 @@ class LawEvaluation:
     @cached_property
     def move(self) -> responses.Move:
         """The planned move with feedforward: the same reference for every law."""
-        return self.setup.move(self.runs.plan, sub_steps=self.runs.sub_steps, rest=self.runs.rest)
+        return self.setup.move(self.runs.plan, sub_steps=self.runs.sub_steps, dwell=self.runs.dwell)
 
     @cached_property
     def load_response(self) -> responses.LoadResponse:
@@ -187,15 +187,17 @@ class LawEvaluation:
         return modes.sampled_modes(*np.linalg.eig(error), filter.period, self.setup.joints, *self.energy)
 
     @cached_property
-    def running_modes(self) -> tuple[modes.Mode, ...]:
+    def closed_loop_modes(self) -> tuple[modes.Mode, ...]:
         """Modes of the running loop: sampled, with estimator and delay."""
         linear = self.loop.linear()
-        return modes.sampled_modes(*linear.running.modes(), linear.period, self.setup.joints, *self.energy)
+        return modes.sampled_modes(
+            *linear.closed_loop.modes(), linear.period, self.setup.joints, *self.energy
+        )
 
     @property
     def least_damped_joint(self) -> str:
         """The joint that moves most in the oscillation whose damping `margins` has; empty where nothing oscillates."""
-        ringing = [mode for mode in self.running_modes if mode.eigenvalue.imag > 0.0]
+        ringing = [mode for mode in self.closed_loop_modes if mode.eigenvalue.imag > 0.0]
         if not ringing or not np.isfinite(self.margins.damping):
             return ""
         return min(ringing, key=lambda mode: abs(mode.damping - self.margins.damping)).joint
@@ -239,7 +241,7 @@ class LawEvaluation:
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
         runs, step = self.runs, self.step_samples
         if step is not None:
-            errors = required.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.rest)
+            errors = required.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.dwell)
             metrics |= {
                 "drawn_unsettled": float(step.unsettled),
                 "drawn_overshoot_percent": _median(step.overshoot),

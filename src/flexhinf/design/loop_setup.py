@@ -277,12 +277,12 @@ class LoopPlants:
         at: np.ndarray,
         goal: np.ndarray,
         noise: EstimatorNoise,
-        running: bool = False,
+        deployed: bool = False,
         linear: bool = False,
     ) -> Any:
         """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
 
-        It has the `estimator_model` as it runs (`running`), otherwise `model`; with `linear` the linearisation of that
+        It has the `estimator_model` as it runs (`deployed`), otherwise `model`; with `linear` the linearisation of that
         at the goal (n,): a linear Kalman filter. Raises `NotDetectable` if the sensors do not show a mode at the goal
         that does not decay, with the state it is in.
         """
@@ -299,7 +299,7 @@ class LoopPlants:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
             kalman.check_detectable(a, c, model.states)
-            model = self.estimator_model if running else model
+            model = self.estimator_model if deployed else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
         # Of a filter that has run at the goal for long, so that its gain is constant from the start; without process
         # noise such a filter would be certain of its state.
@@ -346,9 +346,9 @@ class LoopSetup(LoopPlants):
         """State and input with which the model is held at the goal."""
         return self.robot.operating_point(self.goal)
 
-    def estimator(self, at: np.ndarray, running: bool = False) -> Any:
-        """The estimator, see `LoopPlants.estimator_at`; linear metrics have the one that is not `running`."""
-        return self.estimator_at(at, self.goal, self.process_noise, running, self.linear_model)
+    def estimator(self, at: np.ndarray, deployed: bool = False) -> Any:
+        """The estimator, see `LoopPlants.estimator_at`; linear metrics have the one that is not `deployed`."""
+        return self.estimator_at(at, self.goal, self.process_noise, deployed, self.linear_model)
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
@@ -357,7 +357,7 @@ class LoopSetup(LoopPlants):
         from what holds the model there.
         """
         return Controller(
-            self.law, self.estimator(at, running=True), self.specification.period, self.limits.saturated,
+            self.law, self.estimator(at, deployed=True), self.specification.period, self.limits.saturated,
             moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1],
@@ -518,17 +518,17 @@ class LoopSetup(LoopPlants):
         for run in runs.trajectories(own, self.specification.seed, starts):
             yield Response(run, self.goal, self.goal, self.joints)
 
-    def move(self, plan: Plan, rest: float | None = None, **options: Any) -> Move:
-        """A planned move with feedforward in error coordinates, and `rest` seconds (half its time) at its end; the
+    def move(self, plan: Plan, dwell: float | None = None, **options: Any) -> Move:
+        """A planned move with feedforward in error coordinates, and `dwell` seconds (half its time) at its end; the
         options are those of `run`."""
-        return Move.along(plan, self.run(**self.along(plan, rest), **options))
+        return Move.along(plan, self.run(**self.along(plan, dwell), **options))
 
-    def along(self, plan: Plan, rest: float | None = None) -> dict[str, Any]:
+    def along(self, plan: Plan, dwell: float | None = None) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and
         reference."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
-        duration = plan.duration + (0.5 * plan.duration if rest is None else rest)
+        duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
         return {
             "controller": self.tracking_controller if near else self.controller(begin, moving=True),
             "at": self.start if near else begin,

@@ -130,8 +130,8 @@ def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]
     loaded = evaluation.load_response.metrics
     if not loaded:
         risks.append("under a constant load on the links the loop diverges")
-    if held := [row for row in loaded if row["recovery_time_s"] is None]:
-        name = max(held, key=lambda row: row["remaining_error"])["joint"] if len(loaded) > 1 else ""
+    if unrecovered := [row for row in loaded if row["recovery_time_s"] is None]:
+        name = max(unrecovered, key=lambda row: row["remaining_error"])["joint"] if len(loaded) > 1 else ""
         link = f"link {name}" if name else "link"
         risks.append(f"under a constant load the {link} does not come back within 2 % of the step")
     noise, peak = evaluation.input_noise, evaluation.step.peak_input
@@ -161,7 +161,7 @@ class Design(Summarised):
     mujoco: responses.Response | None  # The step on MuJoCo's plant, if requested
     rigid: RigidComparison | None  # The rigid design on the same robot, fed the true state
     # The long run at rest with dry friction; None for a robot that states none
-    rest: checks.LimitCycleCheck | None
+    limit_cycle: checks.LimitCycleCheck | None
     # The runs with payloads at the ends of their ranges; none for a robot without such a range
     payloads: tuple[checks.PayloadEvaluation, ...] = ()
     law_modes: tuple[modes.Mode, ...]  # Of the law alone: continuous, with the true state fed back
@@ -342,7 +342,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")
     synthesis = steps.synthesise(robot, s, progress)
-    setup, rest = checks.end_limit_cycle(synthesis.setup(robot, s))
+    setup, limit_cycle = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("margins of the running loop")
     linear = LawEvaluation(DESIGN, setup)
     law_modes = _law_modes(linear, synthesis)
@@ -372,7 +372,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         same_on_rigid = on_rigid.result()
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, evaluation.runs)
-    lines = _requirements(s, evaluation, synthesis, on_mujoco, rest, payloads)
+    lines = _requirements(s, evaluation, synthesis, on_mujoco, limit_cycle, payloads)
     start = float("nan")  # V where the step starts, with the integrals that the controller chooses
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
@@ -383,8 +383,9 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     )
     return Design(
         robot=robot, specification=s, synthesis=synthesis, evaluation=evaluation, attenuation=worth, inside=inside,
-        proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, rest=rest, payloads=payloads, law_modes=law_modes,
-        requirements=lines, status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
+        proof=proof, mujoco=on_mujoco, rigid=same_on_rigid, limit_cycle=limit_cycle, payloads=payloads,
+        law_modes=law_modes, requirements=lines,
+        status=status_of(lines, evaluation, synthesis.chosen, worth, inside, proof),
     )  # fmt: skip
 
 
@@ -416,13 +417,19 @@ def _in_scenario(
         loads = responses.default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
     else:
         loads = np.full(len(setup.goal), load)
-    held = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
+    holding_inputs = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
     plan = stated or plans.plan_move(
-        robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()), held
+        robot,
+        s,
+        setup.start,
+        setup.goal,
+        _followed(linear, synthesis),
+        float(scales.vibration.min()),
+        holding_inputs,
     )
     count = responses.sample_count(robot, len(synthesis.problem.state_names), s, samples)
-    robots, rest = responses.sample_robots(robot, count, s.seed), duration if stated else None
-    runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, rest)
+    robots, dwell = responses.sample_robots(robot, count, s.seed), duration if stated else None
+    runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, dwell)
     evaluation = with_derived(linear, scenario=runs)
     vars(evaluation)["step"] = step
     return evaluation
@@ -440,7 +447,7 @@ def _requirements(
     evaluation: LawEvaluation,
     synthesis: steps.Synthesis,
     on_mujoco: responses.Response | None,
-    rest: checks.LimitCycleCheck | None,
+    limit_cycle: checks.LimitCycleCheck | None,
     payloads: tuple[checks.PayloadEvaluation, ...],
 ) -> tuple[Requirement, ...]:
     """The specification line by line: the running loop first, then runs, then tolerances."""
@@ -459,8 +466,8 @@ def _requirements(
     lines += required.move_requirements(s, limits, evaluation.move)
     if s.move is not None and synthesis.along is not None:
         lines += checks.along_requirements(s, synthesis.along)
-    if rest is not None:
-        lines.append(rest.requirement(limits.position_units))
+    if limit_cycle is not None:
+        lines.append(limit_cycle.requirement(limits.position_units))
     for payload in payloads:
         lines += checks.payload_requirements(s, limits, payload, damping)
     return (*lines, *robots)

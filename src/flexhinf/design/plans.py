@@ -40,7 +40,7 @@ VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
 EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
 
 #: A joint that does not move still needs limits of its plan: those of this fraction of the largest way.
-LEAST_WAY = 1e-3
+MIN_TRAVEL = 1e-3
 
 
 def has_integrals(law: Law) -> bool:
@@ -60,8 +60,8 @@ def step_command(
         return None
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
     bandwidth = presets.required_bandwidth(s, scales, len(goal))
-    held = [robot.operating_point(at)[1] for at in (start, goal)]
-    return plan_move(robot, s, start, goal, bandwidth, float(scales.vibration.min()), held)
+    holding_inputs = [robot.operating_point(at)[1] for at in (start, goal)]
+    return plan_move(robot, s, start, goal, bandwidth, float(scales.vibration.min()), holding_inputs)
 
 
 def plan_move(
@@ -71,28 +71,28 @@ def plan_move(
     goal: np.ndarray,
     bandwidth: np.ndarray,
     slowest_vibration: float,
-    held: Sequence[np.ndarray],
+    holding_inputs: Sequence[np.ndarray],
 ) -> Plan:
     """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
 
     `robot`, `s`: limits of effort and speed are the specification's, or the robot's.
     `start`, `goal`, `bandwidth`: (n,), Link positions, rad or m, and rad/s.
     `slowest_vibration`: its period smooths the plan, rad/s.
-    `held`: inputs that hold the robot at start and goal, beside which the limit leaves room.
+    `holding_inputs`: inputs that hold the robot at start and goal, beside which the limit leaves room.
     """
     limits, limit = joint_limits(robot, s), None
     if limits.limits_effort:  # the largest input (n,) that the feedforward may use of each motor
-        needed = np.abs(held).max(axis=0)
+        needed = np.abs(holding_inputs).max(axis=0)
         limit = needed + EFFORT_FRACTION * np.maximum(0.0, limits.effort - needed)
-    way = np.abs(goal - start)
-    way = np.maximum(way, LEAST_WAY * max(float(way.max()), 1e-6))
+    travel = np.abs(goal - start)
+    travel = np.maximum(travel, MIN_TRAVEL * max(float(travel.max()), 1e-6))
     for k in range(STRETCHES):
         rate = np.asarray(bandwidth, dtype=float) / STRETCH**k
         if s.shaping == "quintic":
             plan: Plan = Waypoints([0.0, QUINTIC_TIME / float(rate.min())], [start, goal], "quintic")
         else:
             plan = JerkLimited(
-                start, goal, VELOCITY * way * rate, ACCELERATION * way * rate**2, JERK * way * rate**3,
+                start, goal, VELOCITY * travel * rate, ACCELERATION * travel * rate**2, JERK * travel * rate**3,
                 smoothing=2.0 * math.pi / slowest_vibration,
             )  # fmt: skip
         try:

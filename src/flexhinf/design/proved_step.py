@@ -361,7 +361,7 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
 def _peak_effort(solution: HJISolution, measured: GeneralisedPlant, x: np.ndarray, duration: float) -> float:
     from scipy.integrate import solve_ivp
 
-    held, far = np.asarray(measured.operating_input, dtype=float), 1e3 * (1.0 + np.abs(x).max())
+    operating_input, far = np.asarray(measured.operating_input, dtype=float), 1e3 * (1.0 + np.abs(x).max())
 
     def rates(t: float, state: np.ndarray) -> np.ndarray:
         f, _, g2, _ = measured.fields(state[None])
@@ -372,4 +372,4 @@ def _peak_effort(solution: HJISolution, measured: GeneralisedPlant, x: np.ndarra
 
     diverged.terminal = True  # type: ignore[attr-defined]
     run = solve_ivp(rates, (0.0, duration), x, method="LSODA", rtol=1e-6, atol=1e-8, events=diverged)
-    return float(np.abs(held + solution.inputs(run.y.T)).max()) if run.status == 0 else np.inf
+    return float(np.abs(operating_input + solution.inputs(run.y.T)).max()) if run.status == 0 else np.inf

@@ -115,12 +115,12 @@ def move_errors(
     robots: Sequence[Mapping[str, Any]],
     plan: Any,
     sub_steps: int,
-    rest: float | None = None,
+    dwell: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
     columns, along = (
         position_columns(setup.tracking_controller.commanded, setup.joints),
-        setup.along(plan, rest),
+        setup.along(plan, dwell),
     )
     runs = setup.ensemble(robots, sub_steps, reductions=run_reductions(None, columns), **along)
     errors = runs.common["tracking_error"].max(axis=1)
@@ -269,7 +269,7 @@ class RunMetrics:
 SPEED = "link speed"
 
 #: Where linear requirements are judged.
-RUNNING = "running loop at the goal: sampled, with estimator and delay, nominal robot"
+SAMPLED_LOOP = "running loop at the goal: sampled, with estimator and delay, nominal robot"
 
 
 @dataclass(frozen=True)
@@ -292,8 +292,8 @@ class Requirement:
     @property
     def met(self) -> bool:
         """Whether it is met, within `TOLERANCE`."""
-        least, most = self.limit * (1.0 - TOLERANCE), self.limit * (1.0 + TOLERANCE)
-        return bool(self.found <= most if self.at_most else self.found >= least)
+        low, high = self.limit * (1.0 - TOLERANCE), self.limit * (1.0 + TOLERANCE)
+        return bool(self.found <= high if self.at_most else self.found >= low)
 
     @property
     def within_tolerance(self) -> bool:
@@ -380,9 +380,9 @@ def margin_requirements(
 ) -> list[Requirement]:
     """Peak sensitivity and gain margin of the running loop; `joints` are those of the inputs."""
     return [
-        REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, RUNNING),
+        REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP),
         REQUIREMENTS["gain_margin"].judge(
-            s, s.gain_margin_limit, margins.gain_margin, RUNNING,
+            s, s.gain_margin_limit, margins.gain_margin, SAMPLED_LOOP,
             joint=joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
@@ -403,9 +403,11 @@ def behaviour_requirements(
     worst = int(np.argmin(np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)))
     own = np.nan_to_num(margins.bandwidth[worst], nan=0.0)
     return [
-        REQUIREMENTS["bandwidth"].judge(s, bandwidth[worst], own, RUNNING, joint=of_several(joints, worst)),
+        REQUIREMENTS["bandwidth"].judge(
+            s, bandwidth[worst], own, SAMPLED_LOOP, joint=of_several(joints, worst)
+        ),
         REQUIREMENTS["damping"].judge(
-            s, damping, margins.damping, RUNNING, joint=of_several(joints, least_damped)
+            s, damping, margins.damping, SAMPLED_LOOP, joint=of_several(joints, least_damped)
         ),
     ]
 
@@ -494,7 +496,7 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
 TRACKING_FRACTION = 0.05
 
 #: A joint that hardly moves has at least this fraction of the largest way of the joints of its kind.
-LEAST_WAY = 0.1
+MIN_TRAVEL = 0.1
 
 #: A way of less than this is none, but rounding, or what a search for poses leaves, rad or m.
 ROUNDING = 1e-9
@@ -520,12 +522,12 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
 def move_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Largest tracking error (n,), and largest distance (n,) from the end of a move after it, rad or m.
 
-    The first as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,), which counts with at least `LEAST_WAY` of
-    the largest of its kind.
+    The tracking error as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,), which counts as at least
+    `MIN_TRAVEL` of the largest travel of joints with the same unit.
     """
     units, stated = np.array(limits.position_units), s.tracking_error
     largest = np.array([travel[units == unit].max() for unit in units])
-    counted = np.maximum(travel, LEAST_WAY * np.where(largest > ROUNDING, largest, 0.1))
+    counted = np.maximum(travel, MIN_TRAVEL * np.where(largest > ROUNDING, largest, 0.1))
     tracking = (
         TRACKING_FRACTION * counted if stated is None else per_joint(limits.joints, "tracking_error", stated)
     )

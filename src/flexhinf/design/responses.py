@@ -59,7 +59,7 @@ class Scenario:
     plan: Plan  # The move from start to goal, or the stated one
     robots: tuple[Mapping[str, Any], ...]  # Parameters of the robots sampled within their tolerances
     sub_steps: int  # Runge–Kutta steps per period of the true plant
-    rest: float | None = None  # How long the move is observed at its end, s; None for half of its duration
+    dwell: float | None = None  # How long the move is observed at its end, s; None for half of its duration
 
 
 def default_start(robot: Robot, goal: np.ndarray) -> np.ndarray:

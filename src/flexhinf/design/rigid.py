@@ -17,7 +17,7 @@ from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
 from flexhinf.robot.elastic import Layout
 
 #: Which side's position and velocity the rigid law is fed: on a rigid robot they are the same.
-SIDES = ("link", "motor")
+FEEDBACK_SIDES = ("link", "motor")
 
 
 def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
@@ -173,7 +173,7 @@ def compare_rigid(
     s, goal, loops = setup.specification, setup.goal, []
     solution = solve_hji(rigid, gamma=s.gamma_ratio * smallest_gamma(rigid), degree=degree)
     x, u = setup.equilibrium(setup.start)
-    for side in SIDES:
+    for side in FEEDBACK_SIDES:
         law = RigidLaw(solution, problem, side)
         controller = Controller(law, None, s.period, setup.limits.saturated, start="bumpless")
         run = Loop(setup.true_plant, controller).run(

@@ -57,7 +57,7 @@ MODES = ("peak", "bandwidth", "none")
 FAR = 1.25
 
 #: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
-LEAST_DAMPING = 0.1
+MIN_DAMPING = 0.1
 
 #: A run that does not settle counts as so many times its length, in the order of candidates that keep no limit.
 UNSETTLED = 2.0
@@ -158,12 +158,12 @@ class Limit:
     unit: str
     value: float
     origin: str  # where the value comes from
-    least: bool = False  # whether the metric is to be at least the value instead of at most
+    at_least: bool = False  # whether the metric is to be at least the value instead of at most
 
     def excess(self, metrics: LawMetrics) -> float:
         """ln of the factor by which it is exceeded; 0 where it is kept."""
         value = getattr(metrics, self.metric)
-        if not self.least:
+        if not self.at_least:
             return excess(value, self.value)
         short = math.inf if value <= 0.0 else excess(self.value, value)
         return 0.0 if math.isnan(value) else short
@@ -171,7 +171,7 @@ class Limit:
     @property
     def text(self) -> str:
         """Text of the limit, such as ``peak sensitivity at most 2 (default)``."""
-        bound, unit = "at least" if self.least else "at most", f" {self.unit}" if self.unit else ""
+        bound, unit = "at least" if self.at_least else "at most", f" {self.unit}" if self.unit else ""
         return f"{self.label} {bound} {self.value:.3g}{unit} ({self.origin})"
 
 
@@ -265,17 +265,17 @@ def criterion_for(
     such metric.
     """
     check_mode(mode, "--tune peak")
-    limits = {"damping": (LEAST_DAMPING, "default"), **limits}
+    limits = {"damping": (MIN_DAMPING, "default"), **limits}
 
-    def wider(metric: str, label: str, unit: str, least: bool = False) -> tuple[Limit, ...]:
+    def wider(metric: str, label: str, unit: str, at_least: bool = False) -> tuple[Limit, ...]:
         stated, mine = limits.get(metric), getattr(own, metric)
         usable = math.isfinite(mine) and mine > 0.0
-        if stated is not None and (not usable or (mine >= stated[0] if least else mine <= stated[0])):
-            return (Limit(metric, label, unit, *stated, least),)
+        if stated is not None and (not usable or (mine >= stated[0] if at_least else mine <= stated[0])):
+            return (Limit(metric, label, unit, *stated, at_least),)
         if not usable:
             return ()
         origin = f"the design's own; {stated[1]}: {stated[0]:.3g}" if stated else "the design's own"
-        return (Limit(metric, label, unit, mine, origin, least),)
+        return (Limit(metric, label, unit, mine, origin, at_least),)
 
     shared = {
         "peak": wider("peak_input", "peak input of the step", unit),
@@ -290,8 +290,8 @@ def criterion_for(
     )
     linear = (
         *wider("peak_sensitivity", "peak sensitivity", ""),
-        *wider("gain_margin", "gain margin, up and down, a factor of", "", least=True),
-        *wider("damping", "damping ratio of every oscillation", "", least=True),
+        *wider("gain_margin", "gain margin, up and down, a factor of", "", at_least=True),
+        *wider("damping", "damping ratio of every oscillation", "", at_least=True),
         *wider("input_noise", "noise at the motor, rms,", unit),
     )
     return Criterion(mode, own, linear, shared, length, resolution)

@@ -363,7 +363,7 @@ def _check_output(plant: Plant, output: ca.SX, x: ca.SX, z: ca.SX) -> None:
 def _check_flow(plant: Plant, flow: ca.SX, x: ca.SX, z: ca.SX, measured: np.ndarray) -> None:
     by_state, deciding = ca.jacobian(flow, x), ca.jacobian(switches(flow, z), x)
 
-    def holds(measured: np.ndarray) -> bool:
+    def suffices(measured: np.ndarray) -> bool:
         hidden = ca.DM(null_space(measured))
         if not hidden.numel():
             return True
@@ -371,7 +371,7 @@ def _check_flow(plant: Plant, flow: ca.SX, x: ca.SX, z: ca.SX, measured: np.ndar
         sizes, jumps = (sizes_of_rows(part, hidden.shape[1]) for part in (by_state, deciding))
         return not (varying(along, z, sizes).any() or nonzero(decides, z, jumps).any())
 
-    if holds(measured):
+    if suffices(measured):
         return
     varies = varying(by_state, z, sizes_of_rows(by_state))
     jumps: Any = np.asarray(ca.DM(deciding.sparsity(), 1.0)).astype(bool).any(axis=0)
@@ -381,7 +381,7 @@ def _check_flow(plant: Plant, flow: ca.SX, x: ca.SX, z: ca.SX, measured: np.ndar
     wanted = list(entering)
     for j in reversed(entering):  # of what enters, only what the other measurements do not settle
         fewer = [i for i in wanted if i != j]
-        if holds(np.vstack([measured, unit[fewer]])):
+        if suffices(np.vstack([measured, unit[fewer]])):
             wanted = fewer
     j, alone = wanted[0], len(entering) == 1
     rate = f"∂({states[int(np.argmax(varies[:, j]))]}')/∂({states[j]})" if varies[:, j].any() else "a switch"

@@ -193,8 +193,8 @@ class CompiledController:
         self.path = checked_path("The library", path).absolute()
         try:
             image = read_bytes(self.path, -1)
-            _, mark, rest = image.partition(MARK)
-            needed, _, text = rest.partition(b"\0")[0].decode().partition("\n")
+            _, mark, tail = image.partition(MARK)
+            needed, _, text = tail.partition(b"\0")[0].decode().partition("\n")
             if not mark:
                 raise ValueError("no library of this version")
             about = json.loads(text)
@@ -224,7 +224,7 @@ class CompiledController:
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
-        self._rest = np.array(about["reference"], dtype=float)
+        self._operating_reference = np.array(about["reference"], dtype=float)
         self._state = np.zeros(-(-int(self._library.flexhinf_state_size()) // 8))
         self._y, self._r = np.zeros(len(self.measured)), np.zeros(max(1, len(self.commanded)))
         self._u, self.estimate = np.zeros(len(self.inputs)), np.zeros(len(self.states))
@@ -306,7 +306,7 @@ class CompiledController:
             "or a library that was compiled with flags that change results",
             "a process without libraries that are linked with -ffast-math, or flexhinf compile with gcc or clang",
         )
-        self._r[: len(self.commanded)] = self._rest
+        self._r[: len(self.commanded)] = self._operating_reference
         self.estimate[:] = 0.0
         self.code = "OK"
 

@@ -35,7 +35,7 @@ from flexhinf.validation import checked_path, value_text
 TOLERANCE = {"double": 1e-9, "float": 5e-2}
 
 #: What a test vector in float allows: this many times what was measured, as other processors round otherwise.
-SPARE, LEAST_TOLERANCE = 5.0, 1e-5
+SPARE, MIN_TOLERANCE = 5.0, 1e-5
 
 #: Files around the controller, of which NAME is its name, and the templates that they are made of.
 AROUND = {
@@ -219,7 +219,7 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
         f"got {100 * worst:.2g} %",
         "--real double; or larger noise levels of the estimator, which condition its covariances better",
     )
-    allowed = min(most, max(LEAST_TOLERANCE, SPARE * worst))
+    allowed = min(most, max(MIN_TOLERANCE, SPARE * worst))
     return (
         allowed,
         f"{100 * fused:.2g} % of the input's largest value over the test vector, {100 * plain:.2g} % without fused "
@@ -395,11 +395,13 @@ def record(
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
     """
     time = np.arange(samples)[:, None]
-    rest = controller.operating_reference
-    j = np.arange(len(rest))
-    r = np.tile(rest, (samples, 1))
+    operating_reference = controller.operating_reference
+    j = np.arange(len(operating_reference))
+    r = np.tile(operating_reference, (samples, 1))
     if not controller.mode.moving:
-        r = rest + SWING * (np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j))
+        r = operating_reference + SWING * (
+            np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j)
+        )
     if controller.estimator is None:
         point = np.asarray(controller.law.operating_point)[: len(controller.states)]
         y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))

@@ -363,9 +363,9 @@ class _Clock:
 def wait_until(due: int) -> int:
     """Return as soon as `time.perf_counter_ns` is at least `due`, with its value then."""
     now = time.perf_counter_ns
-    rest = due - now() - WATCHED_NS
-    if rest > 0:
-        time.sleep(1e-9 * rest)
+    remaining = due - now() - WATCHED_NS
+    if remaining > 0:
+        time.sleep(1e-9 * remaining)
     while (at := now()) < due:
         pass
     return at

@@ -484,9 +484,9 @@ def _in_reached_states(linear: LinearPart) -> LinearPart:
     for fresh, sizes, norm in _staircase(balanced.a, balanced.b2, _REACHED):
         reach = reach.min() * sizes / norm
         directions, scale = np.hstack([directions, fresh]), np.append(scale, reach)
-    rest = np.linalg.svd(directions)[0][:, directions.shape[1] :]
-    scale = np.append(scale, np.ones(rest.shape[1]))
-    return _scaled_states(balanced, np.hstack([directions, rest]), scale)
+    complement = np.linalg.svd(directions)[0][:, directions.shape[1] :]
+    scale = np.append(scale, np.ones(complement.shape[1]))
+    return _scaled_states(balanced, np.hstack([directions, complement]), scale)
 
 
 def _scaled_states(linear: LinearPart, directions: np.ndarray, sizes: np.ndarray) -> LinearPart:

@@ -257,7 +257,9 @@ class HJISolution(ValueFunction, Law):
                 f"             (eigenbasis up to {HOPELESS:g} and where its residual is at rounding, Schur otherwise)",
             ]
         sizes = ((1e9, f"{self.memory / 1e9:.2f} GB"), (1e6, f"{self.memory / 1e6:.1f} MB"))
-        size = next((text for least, text in sizes if self.memory >= least), f"{self.memory / 1e3:.1f} kB")
+        size = next(
+            (text for minimum, text in sizes if self.memory >= minimum), f"{self.memory / 1e3:.1f} kB"
+        )
         return "\n".join([*lines, f"memory: about {size} at the peak, estimated before the solve"])
 
     def save(self, path: str | os.PathLike[str]) -> None:

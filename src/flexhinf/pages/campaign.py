@@ -11,7 +11,7 @@ import numpy as np
 
 from flexhinf.campaign import (
     CampaignJudgement,
-    FoundPlant,
+    EvaluatedPlant,
     MergedTable,
     Requirement,
     WorstCase,
@@ -71,7 +71,7 @@ from flexhinf.report import (
 )
 
 Run = Callable[[int], Trajectory]
-PlantRun = Callable[[WorstCase, FoundPlant], Trajectory]
+PlantRun = Callable[[WorstCase, EvaluatedPlant], Trajectory]
 
 #: What a level γ belongs to, by the claim of a `GainRow`.
 CLAIMS = {"designed": "designed for", "proved": "proved", "not claimed": "designed for another loop"}

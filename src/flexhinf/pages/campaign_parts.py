@@ -13,7 +13,7 @@ import numpy as np
 
 from flexhinf.campaign import (
     CampaignJudgement,
-    FoundPlant,
+    EvaluatedPlant,
     Interval,
     PairedMetric,
     Replayed,
@@ -181,7 +181,7 @@ def worst_text(case: WorstCase) -> str:
     return f"worst {name} found: {value} ({times}the {sampled} of sample {case.sample}), at {at}."
 
 
-def plant_text(case: WorstCase, plant: FoundPlant) -> str:
+def plant_text(case: WorstCase, plant: EvaluatedPlant) -> str:
     """The metric of a plant, or why it has none."""
     return value_text(plant.value, case.unit) if plant.status == COMPLETED else plant.status
 
@@ -238,7 +238,7 @@ def replay_table(replay: Replayed) -> Any:
     )
 
 
-def worst_table(case: WorstCase, again: FoundPlant) -> Any:
+def worst_table(case: WorstCase, again: EvaluatedPlant) -> Any:
     """Table of the worst plant, run again: its numbers and the metric, as stored and now."""
     same = again == case.found or (again.status == case.found.status != COMPLETED)
     return _again_table(

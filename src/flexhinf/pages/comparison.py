@@ -72,7 +72,7 @@ def tuned_laws(comparison: Comparison) -> list[TunedLaw]:
     return [row.tuned for row in comparison.compared if row.tuned is not None]
 
 
-def ours_of(comparison: Comparison) -> TunedLaw:
+def best_hinf_law(comparison: Comparison) -> TunedLaw:
     """The best nonlinear H∞ law tuned as the rivals are; the design itself where that keeps no limit or is worse."""
     design = comparison.own.tuned
     assert design is not None
@@ -88,8 +88,8 @@ def _whole(text: str) -> str:
 
 def comparison_verdict(comparison: Comparison) -> str:
     """The best rival against nonlinear H∞, both tuned alike; where ours loses, the first sentence says so."""
-    laws, ours = tuned_laws(comparison), ours_of(comparison)
-    rival, name = best_rival(laws), "the design" if ours.name == DESIGN else ours.name
+    laws, own_law = tuned_laws(comparison), best_hinf_law(comparison)
+    rival, name = best_rival(laws), "the design" if own_law.name == DESIGN else own_law.name
     if all(is_hinf(row.name) for row in comparison.rows):
         return f"No other law could be compared with {name}."
     if rival is None:
@@ -105,11 +105,11 @@ def comparison_verdict(comparison: Comparison) -> str:
                 f"{unstable_corners(law.evaluation)} unstable corners against {unstable_corners(own)}."
             )
         return text
-    costs = f"{number(rival.cost, 3)} against {number(ours.cost, 3)}; less is better"
+    costs = f"{number(rival.cost, 3)} against {number(own_law.cost, 3)}; less is better"
     nothing = "so by this criterion nonlinear H∞ buys nothing on this robot."
-    if rival.cost < ours.cost * (1.0 - EQUAL):
+    if rival.cost < own_law.cost * (1.0 - EQUAL):
         text = f"The best rival, {rival.name}, beats {name} by the criterion ({costs}), {nothing}"
-    elif rival.cost <= ours.cost * (1.0 + EQUAL):
+    elif rival.cost <= own_law.cost * (1.0 + EQUAL):
         text = (
             f"Between the best rival, {rival.name}, and {name} there is no difference that the search can tell "
             f"({costs}), {nothing}"
@@ -119,15 +119,15 @@ def comparison_verdict(comparison: Comparison) -> str:
     better = [
         f"{law.name} ({number(law.cost, 3)})"
         for law in ranked(laws)
-        if law is not rival and not is_hinf(law.name) and law.cost < ours.cost * (1.0 - EQUAL)
+        if law is not rival and not is_hinf(law.name) and law.cost < own_law.cost * (1.0 - EQUAL)
     ]
     if better:
         text += f" Better than {name} {'is' if len(better) == 1 else 'are'} also {', '.join(better[:3])}."
-    theirs, mine = (comparison.criterion.ratios(law.metrics) for law in (rival, ours))
+    theirs, mine = (comparison.criterion.ratios(law.metrics) for law in (rival, own_law))
     *parts, last = [f"{number(theirs[key] / mine[key], 3)} times the {what}" for key, what in RATIOS.items()]
     text += f" Relative to {name}, {rival.name} has {', '.join(parts)} and {last}."
     design = comparison.own.tuned
-    if design is not None and ours is not design:
+    if design is not None and own_law is not design:
         text += f" The design as it is, not tuned for the criterion, has {number(design.cost, 3)}."
     return text
 
@@ -148,7 +148,8 @@ def comparison_page(
             Table(
                 ("limit for every law", "value", "stated by"),
                 [
-                    (x.label.rstrip(","), f"{'≥' if x.least else '≤'} {number(x.value, 3)} {x.unit}".strip(), x.origin)
+                    (x.label.rstrip(","), f"{'≥' if x.at_least else '≤'} {number(x.value, 3)} {x.unit}".strip(),
+                     x.origin)
                     for x in comparison.criterion.limits
                 ],
                 id="table-limits",
@@ -242,14 +243,14 @@ def _frequency(comparison: Comparison) -> list[Any]:
 
 
 def _key_numbers(comparison: Comparison) -> list[KeyNumber]:
-    rival, ours = best_rival(tuned_laws(comparison)), ours_of(comparison)
+    rival, own_law = best_rival(tuned_laws(comparison)), best_hinf_law(comparison)
     metrics, numbers = {metric.key: metric for group in METRICS.values() for metric in group}, []
-    called = "the design" if ours.name == DESIGN else _whole(ours.name)
+    called = "the design" if own_law.name == DESIGN else _whole(own_law.name)
     for key in (
         "load_deviation", "step_settling_s", "move_error", "load_remaining", "peak_sensitivity", "unstable_corners",
         "input_noise",
     ):  # fmt: skip
-        values = [None if law is None else law.evaluation.metrics.get(key) for law in (ours, rival)]
+        values = [None if law is None else law.evaluation.metrics.get(key) for law in (own_law, rival)]
         mine, theirs = (cell(metrics[key], value, comparison) for value in values)
         if values[0] is not None:
             name, unit = f"{called}: {metrics[key].label}", unit_of(metrics[key], comparison)
@@ -301,15 +302,15 @@ class LawMetric(NamedTuple):
     """A metric of a law, by its key of `LawEvaluation.metrics`.
 
     `unit` "input" is V or N·m; shown in thousandths are "small input", "length" (of rad or m) and "ms" (of s).
-    `better`: −1 where less is better, 1 where more is, 0 for neither. `least`: the smallest difference that counts, in
-    the unit of the value. `brief`: whether a terminal shows it too.
+    `better`: −1 where less is better, 1 where more is, 0 for neither. `resolution`: smallest difference that counts,
+    in the unit of the value. `brief`: whether a terminal shows it too.
     """
 
     key: str
     label: str
     unit: str
     better: int = -1
-    least: float = 0.0
+    resolution: float = 0.0
     brief: bool = True
 
 
@@ -317,33 +318,33 @@ class LawMetric(NamedTuple):
 METRICS = {
     "step as deployed": (
         LawMetric("step_peak_input", "peak input", "input"),
-        LawMetric("step_overshoot_percent", "overshoot", "%", least=0.5),
-        LawMetric("step_settling_s", "settling time", "s", least=0.01),
-        LawMetric("step_remaining", "remaining error", "length", least=1e-4),
+        LawMetric("step_overshoot_percent", "overshoot", "%", resolution=0.5),
+        LawMetric("step_settling_s", "settling time", "s", resolution=0.01),
+        LawMetric("step_remaining", "remaining error", "length", resolution=1e-4),
     ),
     "torque on the links": (
         LawMetric("load_deviation", "largest deviation", "length"),
-        LawMetric("load_recovery_s", "recovered after", "s", least=0.01),
-        LawMetric("load_remaining", "remaining deviation", "length", least=1e-4),
+        LawMetric("load_recovery_s", "recovered after", "s", resolution=0.01),
+        LawMetric("load_remaining", "remaining deviation", "length", resolution=1e-4),
     ),
     "planned move": (
-        LawMetric("move_error", "largest error", "length", least=1e-4),
-        LawMetric("move_remaining", "remaining error", "length", least=1e-4, brief=False),
+        LawMetric("move_error", "largest error", "length", resolution=1e-4),
+        LawMetric("move_remaining", "remaining error", "length", resolution=1e-4, brief=False),
         LawMetric("move_peak_input", "peak input", "input"),
     ),
     "sampled robots": (
-        LawMetric("drawn_unsettled", "steps not settled", "", least=0.5),
-        LawMetric("drawn_overshoot_percent", "median overshoot", "%", least=0.5, brief=False),
-        LawMetric("drawn_worst_overshoot_percent", "worst overshoot", "%", least=0.5),
-        LawMetric("drawn_settling_s", "median settling time", "s", least=0.01, brief=False),
-        LawMetric("drawn_worst_settling_s", "worst settling time", "s", least=0.01),
+        LawMetric("drawn_unsettled", "steps not settled", "", resolution=0.5),
+        LawMetric("drawn_overshoot_percent", "median overshoot", "%", resolution=0.5, brief=False),
+        LawMetric("drawn_worst_overshoot_percent", "worst overshoot", "%", resolution=0.5),
+        LawMetric("drawn_settling_s", "median settling time", "s", resolution=0.01, brief=False),
+        LawMetric("drawn_worst_settling_s", "worst settling time", "s", resolution=0.01),
         LawMetric("drawn_worst_peak_input", "worst peak input", "input", brief=False),
-        LawMetric("drawn_move_error", "median move error", "length", least=1e-4, brief=False),
-        LawMetric("drawn_worst_move_error", "worst move error", "length", least=1e-4),
+        LawMetric("drawn_move_error", "median move error", "length", resolution=1e-4, brief=False),
+        LawMetric("drawn_worst_move_error", "worst move error", "length", resolution=1e-4),
     ),
     "running loop, linearised": (
-        LawMetric("unstable_corners", "unstable corners", "", least=0.5),
-        LawMetric("peak_sensitivity", "peak sensitivity", "", least=0.01),
+        LawMetric("unstable_corners", "unstable corners", "", resolution=0.5),
+        LawMetric("peak_sensitivity", "peak sensitivity", "", resolution=0.01),
         LawMetric("gain_margin", "gain margin, ×", "", 1, 0.01),
         LawMetric("delay_margin_s", "delay margin", "ms", 1),
         LawMetric("damping", "smallest damping ratio", "", 1, 0.0005),
@@ -390,7 +391,7 @@ def best_of(metric: LawMetric, values: Sequence[float | None]) -> tuple[bool, ..
     known, best = [value for value in values if value is not None], [False for _ in values]
     if metric.better and len(known) > 1:
         top = min(known) if metric.better < 0 else max(known)
-        width = max(0.005 * abs(top), metric.least) if np.isfinite(top) else 0.0  # both are as good
+        width = max(0.005 * abs(top), metric.resolution) if np.isfinite(top) else 0.0  # both are as good
         best = [value is not None and (value == top or abs(value - top) <= width) for value in values]
     return tuple(tied and sum(best) < len(known) for tied in best)
 

@@ -159,11 +159,11 @@ def draw_figure(
 def joint_panel(
     quantity: str, unit: str, time: np.ndarray, joints: Sequence[str], values: np.ndarray, *, zero: bool = False,
     plan: np.ndarray | None = None, plan_name: str = "plan", limits: np.ndarray | None = None, limit_name: str = "",
-    least: float | None = None, linewidth: float = 1.5, vertical: float | None = None,
+    min_span: float | None = None, linewidth: float = 1.5, vertical: float | None = None,
 ) -> Panel:  # fmt: skip
     """Panel of signals (N, n) over time (N,), a line for each joint, with a dotted plan (N, n), and limits ± (n,),
-    dashed where a signal comes near (a far one would leave the values flat). The axis shows `least` at least."""
-    few, sides, y = thin(time), dict[float, str](), None
+    dashed where a signal comes near (a far one would leave the values flat). The axis shows `min_span` at least."""
+    few, bounds, y = thin(time), dict[float, str](), None
     lines = [
         Line(time[few], values[few, k], name, {**line_style(k), "linewidth": linewidth})
         for k, name in enumerate(joints if len(joints) > 1 or plan is None else ["link"])
@@ -177,13 +177,13 @@ def joint_panel(
             color = INK if len(set(limits.tolist())) == 1 else line_style(joint)["color"]
             for side, size in ((limit, high), (-limit, -low)):
                 if size > NEAR * limit:
-                    sides.setdefault(side, color)
-        y = framed(np.array([*framed(values), *sides]))
-    if least is not None:
+                    bounds.setdefault(side, color)
+        y = framed(np.array([*framed(values), *bounds]))
+    if min_span is not None:
         low, high = framed(values[few])
-        middle, half = 0.5 * (low + high), 0.5 * max(high - low, least)
+        middle, half = 0.5 * (low + high), 0.5 * max(high - low, min_span)
         y = middle - half, middle + half
-    dashed = [(side, color, None if k else limit_name) for k, (side, color) in enumerate(sides.items())]
+    dashed = [(side, color, None if k else limit_name) for k, (side, color) in enumerate(bounds.items())]
     return Panel(quantity, unit, lines, (0.0,) if zero else (), dashed, vertical, y=y)
 
 

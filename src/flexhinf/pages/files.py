@@ -172,12 +172,17 @@ BUDGET = """part=name added spent=budget.total start=budget.start level=budget.l
     kept=budget.kept"""
 RUNS = "step load=load_response.response move=move.response"
 RUN = "diverged_at_s=diverged_at joints=metrics"
-DISTURBED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
+LOADED_RUN = "diverged_at_s=response.diverged_at joints=metrics"
 
 
 def design_numbers(design: Design) -> dict[str, Any]:
     """Numbers of design.json."""
-    e, s, attained, rest = design.evaluation, design.specification, design.attenuation.attained, design.rest
+    e, s, attained, limit_cycle = (
+        design.evaluation,
+        design.specification,
+        design.attenuation.attained,
+        design.limit_cycle,
+    )
     estimator, along, ring_down = design.setup.estimator(design.start), design.synthesis.along, e.ring_down
     modes = {"open": e.open_modes, "closed": design.law_modes, "estimator": e.estimator_modes}
     response, inputs, samples = e.frequency_response, input_rows(design), e.step_samples
@@ -203,8 +208,8 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "command": np.abs(np.diagonal(response.command, axis1=1, axis2=2)).T,
             "sensitivity": np.linalg.norm(response.sensitivity, 2, axis=(1, 2)),
             "complementary": np.linalg.norm(response.complementary, 2, axis=(1, 2)),
-            "poles_real": np.real(response.linear.running.poles),
-            "poles_imaginary": np.imag(response.linear.running.poles),
+            "poles_real": np.real(response.linear.closed_loop.poles),
+            "poles_imaginary": np.imag(response.linear.closed_loop.poles),
         },
         "noise_at_the_inputs": e.input_noises,
         "corners": None if e.corners is None else corner_rows(e),
@@ -232,27 +237,29 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "fit_error": ring_down.ring_down and ring_down.ring_down.error,
             "joints": ring_down_rows(ring_down),
         },
-        "load": _picked(e.load_response, f"at_s=at {DISTURBED_RUN}"),
-        "move": _picked(e.move, f"duration_s=plan.duration {DISTURBED_RUN}"),
+        "load": _picked(e.load_response, f"at_s=at {LOADED_RUN}"),
+        "move": _picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"),
         "payload": [
             {
                 "masses_kg": dict(payload.masses),
                 "step": _picked(payload.step, RUN),
-                "gripped": payload.load_step and _picked(payload.load_step, DISTURBED_RUN),
+                "gripped": payload.load_step and _picked(payload.load_step, LOADED_RUN),
                 "margins": _margins(payload.margins),
                 "weighed_kg": payload.weighed and payload.weighed.masses,
                 "hidden_by_friction_kg": payload.weighed and payload.weighed.hidden,
             }
             for payload in design.payloads
         ],
-        "rest": rest
+        "rest": limit_cycle
         and {
-            **_picked(rest, "extras limit dead_zone"),
-            "hunts": bool(rest.oscillating),
-            "amplitudes_without_dead_zone": None if rest.without is None else rest.without.amplitudes,
-            "duration_s": float(rest.response.run.time[-1]),
-            "diverged_at_s": rest.response.diverged_at,
-            "joints": long_run_rows(rest),
+            **_picked(limit_cycle, "extras limit dead_zone"),
+            "hunts": bool(limit_cycle.oscillating),
+            "amplitudes_without_dead_zone": None
+            if limit_cycle.without is None
+            else limit_cycle.without.amplitudes,
+            "duration_s": float(limit_cycle.response.run.time[-1]),
+            "diverged_at_s": limit_cycle.response.diverged_at,
+            "joints": long_run_rows(limit_cycle),
         },
         "along_move": along
         and [
@@ -336,7 +343,7 @@ def comparison_numbers(comparison: Comparison) -> dict[str, Any]:
         "tune": {
             **_picked(criterion, "mode criterion=text"),
             "limits": [
-                _picked(limit, "figure=metric value at_least=least from=origin") for limit in criterion.limits
+                _picked(limit, "figure=metric value at_least from=origin") for limit in criterion.limits
             ],
         },
         "best_rival": None if rival is None else rival.name,

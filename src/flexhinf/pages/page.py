@@ -216,8 +216,8 @@ def design_page(
             if not all(isinstance(block, Note) for block in blocks):
                 sections.append(Section(title, tuple(blocks), anchor))
     status, lines = design.status, design.requirements
-    ours = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
-    met = [f"{len(lines)} of {len(lines)} requirements{ours}"]
+    defaults = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
+    met = [f"{len(lines)} of {len(lines)} requirements{defaults}"]
     if not any(line.what.startswith("damping") for line in lines):
         met.append("neither bandwidth nor damping is required")
     kinds = {
@@ -268,8 +268,8 @@ def verdict(design: Design) -> str:
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(e.step, design.mujoco, units_of(e))}.")
     if design.rigid is not None:
-        sides = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
-        parts.append(f"The rigid design on the same robot: {'; '.join(sides)}.")
+        loops = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
+        parts.append(f"The rigid design on the same robot: {'; '.join(loops)}.")
     return " ".join(parts)
 
 
@@ -400,7 +400,10 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
     rows = [
         ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
         ("tuned for", criterion.text, "", "ours"),
-        *((x.label, f"{'≥' if x.least else '≤'} {x.value:.4g}", x.unit, x.origin) for x in criterion.limits),
+        *(
+            (x.label, f"{'≥' if x.at_least else '≤'} {x.value:.4g}", x.unit, x.origin)
+            for x in criterion.limits
+        ),
         ("shared limit", criterion.mode, "", "option --tune"),
         ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
         ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),

@@ -343,7 +343,7 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
             numbered.append(replace(claim, blocks=[_numbered(block, counters) for block in blocks]))
         return numbered
 
-    paper, ours = evidence(claims), evidence(reproduction.questions)
+    paper, own = evidence(claims), evidence(reproduction.questions)
     gain, kind = ", ".join(f"{k:.4g}" for k in setup.linear.law_data), setup.settings.estimator
     return Page(
         "Nonlinear H∞ control of a flexible joint, reproduced",
@@ -368,7 +368,7 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
                     "fail, and what H∞ buys against a nonlinear LQR, is computed in docs/paper_studies.md at the "
                     "default settings."
                 ),
-                *ours,
+                *own,
             ), "ours"),
             Section("What was taken instead", (
                 Table(
@@ -403,8 +403,8 @@ def _key_numbers(setup: PaperSetup) -> list[KeyNumber]:
         KeyNumber("γ of the paper's law here", f"{setup.gamma:.4f}", note=ratio),
     ]
     for goal, runs in (("180°", setup.runs("03")), ("90°", setup.runs("05"))):
-        ours, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
-        overshoot = ("diverged", "") if ours is None else (round(ours, 2), "%")
+        own, linear = (runs[name].metrics()["overshoot_percent"] for name in ("nonlinear", "linear"))
+        overshoot = ("diverged", "") if own is None else (round(own, 2), "%")
         note = "L-H∞ diverged" if linear is None else f"L-H∞: {linear:.1f} %"
         numbers.append(KeyNumber(f"overshoot, {goal} step", *overshoot, note))
     return numbers

@@ -501,8 +501,8 @@ def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
     axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))
     most = "limit" if np.isfinite(film.limits).all() else "peak"
     heads = ("joint", "link", "motor", "wind-up", f"input ({film.unit}), bar up to its {most}")
-    places, sides = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
-    for head, x, side in zip(heads, places, sides, strict=True):
+    places, alignments = (0.0, 0.27, 0.42, 0.57, 0.62), ("left", "right", "right", "right", "left")
+    for head, x, side in zip(heads, places, alignments, strict=True):
         axes.text(x, -0.75, head, ha=side, va="center", fontsize=8.5, color=MUTED)
     rows: list[tuple[Any, ...]] = []
     for j, name in enumerate(film.robot.joint_names):

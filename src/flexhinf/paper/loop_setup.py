@@ -255,8 +255,8 @@ def _spread(values: Iterable[float | None]) -> list[float | None]:
 _READ: dict[str, tuple[str, Callable[[Trajectory], dict[str, Any]]]] = {
     "03": ("03", _step_numbers), "05": ("05", _step_numbers), "07": ("07", tracking_numbers),
     **{
-        drawn: (runs, lambda run: {"peak_control_V": run.metrics()["peak_input"]})
-        for drawn, runs in (("04", "03"), ("06", "05"), ("08", "07"))
+        figure: (runs, lambda run: {"peak_control_V": run.metrics()["peak_input"]})
+        for figure, runs in (("04", "03"), ("06", "05"), ("08", "07"))
     },
     "11": ("11", load_numbers), "12": ("12", load_numbers),
 }  # fmt: skip

@@ -80,9 +80,9 @@ def _tracks_step(run: Trajectory, goal: float) -> Finding:
     )
 
 
-def beats(ours: Trajectory, rival: Trajectory) -> bool:
+def beats(own: Trajectory, rival: Trajectory) -> bool:
     """Whether a step has less overshoot and settles sooner; what is missing (diverged, never settled) is infinite."""
-    a, b = ours.metrics(), rival.metrics()
+    a, b = own.metrics(), rival.metrics()
     return all(_or_infinite(a[key]) < _or_infinite(b[key]) for key, _ in (OVERSHOOT, SETTLING))
 
 
@@ -102,13 +102,13 @@ def _beats_linear(setup: PaperSetup) -> Finding:
     table = _steps_table(rows, "The two laws of the same γ on the two steps.", "table-linear")
     if setup.settings.degree < 4:  # V of the odd arm has no cubic terms: both laws are one
         return Finding("not judged", SAME_LAW, table)
-    ours, rival = rows["90°", "NL-H∞"], rows["90°", "L-H∞"]
-    return Finding(beats(ours, rival), f"On 90°, NL-H∞: {step_text(ours)}; L-H∞: {step_text(rival)}.", table)
+    own, rival = rows["90°", "NL-H∞"], rows["90°", "L-H∞"]
+    return Finding(beats(own, rival), f"On 90°, NL-H∞: {step_text(own)}; L-H∞: {step_text(rival)}.", table)
 
 
 def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
     rows: dict[tuple[str, str], Trajectory] = {}
-    rest, volts = setup.arm.operating_point(0.0, ("inductance",))
+    state, volts = setup.arm.operating_point(0.0, ("inductance",))
     for goal in reversed(GOALS):
         for about, pose in (("the hanging rest", 0.0), ("the goal", goal)):
             for law, name in LAWS.items():
@@ -117,7 +117,7 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
                 rows[name_goal(goal), f"{name} about {about}"] = Loop(
                     loop.true_plant, Controller(solution, loop.controller.estimator, period, start="bumpless")
                 ).run(
-                    Step(goal), None, setup.deviation(loop), STEP_DURATION, rest, setup.settings.seed, volts
+                    Step(goal), None, setup.deviation(loop), STEP_DURATION, state, setup.settings.seed, volts
                 )
     table = _steps_table(
         rows,

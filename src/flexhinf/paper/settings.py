@@ -54,9 +54,9 @@ class PaperSettings:
             ("process noise", "process_noise", self.process_noise >= 0.0, "a variance >= 0"),
             ("measurement noise", "measurement_noise", self.measurement_noise > 0.0, "a variance > 0, rad²"),
         )
-        for what, name, holds, expected in allowed:
+        for what, name, valid, expected in allowed:
             value = getattr(self, name)
-            if not holds or (isinstance(value, float) and not math.isfinite(value)):
+            if not valid or (isinstance(value, float) and not math.isfinite(value)):
                 raise InvalidInput(
                     f"The {what} cannot be used.",
                     f"expected {expected}, got {value!r}",

@@ -158,16 +158,16 @@ def _agreement(setup: PaperSetup, study: ToleranceStudy) -> tuple[int, int, floa
 
 
 # Tolerances ----------------------------------------------------------------------------------------------
-def _withstands_tolerances(setup: PaperSetup) -> Finding:
+def _robust_to_tolerances(setup: PaperSetup) -> Finding:
     study = ToleranceStudy(setup, setup.nonlinear)
     chosen, (runs, agree, error) = study.chosen, _agreement(setup, study)
     parts = []
     for goal, rates in chosen.items():
-        pace = f"slowest mode {number(rates.fastest, decimals=3)}/s"
+        slowest = f"slowest mode {number(rates.fastest, decimals=3)}/s"
         parts.append(
             f"at {name_goal(goal)} {unstable_of(rates, 'corner')} of {study.count('corner')} corners and "
             f"{unstable_of(rates, 'draw')} of {study.count('draw')} sampled plants "
-            f"({'some plant has no equilibrium' if math.isinf(rates.fastest) else pace})"
+            f"({'some plant has no equilibrium' if math.isinf(rates.fastest) else slowest})"
         )
     which = (
         f"R^v = {number(setup.settings.process_noise)} I" if study.estimated else "the true state fed back"
@@ -258,12 +258,12 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
             changes.append((abs(with_coil[0] - without[0]), abs(with_coil[1] / without[1] - 1.0)))
     worst, slower = np.nan_to_num(changes).max(axis=0).tolist()
     lost = int(np.isnan(changes).any(axis=1).sum())
-    pace = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
+    slowest = f"the slowest mode of any loop has a rate of {number(growth, decimals=3)}/s"
     unknown = f" In {lost} of {len(changes)} cases a run diverges or does not settle, so no change is known."
     return Finding(
         not lost and worst <= OVERSHOOT and slower <= SETTLING and growth < 0.0,
         f"The coil changes the overshoot by at most {worst:.2f} % of the step and the settling time by at most "
-        f"{100 * slower:.1f} %; with it {pace if math.isfinite(growth) else 'some loop has no equilibrium'}."
+        f"{100 * slower:.1f} %; with it {slowest if math.isfinite(growth) else 'some loop has no equilibrium'}."
         f"{unknown if lost else ''}",
         Table(
             ("feedback", "step", "coil", Column("overshoot", "%", 3), Column("settling", "s", 3),
@@ -290,5 +290,5 @@ TOLERANCES = (
     "With the R^v of the settings, coil in the plant, the loop in equilibrium at 90° and at 180° is stable with "
     "every plant tried: all 2048 corners of the tolerances, each tolerance alone, and the 100 sampled plants of "
     "Figure 9. The paper gives no R^v; other forms of it are shown and not judged.",
-    _withstands_tolerances,
+    _robust_to_tolerances,
 )

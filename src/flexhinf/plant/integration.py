@@ -106,9 +106,9 @@ def fastest_modes(plant: Any, parameters: np.ndarray, x: Any = None, u: Any = No
     if plant.engaged is not None and len(parameters):
         points.append(np.array([plant.engaged(point, plant.parameters.named(row)) for row in parameters]))
     (count, n), fastest = points[0].shape, np.zeros(len(parameters))
-    rest = [np.tile(row[:, None], count) for row in (held, np.zeros(len(plant.disturbances)))]
+    constant = [np.tile(row[:, None], count) for row in (held, np.zeros(len(plant.disturbances)))]
     for rows in points if count else ():
-        jacobians = np.asarray(plant.traced_jacobians(rows.T, *rest, parameters.T)[0], dtype=float)
+        jacobians = np.asarray(plant.traced_jacobians(rows.T, *constant, parameters.T)[0], dtype=float)
         jacobians = jacobians.reshape(n, count, n).swapaxes(0, 1)
         bad = np.argwhere(~np.isfinite(jacobians))
         if len(bad):

@@ -547,6 +547,10 @@ class Model(Summarised):
         results = [ca.jacobian(flow, v) for v in (x, u, d)] + [ca.jacobian(output, x)]
         return ca.Function("jacobians", symbols, [ca.densify(r) for r in results], {"cse": True})
 
+    def trace_jacobians(self) -> Any:
+        """Trace the Jacobians now: plants that `with_parameters` makes from this one share them."""
+        return self.traced_jacobians
+
     def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
         """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
         points = self._points(x, u, d)

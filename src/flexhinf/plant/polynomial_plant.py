@@ -28,13 +28,13 @@ _MOST = 200_000_000  # coefficients of one part, zeros included: 1.6 GB
 #: What a problem and its expansion have in common.
 OWN = ("r2", "state_names", "operating_point", "input_names", "operating_input")
 
-_REST = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
+_DRIFT = 1e-9  # |f(x*)| up to this, relative to its row of the Jacobian or to one, is rounding
 
 
-def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarray:
+def checked_r2(r2: Any, rounding: float = 1e-12, atol: float = 0.0) -> np.ndarray:
     """R2 as a symmetric positive definite matrix (m, m).
 
-    The asymmetry allowed is `rounding` of an entry and `least` of the largest one.
+    The asymmetry allowed is `rounding` of an entry and `atol` of the largest one.
     """
     original, r2 = r2, np.atleast_2d(real_array(r2))
     if r2.ndim != 2 or r2.shape[0] != r2.shape[1] or not r2.size or not np.isfinite(r2).all():
@@ -45,7 +45,7 @@ def checked_r2(r2: Any, rounding: float = 1e-12, least: float = 0.0) -> np.ndarr
         )
     half = (r2 + r2.T) / 2
     eigenvalues, asymmetry = np.linalg.eigvalsh(half), np.abs(r2 - r2.T).max()
-    if not np.allclose(r2, r2.T, rtol=rounding, atol=least * np.abs(r2).max()) or eigenvalues[0] <= 0:
+    if not np.allclose(r2, r2.T, rtol=rounding, atol=atol * np.abs(r2).max()) or eigenvalues[0] <= 0:
         raise InvalidInput(
             "R2, the effort penalty, is not symmetric positive definite.",
             f"eigenvalues of its symmetric part {eigenvalues.tolist()}, asymmetry {asymmetry:.3g}",
@@ -145,7 +145,7 @@ def checked_parts(
             checked[degree] = part
     if lowest and 0 in checked:
         constant = checked.pop(0)[:, 0]
-        excess = np.abs(constant) - _REST * np.maximum(1.0, np.abs(checked[1]).max(axis=1))
+        excess = np.abs(constant) - _DRIFT * np.maximum(1.0, np.abs(checked[1]).max(axis=1))
         worst = int(np.argmax(excess))
         if excess[worst] > 0:
             what = "The plant is not in equilibrium" if rows else "The penalty does not vanish"
@@ -399,7 +399,7 @@ class PolynomialPlant(Summarised):
         return f, g1, g2, h
 
 
-STATES, REST = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
+STATES, OTHER = -1, -2  # whose a monomial is; an input's or disturbance's number otherwise
 
 #: A coefficient of order two in the inputs, relative to the largest one of its row, that is rounding.
 AFFINE_TOLERANCE = 1e-12
@@ -417,7 +417,7 @@ def _sorted_out(n: int, others: int, degree: int) -> tuple[np.ndarray, np.ndarra
         tuples = basis.indices(n + others, k)
         last = tuples[:, -1].astype(np.intp)
         once = tuples[:, -2] < n if k > 1 else np.ones(len(tuples), bool)
-        owner.append(np.where(last < n, STATES, np.where(once, last - n, REST)))
+        owner.append(np.where(last < n, STATES, np.where(once, last - n, OTHER)))
         place.append(np.zeros(len(tuples), np.intp))
         for field, lowest in [(STATES, size(n, k - 1)), *((j, size(n, k - 2)) for j in range(others))]:
             members = np.flatnonzero(owner[-1] == field)  # in the order of the basis, which is lexicographic
@@ -540,7 +540,7 @@ def expand_control_affine(
     # Terms of order two or more in the inputs that are more than rounding.
     scale = np.zeros(n)
     np.maximum.at(scale, rows, np.abs(values))
-    beyond = (owner == REST) & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
+    beyond = (owner == OTHER) & (np.abs(values) > AFFINE_TOLERANCE * scale[rows])
     if beyond.any():
         names = [
             *(input_names or [f"u[{j}]" for j in range(m)]),

@@ -97,8 +97,8 @@ def monomials(x: np.ndarray, degrees: Iterable[int]) -> dict[int, np.ndarray]:
     by_degree = {0: current} if 0 in wanted else {}
     for k in range(1, max(wanted, default=0) + 1):
         if points <= _FEW:  # one gather costs less than a product for each variable
-            variable, rest = basis.factors(n, k)
-            current = x[:, variable] * current[:, rest]
+            variable, lower = basis.factors(n, k)
+            current = x[:, variable] * current[:, lower]
         else:
             (start, first), lower = (basis.offsets(n, k - 1), basis.offsets(n, k)), current
             current = np.empty((points, basis.count(n, k)), x.dtype)

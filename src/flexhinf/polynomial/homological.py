@@ -192,8 +192,8 @@ def _pair_tuples(n: int, k: int, first: int, m: int) -> np.ndarray:
     Column b: the second variable b times, the first m − b times.
     """
     others = basis.indices(n, k - m)
-    rest = np.flatnonzero(~((others == first) | (others == first + 1)).any(axis=1)).astype(np.int32)
-    ranks = np.repeat(rest[:, None], m + 1, axis=1)
+    untouched = np.flatnonzero(~((others == first) | (others == first + 1)).any(axis=1)).astype(np.int32)
+    ranks = np.repeat(untouched[:, None], m + 1, axis=1)
     for step in range(m):
         ranks = basis.insertion(n, k - m + step + 1)[ranks, first + (step < np.arange(m + 1))]
     return ranks

@@ -30,7 +30,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
 
 #: Pairs of monomials that a space may remember (24 bytes each) before it forgets what it worked out.
-REMEMBERED_PAIRS = 12_000_000
+CACHED_PAIRS = 12_000_000
 
 _SPACES: WeakValueDictionary[tuple[int, int], Space] = WeakValueDictionary()
 
@@ -62,7 +62,7 @@ class Space:
         self.n, self.degree = n, degree
         self.edges = np.array([size(n, k - 1) for k in range(degree + 2)])
         self.size = int(self.edges[-1])
-        self.remembered, self._supports = 0, dict[bytes, Support]()
+        self.cached, self._supports = 0, dict[bytes, Support]()
         self.zero, self.constant = (self.support(np.zeros(k, np.intp)) for k in (0, 1))
 
     def support(self, monomials: np.ndarray) -> Support:
@@ -70,11 +70,11 @@ class Space:
         key = monomials.astype(np.int32).tobytes()
         return self._supports.get(key) or self._supports.setdefault(key, Support(self, monomials))
 
-    def remember(self, pairs: int) -> None:
+    def count_cached(self, pairs: int) -> None:
         """Count stored pairs; when they are too many, forget what every support has worked out."""
-        self.remembered += pairs
-        if self.remembered > REMEMBERED_PAIRS:
-            self.remembered = pairs
+        self.cached += pairs
+        if self.cached > CACHED_PAIRS:
+            self.cached = pairs
             for support in self._supports.values():
                 support.sums.clear()
                 support.products.clear()
@@ -107,7 +107,7 @@ class Support:
             left = None if self is support else np.searchsorted(union, self.monomials)
             right = None if other is support else np.searchsorted(union, other.monomials)
             result = self.sums[other] = support, left, right
-            self.space.remember(len(union))
+            self.space.count_cached(len(union))
         return result
 
     def product(self, other: Support) -> _Product:
@@ -115,7 +115,7 @@ class Support:
         table = self.products.get(other)
         if table is None:
             table = self.products[other] = _Product(self, other, self.space.degree)
-            self.space.remember(table.pairs)
+            self.space.count_cached(table.pairs)
         return table
 
     def compositions(self) -> list[_Product]:
@@ -128,7 +128,7 @@ class Support:
             steps.append(_Product(self, inner, degree - k * lowest, constant=True))
             inner = steps[-1].support
         self.steps = steps
-        self.space.remember(sum(step.pairs for step in steps))  # which may forget them
+        self.space.count_cached(sum(step.pairs for step in steps))  # which may forget them
         return steps
 
 

@@ -86,8 +86,8 @@ class Claim(Block):
         links = []
         for name in self.figures:
             if name not in self.ids():
-                word, _, rest = name.partition("-")  # figure-03 is read as Figure 3
-                spoken = f"{word.capitalize()} {rest.lstrip('0') or rest}".strip()
+                word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
+                spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
                 links.append(f'<a href="#{name}">{escape(spoken)}</a>')
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
         return "\n".join(filter(None, (

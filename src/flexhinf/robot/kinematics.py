@@ -251,9 +251,9 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     turns, places = link_frames(robot, positions)
     lines = []
     for i in range(len(tree)):
-        carried = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
+        children = [places[k] for k, parent in enumerate(tree.parents) if parent == i]
         end = places[i] + 2.0 * turns[i] @ np.asarray(centres[i], dtype=float)
-        lines.append(np.array([places[i], *(carried or [end])]))
+        lines.append(np.array([places[i], *(children or [end])]))
     return tuple(lines)
 
 

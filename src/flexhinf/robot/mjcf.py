@@ -163,7 +163,10 @@ def _check(spec: Any) -> None:
                     f"expected none, got {key} = {value.tolist()}: {what}",
                     f"leave out {key}",
                 )
-    for where, part in [*parts, *((f"the actuator of {one.target!r}", one) for one in spec.actuators)]:
+    for where, part in [
+        *parts,
+        *((f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators),
+    ]:
         for key in ("", "actfrc", "force", "ctrl"):
             low, high = getattr(part, f"{key}range", (0.0, 0.0))
             switch = getattr(part, f"{key}limited", 0)

@@ -102,8 +102,10 @@ class Robot(Summarised):
         checked_text(f"the description of the robot {self.name!r}", self.description)
         what, some = f"The parameters of the robot {self.name!r} are not usable.", self.parameters
         checked_kind(what, some, (list, tuple), "Parameters in a tuple", "robot.parameters of another robot")
-        for one in some:
-            checked_kind(what, one, Parameter, "a flexhinf.Parameter each", "flexhinf.Parameter('mass', 0.2)")
+        for parameter in some:
+            checked_kind(
+                what, parameter, Parameter, "a flexhinf.Parameter each", "flexhinf.Parameter('mass', 0.2)"
+            )
         checked_kind(
             f"The links of the robot {self.name!r} are none.",
             self.links,

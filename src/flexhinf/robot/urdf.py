@@ -240,15 +240,15 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
                     f"<{end} link='…'/>",
                 )
         behind.setdefault(_link_at(element, "parent"), []).append(name)
-    carried = [_link_at(element, "child") for element in joints.values()]
-    free = [link for link in links if link not in carried]
+    children = [_link_at(element, "child") for element in joints.values()]
+    free = [link for link in links if link not in children]
     reached, ahead = set[str](), list(free)
     while ahead:
         link = ahead.pop()
         if link not in reached:
             reached.add(link)
             ahead += [_link_at(joints[name], "child") for name in behind.get(link, [])]
-    if len(free) != 1 or len(set(carried)) != len(carried) or len(reached) != len(links):
+    if len(free) != 1 or len(set(children)) != len(children) or len(reached) != len(links):
         raise InvalidInput(
             "The links are no tree.",
             "expected one link without a parent and one parent for every other, got the links without a parent "

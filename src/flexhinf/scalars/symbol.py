@@ -127,7 +127,7 @@ class Symbol:
 def _dispatch(
     name: str, numeric: Callable[..., Any], symbolic: Callable[..., ca.SX], text: str
 ) -> Callable[..., Any]:
-    def one(*elements: Any) -> Any:
+    def operation(*elements: Any) -> Any:
         kinds = {type(e) for e in elements if not isinstance(e, (float, int, bool, np.generic))}
         if not kinds:
             return numeric(*elements)
@@ -144,7 +144,7 @@ def _dispatch(
 
     def function(*arguments: Any) -> Any:
         numbers = all(np.asarray(a).dtype != object for a in arguments)
-        return (numeric if numbers else np.frompyfunc(one, len(arguments), 1))(*arguments)
+        return (numeric if numbers else np.frompyfunc(operation, len(arguments), 1))(*arguments)
 
     function.__name__, function.__doc__ = name, text
     return function

@@ -281,7 +281,7 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
         return names[-1]
 
     def outside(value: _Value) -> ca.SX:
-        if not value.moves and not value.given and value.name is None:
+        if not value.moves and not value.leaf and value.name is None:
             value.name = named(value.sx)
         return value.sx if value.name is None else value.name
 
@@ -304,8 +304,8 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
         return None, function
     fixed = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
     once = ca.Function("before", fixed, [ca.densify(ca.vertcat(*before))], {"cse": True})
-    rest = ca.Function(function.name(), [*arguments, ca.vertcat(*names)], list(map(ca.densify, results)))
-    return once, rest
+    divided = ca.Function(function.name(), [*arguments, ca.vertcat(*names)], list(map(ca.densify, results)))
+    return once, divided
 
 
 @dataclass
@@ -314,7 +314,7 @@ class _Value:
 
     sx: ca.SX
     moves: bool
-    given: bool
+    leaf: bool
     name: ca.SX | None = None
     inverse: ca.SX | None = None
 

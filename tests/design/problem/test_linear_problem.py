@@ -20,7 +20,7 @@ pytestmark = pytest.mark.oracle
 def _game(robot: Any, pace: float, damping: float, torques: bool) -> tuple[LinearProblem, Any]:
     goal = np.array(robot.home)
     scales = JointScales.of(robot.plant(), robot.operating_point(goal))
-    paces = np.full(len(goal), pace * scales.held)
+    paces = np.full(len(goal), pace * scales.antiresonance)
     enter = np.eye(2 * len(goal)) if torques else None
     game = LinearProblem.of(LinearFamily.of(robot, goal, 0), scales.rows(paces, damping), not torques, enter)
     which = {"disturbances": ("link_torque", "motor_torque"), "command": None} if torques else {}

@@ -88,7 +88,7 @@ def _wider(robot: Any, factor: float) -> Any:
 def _case(robot: Any, frequency: float, damping_weight: float, torques: bool = False) -> Case:
     goal = np.array(robot.home)
     family, scales = LinearFamily.of(robot, goal), JointScales.of(robot.plant(), robot.operating_point(goal))
-    rows = scales.rows(np.full(len(goal), frequency * scales.held), damping_weight)
+    rows = scales.rows(np.full(len(goal), frequency * scales.antiresonance), damping_weight)
     nominal = LinearProblem.of(family, rows, not torques, np.eye(2 * len(goal)) if torques else None)
     game = find_scalings(nominal, family.torques, channels(robot, [goal]), RATIO)
     star = game.gamma_star(1e-6)

@@ -42,11 +42,12 @@ class Case:
 
     def target(self, share: Any, damping: float) -> TargetBehaviour:
         return TargetBehaviour(
-            np.broadcast_to(share * self.scales.held, (len(self.family.robot.joint_names),)).copy(), damping
+            np.broadcast_to(share * self.scales.antiresonance, (len(self.family.robot.joint_names),)).copy(),
+            damping,
         )
 
     def search(self, share: Any, damping: float) -> SearchResult:
-        return search(self.target(share, damping), self.family, self.synthesis, self.scales.held)
+        return search(self.target(share, damping), self.family, self.synthesis, self.scales.antiresonance)
 
 
 def smallest_damping(case: Case, gain: np.ndarray) -> float:
@@ -166,8 +167,8 @@ def test_a_bandwidth_out_of_reach_is_refused_with_the_best(robot_of: Callable[[s
     assert refused.type is InvalidInput  # and not for the damping
     text = str(refused.value)
     best = float(re.search(r"best .* is ([\d.]+) rad/s", text).group(1))  # type: ignore[union-attr]
-    assert best < 12.0 * case.scales.held
-    share = 0.9 * best / case.scales.held
+    assert best < 12.0 * case.scales.antiresonance
+    share = 0.9 * best / case.scales.antiresonance
     check(case, case.search(share, 0.0), case.target(share, 0.0))
 
 

@@ -15,7 +15,7 @@ from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.synthesis import steps
-from flexhinf.design.synthesis.steps import LEAST_FRACTION, NOISE, Synthesis, synthesise
+from flexhinf.design.synthesis.steps import MIN_FRACTION, NOISE, Synthesis, synthesise
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.design import weights
 
@@ -59,7 +59,7 @@ def test_more_tolerance_without_more_overshoot_within_the_same_limits(
     problem = synthesis.design_problem
     assert problem.preset == "robust"
     assert problem.robustness is not None
-    assert LEAST_FRACTION <= found.fraction <= 1.0
+    assert MIN_FRACTION <= found.fraction <= 1.0
     assert problem.search is not None
     assert problem.search.chosen is problem.search.candidates[-1]
     design = cast(Design, SimpleNamespace(synthesis=synthesis, setup=robust.setup))

@@ -72,7 +72,7 @@ def test_composed_equals_one_trace(made, routes, kind):
         y, r = 0.05 * rng.normal(size=len(one.measured)) + 0.02 * k, np.array([0.02 * k])
         np.testing.assert_allclose(composed.step(y, r), one.step(y, r), rtol=1e-9, atol=1e-11)
         np.testing.assert_allclose(composed.estimate, one.estimate, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(composed._remembered.memory, one._remembered.memory, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(composed._history.memory, one._history.memory, rtol=1e-8, atol=1e-12)
 
 
 def program_of(composed):
@@ -249,7 +249,7 @@ def test_seven_links_composed_equal_the_text_on_floats(seven, kind):
         memory = composed.memory.flat(after)
         np.testing.assert_allclose(composed.step(y, r), u, rtol=1e-9, atol=1e-9 * np.abs(u).max())
         np.testing.assert_allclose(composed.estimate, estimate, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(composed._remembered.memory, memory, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(composed._history.memory, memory, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.oracle

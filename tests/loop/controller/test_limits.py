@@ -45,7 +45,7 @@ def stepped(made, controller, commands, x):
     for r in commands:
         u = controller.step(x, r)
         inputs.append(u)
-        limited.append(controller.memory.named(controller._remembered.memory).command[0])
+        limited.append(controller.memory.named(controller._history.memory).command[0])
         integrals.append(controller.integrals[0])
         x = made.exact_step(x, u, 0.0)
     return np.array(inputs), np.array(limited), np.array(integrals)
@@ -82,7 +82,7 @@ def test_the_requested_command_is_kept_for_samples_without_one(made):
     x = np.zeros(4)
     for k in range(40):
         np.testing.assert_array_equal(said.step(x, 1.0), kept.step(x, 1.0 if k == 0 else None))
-    assert kept.memory.named(kept._remembered.memory).command[0] == pytest.approx(40 * 0.3 * H)
+    assert kept.memory.named(kept._history.memory).command[0] == pytest.approx(40 * 0.3 * H)
 
 
 def test_with_an_estimator_in_a_loop_and_in_pieces(made, monkeypatch):
@@ -108,7 +108,7 @@ def test_the_law_that_is_nearest_to_the_limited_command_acts(made):
     limited = Controller(Schedule(laws), None, H, command_range=(-1.0, 0.3))
     for r in (0.0, 5.0, 5.0):
         limited.step(np.zeros(4), r)
-    assert limited.memory.named(limited._remembered.memory).active.tolist() == [1.0, 0.0]
+    assert limited.memory.named(limited._history.memory).active.tolist() == [1.0, 0.0]
 
 
 def test_limits_are_saved_pickled_copied_and_said(made, tmp_path):

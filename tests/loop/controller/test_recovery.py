@@ -69,7 +69,7 @@ def test_without_a_measurement_the_estimate_is_predicted(made, monkeypatch, kind
         np.testing.assert_allclose(controller.estimate, belief.mean, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(controller.integrals, [integral], rtol=1e-9, atol=1e-15)
         belief = estimator.time_update(belief, u, named, estimator.process_noise)
-        after = controller.memory.named(controller._remembered.memory).belief[1]
+        after = controller.memory.named(controller._history.memory).belief[1]
         np.testing.assert_allclose(after, belief.covariance, rtol=1e-8, atol=1e-16)
         before = position
 
@@ -202,12 +202,12 @@ def test_a_copy_goes_on_with_a_memory_of_its_own(made, kind, how):
     for k in range(SPACING + 3):
         one.step(np.full(count, 0.01 * k), 0.5)
     other = COPIES[how](one)
-    assert not np.shares_memory(one._remembered.memory, other._remembered.memory)
+    assert not np.shares_memory(one._history.memory, other._history.memory)
     np.testing.assert_array_equal(other.estimate, one.estimate)
-    kept = one._remembered.memory.copy()
+    kept = one._history.memory.copy()
     y = [np.full(count, 0.02 * k) for k in range(5)]
     ahead = [other.step(value) for value in y]
-    np.testing.assert_array_equal(one._remembered.memory, kept)
+    np.testing.assert_array_equal(one._history.memory, kept)
     np.testing.assert_allclose([one.step(value) for value in y], ahead, rtol=1e-9)
     np.testing.assert_allclose(COPIES[how](other).estimate, other.estimate)
 

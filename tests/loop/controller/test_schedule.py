@@ -46,7 +46,7 @@ def followed(made_controller, run):
     again, active = made_controller.fresh(), []
     for y, r, u in zip(*(run.signals[name] for name in ("output", "reference", "input"))):
         np.testing.assert_allclose(again.step(y, r), u, atol=1e-9)
-        active.append(int(np.argmax(again.memory.named(again._remembered.memory).active)))
+        active.append(int(np.argmax(again.memory.named(again._history.memory).active)))
     return np.array(active)
 
 
@@ -62,7 +62,7 @@ def commands(times):
 @pytest.mark.parametrize("limit", [None, 4.0])
 def test_linear_laws_in_closed_form(made, linear, moving, start, limit):
     plant, _ = made.two_inputs()
-    control = Controller(Schedule(linear, 0.2), None, H, limit, moving=moving, start=start, fade=0.4)
+    control = Controller(Schedule(linear, 0.2), None, H, limit, moving=moving, start=start, blend_time=0.4)
     t = np.arange(801) * H
     r = commands(t) if moving else commands(t)[:, :1]
     x = np.array([0.5, 0.0, 0.0, 0.2])
@@ -72,7 +72,7 @@ def test_linear_laws_in_closed_form(made, linear, moving, start, limit):
     )
     states, inputs, active = made.plain_loop(
         linear, r, x, moving=moving, limit=limit or np.inf, bumpless=start == "bumpless", last=[0.3, -0.2],
-        fade=0.4, hysteresis=0.2, push=0.7,
+        blend_time=0.4, hysteresis=0.2, push=0.7,
     )  # fmt: skip
     np.testing.assert_allclose(run.signals["state"], states, atol=1e-8)
     np.testing.assert_allclose(run.signals["input"], inputs, atol=1e-8)
@@ -87,7 +87,7 @@ def followed_by_states(control, run):
     again.reset(input=[0.3, -0.2])
     for x, r in zip(run.signals["state"], run.signals["reference"]):
         again.step(x, r)
-        active.append(int(np.argmax(again.memory.named(again._remembered.memory).active)))
+        active.append(int(np.argmax(again.memory.named(again._history.memory).active)))
     return np.array(active)
 
 
@@ -122,9 +122,7 @@ def test_between_two_poses_the_hysteresis_keeps_the_law(made, linear):
         run = Loop(plant, control).run(wobble, duration=2.0)
         active = np.array(
             [
-                (control.step(x, r), int(np.argmax(control.memory.named(control._remembered.memory).active)))[
-                    1
-                ]
+                (control.step(x, r), int(np.argmax(control.memory.named(control._history.memory).active)))[1]
                 for x, r in zip(run.signals["state"], run.signals["reference"])
             ]
         )
@@ -150,7 +148,7 @@ def test_another_law_takes_over_where_it_is_nearer_by_the_hysteresis(made, linea
             control.reset()
             control.step(np.zeros(4), old)
             control.step(np.zeros(4), edge + offset * (old - new))
-            active = control.memory.named(control._remembered.memory).active
+            active = control.memory.named(control._history.memory).active
             assert control.laws[int(np.argmax(active))].operating_point[0] == (new if taken else old)
 
 
@@ -193,9 +191,9 @@ def test_composed_equals_one_trace(made, linear, cubic, monkeypatch, moving, law
         y = np.full(len(one.measured), 0.05 * k) + 0.01 * rng.normal(size=len(one.measured))
         r = np.full(len(one.commanded), 0.08 * k)
         np.testing.assert_allclose(composed.step(y, r), one.step(y, r), rtol=1e-8, atol=1e-8)
-        seen.add(int(np.argmax(composed.memory.named(composed._remembered.memory).active)))
+        seen.add(int(np.argmax(composed.memory.named(composed._history.memory).active)))
     assert len(seen) > 1
-    np.testing.assert_allclose(composed._remembered.memory, one._remembered.memory, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(composed._history.memory, one._history.memory, rtol=1e-6, atol=1e-8)
 
 
 @pytest.mark.slow
@@ -217,9 +215,7 @@ def test_seven_links_at_two_poses(seven):
         u, _, after = controller_step(*parts, y, r, *named, mode=control.mode)
         memory = control.memory.flat(after)
         np.testing.assert_allclose(control.step(y, r), u, rtol=1e-8, atol=1e-8 * np.abs(u).max())
-        np.testing.assert_array_equal(
-            control.memory.named(control._remembered.memory).active, [k < 2, k >= 2]
-        )
+        np.testing.assert_array_equal(control.memory.named(control._history.memory).active, [k < 2, k >= 2])
         if k in (0, 2):
             np.testing.assert_allclose(u, last, rtol=1e-11, atol=1e-9)
         last = u

@@ -72,7 +72,7 @@ def assert_same_steps(one: fh.Controller, other: fh.Controller, count: int = 40)
         r = 0.1 * rng.normal(size=len(one.commanded)) if moving or k % 3 else None
         np.testing.assert_array_equal(other.step(y, r), one.step(y, r))
         np.testing.assert_array_equal(other.estimate, one.estimate)
-        np.testing.assert_array_equal(other._remembered.memory, one._remembered.memory)
+        np.testing.assert_array_equal(other._history.memory, one._history.memory)
 
 
 @pytest.mark.oracle
@@ -120,10 +120,10 @@ def test_every_estimator_returns_with_the_same_bits(
 def test_a_schedule_options_and_a_run_return(tmp_path: Path) -> None:
     laws = [fh.solve_hji(ARM.problem(pose=[a]), gamma=math.inf, degree=3) for a in (0.0, 1.0)]
     controller = fh.Controller(
-        fh.Schedule(laws, hysteresis=0.2), ESTIMATORS["ukf"](), 1e-3, 48.0, start="bumpless", fade=0.3
+        fh.Schedule(laws, hysteresis=0.2), ESTIMATORS["ukf"](), 1e-3, 48.0, start="bumpless", blend_time=0.3
     )
     loaded = through_a_file(controller, tmp_path)
-    assert (loaded.mode, loaded.fade, loaded.law.hysteresis) == (controller.mode, 0.3, 0.2)
+    assert (loaded.mode, loaded.blend_time, loaded.law.hysteresis) == (controller.mode, 0.3, 0.2)
     assert_same_steps(controller, loaded)
     again = through_a_file(loaded, tmp_path)  # what was loaded can be saved
     runs = [

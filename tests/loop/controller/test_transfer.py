@@ -32,7 +32,7 @@ def arm_laws():
 
 
 def remembered(made_controller):
-    return made_controller.memory.named(made_controller._remembered.memory)
+    return made_controller.memory.named(made_controller._history.memory)
 
 
 @pytest.mark.oracle
@@ -43,7 +43,7 @@ def test_a_linear_law_in_closed_form(made, moving, limit):
     plant, law = made.two_inputs()
     law = made.LinearLaw(law.state_names, law.input_names, law.gain, [0.2, 0, 0.1, 0, 0.05], [0.3, 0.1])
     control = Controller(
-        law, None, H, None if limit == np.inf else limit, moving=moving, start="bumpless", fade=0.3
+        law, None, H, None if limit == np.inf else limit, moving=moving, start="bumpless", blend_time=0.3
     )
     t = np.arange(301) * H
     r = moving_commands(t) if moving else np.where(t >= 1.0, 9.0, 0.2)[:, None]
@@ -53,7 +53,7 @@ def test_a_linear_law_in_closed_form(made, moving, limit):
         {"push": 0.7}, duration=3.0, initial_state=start, initial_input=LAST,
     )  # fmt: skip
     states, inputs, _ = made.plain_loop(
-        [law], r, start, moving=moving, limit=limit, bumpless=True, last=LAST, fade=0.3, push=0.7
+        [law], r, start, moving=moving, limit=limit, bumpless=True, last=LAST, blend_time=0.3, push=0.7
     )
     np.testing.assert_allclose(run.signals["input"], inputs, atol=1e-10)
     np.testing.assert_allclose(run.signals["state"], states, atol=1e-10)
@@ -98,7 +98,7 @@ def test_a_held_arm_does_not_move_when_the_law_takes_over(arm_laws, made):
 def test_without_integrals_the_misfit_is_a_bias_that_fades(made):
     plant, _ = made.two_inputs()
     law = made.LinearLaw(plant.states, plant.inputs, [[-8.0, -5.0, 0.5, 0.0], [0.0, 0.0, -3.0, -2.0]])
-    control = Controller(law, None, H, start="bumpless", fade=0.2)
+    control = Controller(law, None, H, start="bumpless", blend_time=0.2)
     start = np.array([0.5, 0.0, 0.1, 0.2])
     run = Loop(plant, control).run(duration=1.0, initial_state=start, initial_input=LAST)
     misfit = np.array(LAST) - law.gain @ start
@@ -118,7 +118,7 @@ class Parabola(Law):
 
 @pytest.mark.parametrize(("last", "reached"), [(3.0, True), (-3.0, False)])
 def test_what_no_integral_reaches_is_held_and_never_grows(last, reached):
-    control = Controller(Parabola(), None, H, start="bumpless", fade=1.0)
+    control = Controller(Parabola(), None, H, start="bumpless", blend_time=1.0)
     control.reset(input=last)
     np.testing.assert_allclose(control.step(0.5, 0.5), [last], atol=1e-12)
     memory = remembered(control)
@@ -155,7 +155,7 @@ def test_composed_equals_one_trace(made, arm_laws, monkeypatch, kind, moving):
         np.testing.assert_allclose(composed.step(y, r), u, rtol=1e-8, atol=1e-9)
         if k == 0:
             np.testing.assert_allclose(u, last, atol=1e-9)
-    np.testing.assert_allclose(composed._remembered.memory, one._remembered.memory, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(composed._history.memory, one._history.memory, rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -235,19 +235,19 @@ def test_a_start_from_zero_costs_nothing(made):
     bumpless = Controller(made.law, made.ukf(), start="bumpless")
     assert bumpless.code_key != plain.code_key
     assert bumpless.fresh().code_key == bumpless.code_key
-    assert bumpless.fresh().fade == transfer.BLEND_TIME
-    faster = Controller(made.law, made.ukf(), start="bumpless", fade=0.1)
+    assert bumpless.fresh().blend_time == transfer.BLEND_TIME
+    faster = Controller(made.law, made.ukf(), start="bumpless", blend_time=0.1)
     assert faster.code_key == bumpless.code_key
-    assert faster.fresh().fade == 0.1
+    assert faster.fresh().blend_time == 0.1
 
 
 def test_misfits_are_refused(made):
     for settings, word in (
         ({"start": "smooth"}, r"start[\s\S]*'smooth'"),
         ({"start": None}, r"start[\s\S]* None"),
-        ({"start": "bumpless", r"fade": 0.0}, r"positive[\s\S]* 0\.0"),
-        ({"start": "bumpless", r"fade": "slow"}, r"positive[\s\S]*'slow'"),
-        ({"fade": 0.5}, r"fade=None .* 0\.5"),
+        ({"start": "bumpless", "blend_time": 0.0}, r"positive[\s\S]* 0\.0"),
+        ({"start": "bumpless", "blend_time": "slow"}, r"positive[\s\S]*'slow'"),
+        ({"blend_time": 0.5}, r"blend_time=None .* 0\.5"),
     ):
         with pytest.raises(InvalidInput, match=word) as caught:
             Controller(made.law, None, **settings)

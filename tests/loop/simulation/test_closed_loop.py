@@ -266,7 +266,7 @@ def test_saturation_holds_and_the_integral_stands_still(made):
     previous, last, stood, relieved = 0.0, np.zeros(4), 0, 0
     for x, r, v in zip(run.signals["state"], run.signals["reference"], u[:, 0]):
         controller.step(x, r)
-        integral = controller.memory.named(controller._remembered.memory).integral[0]
+        integral = controller.memory.named(controller._history.memory).integral[0]
         if v == 11.0 and last[0] + x[0] < 2 * r[0]:  # the integral would push further, with its negative gain
             assert integral == previous
             stood += 1

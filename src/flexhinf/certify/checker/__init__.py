@@ -52,8 +52,8 @@ from flexhinf.certify.checker.subdivision import Verification, subdivide_face
 from flexhinf.certify.claim import Claim
 
 _MOST_KINDS, _MOST_UNCERTAIN = 64, 12  # of products; of parameters, whose corners are all looked at
-_LEAST_LEVEL = 1e-100
-_LEAST_REACH, _LARGEST_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
+_MIN_LEVEL = 1e-100
+_MIN_REACH, _MAX_REACH = 1e-10, 1e10  # between these no power of ρ leaves the normal doubles
 _MOST_CELLS = 10**8  # of all faces together
 _MOST_AFTER_CORNERS = 120_000  # where r is a quadratic form and a corner of it fails
 _FARTHEST = 1e3  # |ℓᵀx| of a function: its quotient has nodes up to there
@@ -157,7 +157,7 @@ def _check_sizes(claim: Claim) -> None:
         uncertain <= _MOST_UNCERTAIN, f"{uncertain} parameters are uncertain, more than {_MOST_UNCERTAIN}"
     )
     require(
-        claim.level >= _LEAST_LEVEL and _LEAST_REACH <= claim.reach <= _LARGEST_REACH,
+        claim.level >= _MIN_LEVEL and _MIN_REACH <= claim.reach <= _MAX_REACH,
         f"the level {claim.level:g} or the reach {claim.reach:g} is too near the ends of the doubles: another unit",
     )
     for function in claim.functions:

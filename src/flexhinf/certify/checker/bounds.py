@@ -58,9 +58,9 @@ class TaylorTable:
         # and at last: to blocks of one β, of low |β| first, those with every k.
         self._gathers, self._sizes, place = [], [], np.arange(len(rows))
         for axis in range(1, n):
-            rest = np.delete(rows, axis, 1)
-            room = rows[:, 0] - rest[:, 1:].sum(1)  # highest exponent that the axis may have in this row
-            order = np.lexsort((*rest.T[::-1], -room, rows[:, axis]))
+            others = np.delete(rows, axis, 1)
+            room = rows[:, 0] - others[:, 1:].sum(1)  # highest exponent that the axis may have in this row
+            order = np.lexsort((*others.T[::-1], -room, rows[:, axis]))
             self._gathers.append(place[order])
             self._sizes.append(np.bincount(rows[:, axis]).tolist())
             place = np.argsort(order)
@@ -122,13 +122,13 @@ class TaylorTable:
         spread = (
             np.einsum("j,jbpc->bpc", rad, np.abs(parts)).reshape(-1, len(end)) if rad.any() else 0.0 * low
         )
-        rest, k = c[self._head :], self.k[self._head :] - 2 + lift
-        signed = np.einsum("j,rjc->rc", mid, rest)
+        high, k = c[self._head :], self.k[self._head :] - 2 + lift
+        signed = np.einsum("j,rjc->rc", mid, high)
         size, tail = np.abs(signed), np.zeros((0, len(end)))
-        if len(rest):
+        if len(high):
             tail = np.abs(np.add.reduceat(signed * at[k], self._starts, axis=0))
             if rad.any():
-                beside = np.einsum("j,rjc->rc", rad, np.abs(rest))
+                beside = np.einsum("j,rjc->rc", rad, np.abs(high))
                 tail += np.add.reduceat(beside * at[k], self._starts, axis=0)
                 size += beside
         size *= (powers(end, self.degree + 2) - at)[k]
@@ -367,7 +367,7 @@ class Face:
         ):
             ray, half = sign * slope[f] + slope[others] @ t, np.abs(slope[others]) @ h
             width = np.abs(ray) * radius + half * end + 1e-12 * np.abs(slope).sum() * end
-            coefficients, rest = quotient.at(ray * middle - width, ray * middle + width)
+            coefficients, error = quotient.at(ray * middle - width, ray * middle + width)
             for columns, a in zip(lifted, coefficients, strict=True):
                 rows += columns.rows[..., None] * a
                 rounding += columns.error(end) * np.abs(a)
@@ -375,7 +375,7 @@ class Face:
                 self._shifted(proof.small, factor, t, h), interval, (proof.mid, proof.rad)
             )
             remainder += (
-                rest * ((np.abs(form.low) + form.radius).sum(0) + form.tail.sum(0) + factor.error(end)) * _UP
+                error * ((np.abs(form.low) + form.radius).sum(0) + form.tail.sum(0) + factor.error(end)) * _UP
             )
         form, constants = proof.table.on_interval(
             proof.table.shifted(rows, t, h), interval, (proof.mid, proof.rad)

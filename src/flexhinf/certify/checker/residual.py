@@ -32,9 +32,9 @@ class Refusal(Exception):
         self.z, self.value = z, value
 
 
-def require(holds: bool, why: str) -> None:
+def require(condition: bool, why: str) -> None:
     """Refuse a claim for which this does not hold."""
-    if not holds:
+    if not condition:
         raise Refusal(why)
 
 
@@ -261,9 +261,9 @@ def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
         )
         total = value * 0 - sum(terms, value * 0)
         count += 1
-        least = min(leading_minors(total))
-        if not least > 0:
-            failed.append((least, Corner(parameters, products, total)))
+        smallest = min(leading_minors(total))
+        if not smallest > 0:
+            failed.append((smallest, Corner(parameters, products, total)))
             if len(failed) == _MOST_FAILED:
                 break
     worst_first = [corner for _, corner in sorted(failed, key=lambda pair: pair[0])]

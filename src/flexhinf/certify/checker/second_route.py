@@ -46,7 +46,7 @@ def cell_of(face: tuple[int, int], cells: np.ndarray, i: int, bounds: Bounds, re
     return Cell(face, tuple(t), tuple(h), begin * reach, end * reach, multiplier)
 
 
-def cell_holds(proof: Proof, cell: Cell, corner: int) -> bool:
+def cell_is_proved(proof: Proof, cell: Cell, corner: int) -> bool:
     """Whether V grows and r < 0 (or r/ρ² + λ(c − V) < 0) on a cell, at one corner of the box of parameters."""
     exact, n, context = proof.exact, proof.n, proof.exact.value.context()
     begin, end = as_rational(cell.begin), as_rational(cell.end)
@@ -60,12 +60,12 @@ def cell_holds(proof: Proof, cell: Cell, corner: int) -> bool:
         factor = _on_face(sum((w * b for w, b in zip(weights, row, strict=True)), zero), cell, places, 0)
         s = _on_face(argument, cell, places, 2)
         center = s.to_dict().get((0,) * n, fmpq(0))
-        polynomial, rest = _taylor(function, center, _magnitude(s - context.constant(center)))
+        polynomial, error = _taylor(function, center, _magnitude(s - context.constant(center)))
         quotient = zero
         for coefficient in reversed(polynomial):
             quotient = quotient * (s - context.constant(center)) + coefficient
         total += quotient * factor
-        remainder += rest * _magnitude(factor)
+        remainder += error * _magnitude(factor)
     if cell.multiplier:
         total += as_rational(cell.multiplier) * (
             context.constant(as_rational(proof.claim.level)) - _on_face(exact.value, cell, places, 2)
@@ -114,7 +114,7 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
     if not all(value.is_finite() for value in local):
         return [fmpq(0)], arb("nan")
     values = [as_rational(float(value.mid())) for value in local]
-    rest = sum(
+    rounding = sum(
         (abs(v - arb(q)) * radius**m for m, (v, q) in enumerate(zip(local, values, strict=True))), arb(0)
     )
     low, high = (about - radius).union(arb(0)).lower(), (about + radius).union(arb(0)).upper()
@@ -124,7 +124,7 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
         worst = worst.max(
             abs(series_of(function.name, arb_series([offset + piece, 1], prec=_ORDER + 3))[_ORDER + 2])
         )  # of a ball with nan, nan
-    return values, rest + worst * radius ** (_ORDER + 1)
+    return values, rounding + worst * radius ** (_ORDER + 1)
 
 
 def _magnitude(polynomial: Any) -> arb:
@@ -150,7 +150,7 @@ def _upper(polynomial: Any, n: int) -> arb:
 def confirm(proof: Proof, cell: Cell, corners: Iterable[int], ended: bool = False) -> None:
     """Raise a `Refusal` unless a cell is proved at these corners of the parameters, or V > c at its inner end."""
     require(
-        cell_ended(proof, cell) if ended else all(cell_holds(proof, cell, i) for i in corners),
+        cell_ended(proof, cell) if ended else all(cell_is_proved(proof, cell, i) for i in corners),
         f"rationals and balls do not confirm {cell}",
     )
 

@@ -336,7 +336,7 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
             text = f"FMA({text}, z, {number(coefficient)})"
         return text
 
-    def rest(parts: tuple[float, float, float]) -> str:
+    def remainder(parts: tuple[float, float, float]) -> str:
         text = "size"
         for part in parts:
             text = f"FMA(-k, {number(part)}, {text})"
@@ -355,9 +355,9 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
         f"const {{R}} k = FMA(size, {number(2.0 / math.pi)}, {rounder}) - {rounder};",
         f"const {{R}} m = k - {number(4.0)} * (((k * {number(0.25)} - {number(0.375)}) + {rounder}) - {rounder});",
         "#ifdef FUSED",
-        f"const {{R}} r = {rest(HALF_PI)};",
+        f"const {{R}} r = {remainder(HALF_PI)};",
         "#else",
-        f"const {{R}} r = {rest(SHORT_HALF_PI)};",
+        f"const {{R}} r = {remainder(SHORT_HALF_PI)};",
         "#endif",
         "const {R} z = r * r;",
         f"const {{R}} s = FMA({horner(SINE)}, z * r, r);",

@@ -158,9 +158,9 @@ class Algebra:
         with writer.loop(str(pitch), str(n)) as j:
             self._store(moved, j, zero, 1)
         for first, height, number in writer.blocks(n, self._side):
-            rest = pitch % self._side
+            remainder = pitch % self._side
             tiles = writer.turns(number, str(pitch // self._side), self._side)
-            for j, width, _ in chain(tiles, [(str(pitch - rest), rest, "")] if rest else []):
+            for j, width, _ in chain(tiles, [(str(pitch - remainder), remainder, "")] if remainder else []):
                 place, factors = ((first, height), (j, width), pitch), (Operand(work), pitch, first)
                 for cell, size, total in self._tile(*place, factors, Operand(work), first, work):
                     self._store(work, cell, total, size)

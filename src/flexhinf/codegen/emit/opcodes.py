@@ -488,11 +488,11 @@ def _near(writer: Writer, value: str, name: str) -> str:
     shifted = writer.intrinsic("fma", size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
     quadrant = writer.bits(shifted)
     turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(ROUNDER)))
-    rest = size
+    remainder = size
     for part in HALF_PI:
-        rest = writer.intrinsic("fma", turns, lanes.constant(part), rest)
+        remainder = writer.intrinsic("fma", turns, lanes.constant(part), remainder)
     odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
-    square = writer.real("fmul", rest, rest)
+    square = writer.real("fmul", remainder, remainder)
 
     def horner(coefficients: tuple[float, ...]) -> str:
         value = lanes.constant(coefficients[0])
@@ -500,8 +500,8 @@ def _near(writer: Writer, value: str, name: str) -> str:
             value = writer.intrinsic("fma", value, square, lanes.constant(coefficient))
         return value
 
-    cube = writer.real("fmul", square, rest)
-    sin = writer.intrinsic("fma", horner(SINE), cube, rest)
+    cube = writer.real("fmul", square, remainder)
+    sin = writer.intrinsic("fma", horner(SINE), cube, remainder)
     parabola = writer.intrinsic("fma", square, lanes.constant(-0.5), lanes.constant(1.0))
     fourth = writer.real("fmul", square, square)
     cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)

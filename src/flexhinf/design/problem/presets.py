@@ -80,10 +80,10 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
         for pose, (a, b, torques, _) in linear:
             # [T_x T_u] from the nominal robot to each end of the interval, each at its own equilibrium.
             nominal = np.hstack([a, b])
-            least = ROUNDING * np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
+            rounding = ROUNDING * np.abs(np.linalg.lstsq(torques, nominal, rcond=None)[0]).max()
             differences = (_linearised(robot, plant, {name: sign}, pose) - nominal for sign in (1.0, -1.0))
             ends = np.array([np.linalg.lstsq(torques, each, rcond=None)[0] for each in differences])
-            changes.append(np.where(np.abs(ends) > least, ends, 0.0))  # (2, 2 joints, n + m)
+            changes.append(np.where(np.abs(ends) > rounding, ends, 0.0))  # (2, 2 joints, n + m)
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
         joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
         quantity = name.removesuffix(f"_{joint}") if joint else name
@@ -382,7 +382,9 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
         penalty = penalty if whole or own is None else replace(penalty, effort=own.effort)
     elif penalty is None:
         scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-        weights: Any = scales.penalty(np.full(len(goal), BANDWIDTH_FRACTION * scales.held), 0.0).states
+        weights: Any = scales.penalty(
+            np.full(len(goal), BANDWIDTH_FRACTION * scales.antiresonance), 0.0
+        ).states
         penalty = Penalty({name: weights[name] for name in ("link_position", "link_position_integral")}, 1.0)
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
     if s.effort is not None:
@@ -392,7 +394,7 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
 
 def required_bandwidth(s: Specification, scales: modes.JointScales, joints: int) -> np.ndarray:
     """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with held motors."""
-    stated = BANDWIDTH_FRACTION * scales.held if s.bandwidth is None else s.bandwidth
+    stated = BANDWIDTH_FRACTION * scales.antiresonance if s.bandwidth is None else s.bandwidth
     bandwidth = np.atleast_1d(np.asarray(stated, dtype=float))
     if len(bandwidth) not in (1, joints):
         raise InvalidInput(
@@ -431,12 +433,12 @@ def _searched(
 
         start = begun and begun.chosen
         if len(family.a) == 1:
-            return search(target, family, synthesis, scales.held, near=start), family
-        result = begun or search(target, family, synthesis, scales.held, each=False)
+            return search(target, family, synthesis, scales.antiresonance, near=start), family
+        result = begun or search(target, family, synthesis, scales.antiresonance, each=False)
         worst = sorted(set(behaviour_of(few.many, result.chosen.design.gain).worst))
         a, b = np.concatenate([family.a, few.many.a[worst]]), np.concatenate([family.b, few.many.b[worst]])
         wider = replace(family, a=a, b=b)
-        return search(target, wider, synthesis, scales.held, near=start), wider
+        return search(target, wider, synthesis, scales.antiresonance, near=start), wider
 
     result, family = widened(few, nominal, near)
     weights, source = result.chosen.weights, f"found for {target.text}"

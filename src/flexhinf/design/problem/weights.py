@@ -105,8 +105,8 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     loops, joints = family.a + family.b @ gain, len(family.robot.joint_names)
     modes = [modes_of(loop, family.robot.joint_names, *family.energy) for loop in loops]
     if family.period:
-        phi, held = exponential(family.a[0], family.b[0], family.period)
-        every = np.linalg.eig(phi + held @ gain)
+        phi, by_input = exponential(family.a[0], family.b[0], family.period)
+        every = np.linalg.eig(phi + by_input @ gain)
         modes[0] = sampled_modes(
             *every, family.period, family.robot.joint_names, *family.energy, lasting=TWO_SAMPLES
         )
@@ -210,7 +210,7 @@ class Channel:
 LARGEST_LEVEL = 1e4
 
 #: Shares of the tolerances are found to this width; less than the smallest is none.
-FRACTION_WIDTH, LEAST_FRACTION = 0.02, 0.02
+FRACTION_WIDTH, MIN_FRACTION = 0.02, 0.02
 
 #: Balances after the first; evaluations of the simplex search for each factor, and the most states it is made with.
 BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
@@ -274,7 +274,7 @@ class RobustProblem:
         """The gain at a level."""
         return self.scaled(gamma).design(gamma)
 
-    def covering(self) -> RobustProblem:
+    def with_largest_fraction(self) -> RobustProblem:
         """With the largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH`."""
         level, low, high = LARGEST_LEVEL * self.nominal.gamma_star(), 0.0, 1.0
         if (whole := replace(self, fraction=high)).feasible(level):
@@ -298,7 +298,7 @@ def find_scalings(
     """The problem with scalings of its channels, found as the head of this file says.
 
     `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
-    `LEAST_FRACTION` of the tolerances can be covered.
+    `MIN_FRACTION` of the tolerances can be covered.
     """
     from scipy.optimize import minimize
 
@@ -310,7 +310,7 @@ def find_scalings(
     first = RobustProblem(nominal, torques, channels, np.zeros(len(channels)))
     best = _balanced(first, nominal.design(ratio * nominal.gamma_star()))
     for _ in range(BALANCES):
-        if best.fraction < LEAST_FRACTION:
+        if best.fraction < MIN_FRACTION:
             break
         within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
         again = _balanced(first, within.design(ratio * within.gamma_star()))
@@ -326,7 +326,7 @@ def find_scalings(
 
         def cost(factors: np.ndarray) -> float:
             if start.fraction < 1.0:
-                return -moved(factors).covering().fraction
+                return -moved(factors).with_largest_fraction().fraction
             try:
                 return float(np.log(moved(factors).gamma_star()))
             except (NoFeasibleGamma, NumericalFailure):
@@ -334,12 +334,12 @@ def find_scalings(
 
         options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
         factors = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x
-        end = moved(factors).covering()
+        end = moved(factors).with_largest_fraction()
         best = end if better(end, start) else start
-    if best.fraction < LEAST_FRACTION:
+    if best.fraction < MIN_FRACTION:
         raise NoFeasibleGamma(
             "No attenuation level holds for these tolerances, nor for a part of them.",
-            f"no solution even with {100 * LEAST_FRACTION:g} % of the tolerances",
+            f"no solution even with {100 * MIN_FRACTION:g} % of the tolerances",
             "the preset damped, or another bandwidth or damping",
         )
     return best if best.fraction == 1.0 else replace(best, fraction=0.9 * best.fraction)
@@ -358,7 +358,7 @@ def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
         g = p @ (problem.torques @ channel.torque)
         z = channel.by_input @ gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
-    return replace(problem, log=log).covering()
+    return replace(problem, log=log).with_largest_fraction()
 
 
 # Weights for a behaviour --------------------------------------------------------------------------------
@@ -432,13 +432,13 @@ def search(
     target: TargetBehaviour,
     family: LinearFamily,
     synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]],
-    held: float,
+    antiresonance: float,
     each: bool = True,
     near: Candidate | None = None,
 ) -> SearchResult:
     """The weights with which the linear part behaves as required.
 
-    `synthesis` makes the design of ω (n,) and ζ (n,), with its smallest level; `held` is the lowest vibration with held
+    `synthesis` makes the design of ω (n,) and ζ (n,), with its smallest level; `antiresonance` the lowest with held
     motors, rad/s. The ζ of single joints are lowered at the end (`each`). From weights `near`, for another bandwidth or
     damping, the search begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the
     behaviour cannot be met: which limit binds, and the best that was found.
@@ -448,7 +448,7 @@ def search(
         start = near.target_frequency * target.bandwidth / near.behaviour.bandwidth
         weights = near.damping_weights * target.damping / near.behaviour.damping
         proportional = (more * weights for more in PROPORTIONS)
-    attempt = _Search(target, family, synthesis, FASTEST * held, start)
+    attempt = _Search(target, family, synthesis, FASTEST * antiresonance, start)
     chosen = next((candidate for tried in proportional if (candidate := attempt.fit_damped(tried))), None)
     chosen = chosen or attempt.damped()
     if each and len(target.bandwidth) > 1 and chosen.damping_weight:

@@ -210,12 +210,12 @@ def step_cost(
         return math.inf
     run, few = response.run, slice(None, None, max(1, len(response.run.time) // INSTANTS))
     places = [run.names["state"].index(name) for name in problem.plant.states]
-    states, held = problem.operating_point[: len(places)], problem.operating_input
+    states, holding_input = problem.operating_point[: len(places)], problem.operating_input
     if at is not None:
-        states, held = at[0][places], at[1]
+        states, holding_input = at[0][places], at[1]
     moved = np.zeros((len(run.time[few]), len(problem.state_names)))
     moved[:, : len(places)] = run.signals["state"][few][:, places] - states
-    u, h = response.inputs[few] - held, problem.fields(moved)[3]
+    u, h = response.inputs[few] - holding_input, problem.fields(moved)[3]
     square = np.einsum("ki,ki->k", h, h) + np.einsum("ki,ij,kj->k", u, problem.r2, u)
     return float(np.trapezoid(square, run.time[few]))
 
@@ -277,7 +277,7 @@ class _Trial:
 # Bandwidths within the limits of the joints --------------------------------------------------------------
 #: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
 #: then all are raised together until the third, relative, is left between kept and not kept.
-COARSE, LEAST, WIDTH = 0.7, 0.05, 0.04
+COARSE, MIN_FRACTION, WIDTH = 0.7, 0.05, 0.04
 
 #: A joint whose share of a limit falls by less than this factor when its bandwidth is lowered is moved by the others:
 #: then all are lowered.
@@ -313,7 +313,7 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     peak, unit = peaks[kind, joint], (limits.effort_units, limits.speed_units)[kind][joint]
     what, name = (("peak of the input", "peak_effort"), ("speed of a link", "peak_speed"))[kind]
     where = f" in {limits.joints[joint]}" if len(limits.joints) > 1 else ""
-    outcome = f"no loop down to {LEAST:g} of it keeps the limit either"
+    outcome = f"no loop down to {MIN_FRACTION:g} of it keeps the limit either"
     advice = f"a larger `{name}`, or a shorter step (`start`)"
     if best is not None:
         slower = [f"{each:.3g}" for each in fractions * bandwidth]
@@ -344,7 +344,7 @@ class _BandwidthSearch:
         self.more = np.zeros_like(self.limits)
         self.sampled = sample_robots(robot, SAMPLES, s.seed) if robot.uncertain and s.draws != 0 else ()
         # Inputs (1 + N, n) that hold the nominal and the sampled robots at the goal.
-        self.held = np.array(
+        self.holding_input = np.array(
             [robot.operating_point(task.goal, s.extras, values)[1] for values in (None, *self.sampled)]
         )
 
@@ -360,9 +360,9 @@ class _BandwidthSearch:
         """
         high = low = np.ones(len(bandwidth))
         best, before = None, np.full(len(bandwidth), np.inf)
-        if np.any(np.abs(self.held) > self.limits[0]):
+        if np.any(np.abs(self.holding_input) > self.limits[0]):
             return None, low
-        while best is None and low.min() > LEAST:
+        while best is None and low.min() > MIN_FRACTION:
             shares = self.shares(peaks).max(axis=0)
             lowered = (shares > 1.0) | ~np.isfinite(shares)
             if np.any(lowered & np.isfinite(before) & (shares > HELPS * before)) or not lowered.any():
@@ -383,7 +383,7 @@ class _BandwidthSearch:
         """Problem and fractions, made a little slower until the step of all sampled robots keeps the limits."""
         while best is not None and (self.shares(self.peaks(best)) > 1.0).any():
             best = None
-            while best is None and fractions.min() > LEAST:
+            while best is None and fractions.min() > MIN_FRACTION:
                 fractions = (1.0 - WIDTH) * fractions
                 best, _ = self.tried(fractions * bandwidth)
         return best, fractions
@@ -424,6 +424,6 @@ class _BandwidthSearch:
         response = setup.step(length)
         peaks = np.full_like(self.limits, np.inf)
         if response.diverged_at is None:
-            inputs = np.concatenate([response.inputs, self.held])
+            inputs = np.concatenate([response.inputs, self.holding_input])
             peaks = np.array([np.abs(each).max(axis=0) for each in (inputs, response.velocities)])
         return peaks, setup, response, length

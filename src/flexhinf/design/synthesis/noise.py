@@ -110,7 +110,7 @@ FEW, STARTS, MORE_FRACTIONS = 2, 4, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
 SLOWEST = 10.0
 
 #: Range of ρ/ω_v² of a single level.
-LEAST, MOST = 1e-4, 1e4
+MIN_LEVEL, MAX_LEVEL = 1e-4, 1e4
 
 #: Single levels are moved by so many decades first, and until the steps are smaller than the second; most turns.
 FIRST_STEP, LAST_STEP, TURNS = 0.4, 0.05, 12
@@ -193,9 +193,11 @@ class _Search:
         self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
         # What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
         # within the law's bandwidth, ask of the strongest motor.
-        held = np.max([np.abs(robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0)
+        holding_input = np.max(
+            [np.abs(robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0
+        )
         moved = scales.input_per_position(bandwidth) * np.abs(setup.goal - setup.start)
-        self.authority = np.minimum(float((held + moved).max()), setup.limits.effort)
+        self.authority = np.minimum(float((holding_input + moved).max()), setup.limits.effort)
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
 
@@ -215,8 +217,8 @@ class _Search:
         default = default and self.counted(default)
         chosen = self.with_corners(default) if default and not default.avoidable else None
         if default and chosen and chosen.feasible:
-            sides = default.levels.link_velocities, default.levels.motor_velocities
-            both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in sides])
+            velocities = default.levels.link_velocities, default.levels.motor_velocities
+            both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in velocities])
             start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
         else:
             begun.sort(key=lambda entry: self.counted(entry[0]).score())
@@ -259,7 +261,7 @@ class _Search:
         slowest, vibration = self.scales.vibration.min(), self.scales.vibration
         every = [np.full(len(vibration), speed) for speed in SPEEDS]
         every += [np.maximum((rate * slowest / vibration) ** 2, floor) for rate in RATES for floor in FLOORS]
-        link, motor = self.scales.sides
+        link, motor = self.scales.split_inertia
         measured = " ".join(self.setup.model.outputs)
         seen = link if "link" not in measured and "joint_torque" not in measured else motor
         share = np.ones(len(link)) if "joint_torque" in measured else seen / (link + motor)
@@ -272,7 +274,7 @@ class _Search:
 
     def at(self, x: np.ndarray) -> NoiseCandidate | None:
         """The candidate of x (2 joints,); None for an unstable loop."""
-        n, x = len(self.unit), np.clip(x, np.log10(LEAST), np.log10(MOST))
+        n, x = len(self.unit), np.clip(x, np.log10(MIN_LEVEL), np.log10(MAX_LEVEL))
         levels = np.tile(self.unit, 2) * 100.0**x
         levels[n:] = np.maximum(levels[n:], SLOWEST * self.setup.specification.measurement_noise)
         link, motor = (float(s[0]) if n == 1 else tuple(s.tolist()) for s in (levels[:n], levels[n:]))

@@ -60,7 +60,7 @@ LESS, CONFIRMED = 0.95, 5
 MISSED, ALLOWED, NOTHING = 20.0, 2e-3, 10.0
 
 #: The fraction of the tolerances in the channels is at least this: less does nothing.
-LEAST_FRACTION = 0.01
+MIN_FRACTION = 0.01
 
 #: The length of a step is that for this fraction of the bandwidth as its slowest rate.
 SLOWEST = 0.5
@@ -168,7 +168,7 @@ class _WholeLoop:
         frequency = np.log(self.robust.target_frequency / self.first.target_frequency).mean()
         ratio = np.maximum(self.robust.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
         starts = [
-            np.array([0.0, 0.0, 0.0, 0.0, LEAST_FRACTION]),
+            np.array([0.0, 0.0, 0.0, 0.0, MIN_FRACTION]),
             np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
         ]
         free = np.array([True, True, *(2 * [self.levels is not None]), True])
@@ -246,7 +246,7 @@ class _WholeLoop:
     def settings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """ω and ζ (n,), and the fraction of what the channels can cover, of x (5,)."""
         weights = self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
-        return *weights, float(np.clip(x[4], LEAST_FRACTION, 1.0))
+        return *weights, float(np.clip(x[4], MIN_FRACTION, 1.0))
 
     def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
         return self.task.solved(solved, 2, levels).equilibrium_loop(estimated=self.task.s.estimator != "none")
@@ -541,8 +541,8 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     zone, step = responses.integral_dead_zone(robot, s, None), np.abs(goal - start)
-    if zone is not None and (covered := (step > 0.0) & (zone >= step)).any():
-        joint = int(np.argmax(covered))
+    if zone is not None and (within_zone := (step > 0.0) & (zone >= step)).any():
+        joint = int(np.argmax(within_zone))
         unit = "m" if robot.links.slides[joint] else "rad"
         raise SpecificationError(
             "integral_dead_zone",

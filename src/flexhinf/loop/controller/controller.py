@@ -72,8 +72,8 @@ class Controller(Summarised):
     start : {"zero", "bumpless"}
         The integrals at the first sample: zero, or such that the input continues from the one before, see `reset`
         and `flexhinf.loop.controller.step`.
-    fade : float, optional
-        Blend time, s, of the bias that keeps a transfer bumpless where integrals cannot; 0.5 by default.
+    blend_time : float, optional
+        Time constant, s, of the decaying bias that keeps a transfer bumpless where integrals cannot; 0.5 by default.
     command_range : None, float, (k,) array or tuple (lower, upper), optional
         The command is moved to the nearest position in this range. A number or an array means ±.
     command_rate : float or (k,) array, optional
@@ -110,7 +110,7 @@ class Controller(Summarised):
         *,
         moving: bool = False,
         start: str = "zero",
-        fade: float | None = None,
+        blend_time: float | None = None,
         command_range: Any = None,
         command_rate: Any = None,
         input_rate: Any = None,
@@ -137,14 +137,18 @@ class Controller(Summarised):
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
-        if fade is not None and not self.mode.takes_over:
+        if blend_time is not None and not self.mode.takes_over:
             raise InvalidInput(
                 "A time constant is given for a bias that never is.",
-                f"expected fade=None for one law that starts from zero, got {value_text(fade)}",
+                f"expected blend_time=None for one law that starts from zero, got {value_text(blend_time)}",
                 "start='bumpless', or a Schedule of several laws",
             )
-        self.fade_option, what = fade, "The time constant of the bias"
-        self.fade = BLEND_TIME if fade is None else checked_positive(what, fade, "seconds", "fade=0.5")
+        self.blend_time_option, what = blend_time, "The time constant of the bias"
+        self.blend_time = (
+            BLEND_TIME
+            if blend_time is None
+            else checked_positive(what, blend_time, "seconds", "blend_time=0.5")
+        )
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         #: Names of the command's elements: the tracked states, or all states and inputs of a moving reference.
         self.commanded = (*self.states, *solution.input_names) if moving else self.tracked
@@ -159,9 +163,7 @@ class Controller(Summarised):
             Source(name in self.measured, read[name].index(name), self.states.index(name))
             for name in self.tracked
         ]
-        self._remembered = StateHistory(
-            self.initial_memory(), self.memory.places["reference"], len(self.states)
-        )
+        self._history = StateHistory(self.initial_memory(), self.memory.places["reference"], len(self.states))
         self._ready: Any = ()
 
     def fresh(self) -> Controller:
@@ -178,7 +180,7 @@ class Controller(Summarised):
     def _options(self) -> dict[str, Any]:
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
-            "moving": mode.moving, "start": mode.start, "fade": self.fade_option,
+            "moving": mode.moving, "start": mode.start, "blend_time": self.blend_time_option,
             "before_first": self.first_input.option, "saturation": (limits.lower, limits.upper),
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
             **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
@@ -287,7 +289,7 @@ class Controller(Summarised):
             }
         if mode.takes_over:
             inverse = rows([inverse_slope(gain) for gain in gains])
-            values |= {"inverse_slope": inverse, "decay": [np.exp(-self.period / self.fade)]}
+            values |= {"inverse_slope": inverse, "decay": [np.exp(-self.period / self.blend_time)]}
         if isinstance(self.law, Schedule) and mode.laws > 1:
             values["closer"] = [1.0 - self.law.hysteresis]
         if mode.limits_input_rate:
@@ -422,7 +424,7 @@ class Controller(Summarised):
         return self._bound(measured=False)
 
     def _bound(self, measured: bool) -> Bound:
-        y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._remembered
+        y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._history
         arrays = {
             **({"y": y} if measured else {}),
             "r": now.reference,
@@ -469,16 +471,16 @@ class Controller(Summarised):
         ready = self._ready or self._prepared()
         self._ready = None  # no other thread was let in since: Python changes threads at calls only
         try:
-            measured, remembered = y is not None, self._remembered
+            measured, history = y is not None, self._history
             run, fill_measurement, fill_reference, copy_of_input = ready if measured else self._predicted_step
-            if remembered.waiting and not measured:
-                return remembered.memory[self.memory.places["u"]].copy()
+            if history.waiting and not measured:
+                return history.memory[self.memory.places["u"]].copy()
             try:
                 fill_measurement(y)
                 if reference is not None:
                     fill_reference(reference)
             except (ValueError, TypeError, OverflowError) as error:
-                remembered.hold_command()
+                history.hold_command()
                 raise InvalidInput(
                     "The measurement or the command does not fit.",
                     f"expected one measurement for each of {list(self.measured)} and one command for each of "
@@ -487,8 +489,8 @@ class Controller(Summarised):
                 ) from error
             code = run()
             if code:
-                raise step_failure(code, remembered.fail(code), y, reference)
-            remembered.good(measured)
+                raise step_failure(code, history.fail(code), y, reference)
+            history.good(measured)
             return copy_of_input()
         finally:
             self._ready = ready
@@ -505,12 +507,12 @@ class Controller(Summarised):
     @property
     def estimate(self) -> np.ndarray:
         """x(k|k) of the last step, (n,); NaN before the first good measurement."""
-        return self._remembered.estimate.copy()
+        return self._history.estimate.copy()
 
     @property
     def integrals(self) -> np.ndarray:
         """Integrals of the tracking errors after the last step, (k,)."""
-        return self._remembered.memory[self.memory.places["integral"]].copy()
+        return self._history.memory[self.memory.places["integral"]].copy()
 
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
@@ -528,7 +530,7 @@ class Controller(Summarised):
         """
         if self._ready is None:
             raise ControllerInUse
-        self._remembered.begin(self.initial_memory(state, input))
+        self._history.begin(self.initial_memory(state, input))
 
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
@@ -538,11 +540,11 @@ class Controller(Summarised):
             "period": self.period,
             **self._options,
         }
-        return {"arguments": arguments, "remembered": copy.deepcopy(vars(self._remembered))}
+        return {"arguments": arguments, "remembered": copy.deepcopy(vars(self._history))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
-        vars(self._remembered).update(state["remembered"])  # before any step is bound to the arrays
+        vars(self._history).update(state["remembered"])  # before any step is bound to the arrays
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:

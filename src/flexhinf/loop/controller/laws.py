@@ -217,11 +217,11 @@ def check_kinds(law: Any, estimator: Any) -> None:
         "Controller(solution, UnscentedKalmanFilter(...), period)",
     )
     n, m = len(law.state_names), len(law.input_names)
-    point, rest = np.asarray(law.operating_point), np.asarray(law.operating_input)
-    if point.shape != (n,) or rest.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
+    point, u = np.asarray(law.operating_point), np.asarray(law.operating_input)
+    if point.shape != (n,) or u.shape != (m,) or not np.all(np.isfinite(np.ravel(law.law_data))):
         raise InvalidInput(
             "The law's numbers do not fit its names, or are not finite.",
-            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {rest.shape}",
+            f"expected an operating point ({n},) and input ({m},), got {point.shape} and {u.shape}",
             "one value per name",
         )
 
@@ -238,6 +238,9 @@ MOST_SIGNALS = 1000
 #: Options of a controller that are pairs of arrays, by the names of these, and others that are arrays.
 PAIRS = {"saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper")}
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
+
+#: Options that have another name in a file.
+IN_FILE = {"blend_time": "fade"}
 
 
 def write_controller(
@@ -259,7 +262,7 @@ def write_controller(
         elif isinstance(option, np.ndarray):
             arrays[name] = option
         elif (name, option) != ("before_first", "hold"):
-            plain[name] = option
+            plain[IN_FILE.get(name, name)] = option
     header = {
         "format": FORMAT, "version": VERSION, "period": period, "options": plain,
         "hysteresis": law.hysteresis if isinstance(law, Schedule) else None,
@@ -305,6 +308,7 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
     laws = [_stored_law(part, _below(f"laws.{k}.", arrays)) for k, part in enumerate(header["laws"])]
     law = laws[0] if header["hysteresis"] is None else Schedule(laws, header["hysteresis"])
     estimator = None if header["estimator"] is None else _restore(header["estimator"], "estimator.", arrays)
+    names = {stored: name for name, stored in IN_FILE.items()}
     return {
         "solution": law,
         "estimator": estimator,
@@ -312,7 +316,7 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
         **{name: arrays[name] for name in ARRAYS if name in arrays},
         **{name: tuple(arrays[end] for end in ends) for name, ends in PAIRS.items() if ends[0] in arrays},
         **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
-        **header["options"],
+        **{str(names.get(name, name)): option for name, option in header["options"].items()},
     }
 
 
@@ -363,13 +367,13 @@ def _stored_law(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Law:
                 "Wrong numbers.", f"{name} of a law is no vector of finite numbers that fits it"
             )
     ends, kind = (arrays["point"], arrays["input"]), str(header["name"])
-    rest = (states, inputs), *ends, arrays["data"], kind, header["degree"], arrays
+    parts = (states, inputs), *ends, arrays["data"], kind, header["degree"], arrays
     if header["degrees"] is None:
-        return StoredLaw(*rest, placed=header["placed"])
+        return StoredLaw(*parts, placed=header["placed"])
     if header["placed"]:
         raise InvalidInput("Another law.", "expected no degrees of a law that depends on its reference")
     table = PolynomialLaw(len(states), tuple(header["degrees"]), arrays["data"].reshape(len(inputs), -1))
-    law = StoredLaw(*rest, table)
+    law = StoredLaw(*parts, table)
     law.evaluate_law(np.zeros(len(states)), arrays["data"])
     return law
 

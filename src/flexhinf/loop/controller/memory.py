@@ -87,7 +87,7 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
     memory: Any = memoryview(buffer)  # type: ignore[arg-type]
     shape, array_type = buffer.shape, np.ndarray
 
-    def fill_one(value: Any) -> None:
+    def fill_scalar(value: Any) -> None:
         if type(value) is array_type:
             memory[0] = value.item()
         elif isinstance(value, float):
@@ -104,7 +104,7 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
             raise ValueError(array.shape)
         buffer[:] = array
 
-    return fill_one if buffer.size == 1 else fill
+    return fill_scalar if buffer.size == 1 else fill
 
 
 #: How a compiled step ends where a number is not finite.

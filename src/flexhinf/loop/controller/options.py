@@ -227,12 +227,12 @@ def _bounds(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     names = law.plant_states
     n, places = len(names), [names.index(name) for name in law.tracked]
-    point, rest = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))
+    point, u = (np.asarray(part, dtype=float) for part in (law.operating_point, law.operating_input))
     slope = slope[:, :n]
     own = law.problem.plant if isinstance(law, ProblemLaw) else None
     model = own if estimator is None else estimator.plant
     travel = TRAVEL + np.abs(point[places])
-    along, held = (None, None) if model is None else _line(model, point[:n], rest, places)
+    along, held = (None, None) if model is None else _line(model, point[:n], u, places)
     if model is None or along is None or held is None:
         size = np.repeat(np.abs(slope).sum(axis=1, keepdims=True), len(places), axis=1)
         return size @ travel, np.zeros_like(size), size
@@ -307,15 +307,15 @@ class FirstInput:
         """Input (m,) where the estimate begins, within the limits."""
         if isinstance(self.option, np.ndarray):
             return self.option
-        rest, estimator = np.array(self.law.operating_input, dtype=float), self.estimator
+        u, estimator = np.array(self.law.operating_input, dtype=float), self.estimator
         if estimator is None or self.is_zero:
-            return self._within(np.zeros_like(rest) if self.is_zero else rest)
+            return self._within(np.zeros_like(u) if self.is_zero else u)
         mean = np.asarray(estimator.initial[0], dtype=float)
         if not np.array_equal(mean, np.asarray(self.law.operating_point, dtype=float)[: len(mean)]):
             arguments = [array for array in (mean, estimator.plant.parameters.vector()) if array.size]
             held = np.ravel(np.asarray(holding_function(estimator.plant)(*arguments), dtype=float))
-            rest = held if np.isfinite(held).all() else rest
-        return self._within(rest)
+            u = held if np.isfinite(held).all() else u
+        return self._within(u)
 
     def _within(self, u: np.ndarray) -> np.ndarray:
         return np.clip(u, self.limits.lower, self.limits.upper) + 0.0  # no negative zero

@@ -200,17 +200,17 @@ def controller_step(
             data.command_upper, data.command_rate,
         )  # fmt: skip
     active: Any = None
-    point, rest, gain = data.operating_point, data.operating_input, data.integral_gain
+    point, operating_input, gain = data.operating_point, data.operating_input, data.integral_gain
     taken, inverse = None, data.inverse_slope if mode.takes_over else None
     lines = [data.windup_line, data.windup_spread] if mode.bounds_windup else []
     if mode.laws > 1:
         places = [source.state for source in tracked]
-        active, taken, point, rest, gain, inverse, *lines = chosen(
+        active, taken, point, operating_input, gain, inverse, *lines = chosen(
             run, places, mode, r, memory.active, memory.started, data
         )
     elif mode.takes_over:
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
-    rest = r[len(estimate) :] if mode.moving else rest
+    operating_input = r[len(estimate) :] if mode.moving else operating_input
     others = (*((r,) if mode.moving else ()), *((data.integral_dead_zone,) if mode.has_dead_zone else ()))
     position, growth, integral, deviation = run.call(
         partial(_deviation, tracked, mode.moving), y, estimate, memory.position, held, memory.integral,
@@ -224,7 +224,7 @@ def controller_step(
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
     if mode.takes_over:
-        wanted = run.call(np.subtract, memory.u, rest)
+        wanted = run.call(np.subtract, memory.u, operating_input)
         feedback, growth, integral, after["bias"] = bumpless_transfer(
             run, law_of, taken, deviation, feedback, wanted, inverse, growth, memory.bias, point, data.decay
         )
@@ -233,8 +233,8 @@ def controller_step(
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
     after["u"], after["integral"], after["started"] = run.call(
-        partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, rest, data.lower, data.upper,
-        gain, *bounds, *rates,
+        partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input, data.lower,
+        data.upper, gain, *bounds, *rates,
     )  # fmt: skip
     u = after["u"]
     if estimator is not None:
@@ -318,7 +318,7 @@ def _input(
     growth: Any,
     integral: Any,
     before: Any,
-    rest: Any,
+    operating_input: Any,
     lower: Any,
     upper: Any,
     gain: Any,
@@ -329,7 +329,7 @@ def _input(
     The last of the arguments are, where windup is `bounded`, the integral action beyond its bound; and the last input,
     the period and the largest rate, where that is limited.
     """
-    wanted = rest + feedback
+    wanted = operating_input + feedback
     u = clip(wanted, lower, upper)
     if rates := bounds[1:] if bounded else bounds:
         last, period, rate = rates
@@ -407,14 +407,14 @@ def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
 def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:
-    step, rest = trial[trial.shape[0] - errors.shape[0] :] - errors, wanted - value
-    did = inverse @ (misfit - rest)
+    step, left = trial[trial.shape[0] - errors.shape[0] :] - errors, wanted - value
+    did = inverse @ (misfit - left)
     divisor, size = step @ did, absolute(step) @ absolute(did)
     usable = absolute(divisor) > ROUNDING * size
     share = where(usable, 1.0 / where(usable, divisor, 1.0), 0.0)
-    better = rest @ rest < misfit @ misfit
+    better = left @ left < misfit @ misfit
     inverse = inverse + np.outer((step - did) * share, step @ inverse)  # Broyden's good update
-    return where(better, errors + step, errors), where(better, rest, misfit), inverse
+    return where(better, errors + step, errors), where(better, left, misfit), inverse
 
 
 def _joined(

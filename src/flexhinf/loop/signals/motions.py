@@ -106,8 +106,8 @@ class JerkLimited(_Motion):
             name: real_array(getattr(self, name)) for name in ("start", "goal", *LIMITS, "at", "smoothing")
         }
         for name, array in arrays.items():
-            most, least = 0 if name in ("at", "smoothing") else 1, 0.0 if name == "smoothing" else -np.inf
-            if array.ndim > most or not np.all(np.isfinite(array) & (array >= least)):
+            most, lower = 0 if name in ("at", "smoothing") else 1, 0.0 if name == "smoothing" else -np.inf
+            if array.ndim > most or not np.all(np.isfinite(array) & (array >= lower)):
                 raise InvalidInput(
                     "A jerk-limited motion needs finite numbers.",
                     f"got {name}={value_text(getattr(self, name))}",
@@ -245,9 +245,9 @@ class Spline(_SampledMotion):
     def _curve(self) -> Any:
         from scipy.interpolate import make_interp_spline
 
-        rest = [(k, np.zeros(self.values.shape[1:])) for k in range(1, 5)]
+        zeros = [(k, np.zeros(self.values.shape[1:])) for k in range(1, 5)]
         where = (self.times - self.times[0]) / self._unit
-        return make_interp_spline(where, self.values, DEGREE, bc_type=(rest, rest))
+        return make_interp_spline(where, self.values, DEGREE, bc_type=(zeros, zeros))
 
     @property
     def _unit(self) -> float:  # the mean distance of the samples keeps the spline well scaled
@@ -381,9 +381,9 @@ class Waypoints(_SampledMotion):
 
     @cached_property
     def _parts(self) -> list[Quintic | JerkLimited]:
-        ways = zip(self.times[:-1].tolist(), np.diff(self.times).tolist())
+        intervals = zip(self.times[:-1].tolist(), np.diff(self.times).tolist())
         if self.profile == "quintic":
-            return [Quintic(0.0, 1.0, length, at=begin) for begin, length in ways]
-        rates = [(begin, UNIT_TIME / (length - self.smoothing)) for begin, length in ways]
+            return [Quintic(0.0, 1.0, length, at=begin) for begin, length in intervals]
+        rates = [(begin, UNIT_TIME / (length - self.smoothing)) for begin, length in intervals]
         limits = [(begin, (VELOCITY * rate, ACCELERATION * rate**2, JERK * rate**3)) for begin, rate in rates]
         return [JerkLimited(0.0, 1.0, *most, at=begin, smoothing=self.smoothing) for begin, most in limits]

@@ -128,7 +128,7 @@ class Recorded(NamedTuple):
 
     codes: np.ndarray  # (N,), of their `Status`
     steps: np.ndarray  # (N,), the last sample
-    remembered: np.ndarray  # (k, N), memories of the reductions
+    reduction_memory: np.ndarray  # (k, N), memories of the reductions
     kept: np.ndarray  # (N, T, j), signals at some samples, NaN after the last one of a run that failed
 
 
@@ -194,11 +194,11 @@ class Ensemble:
         recorded = self._alone(plants, threads) if few else self._in_lanes(plants, lanes, threads)
         failed = recorded.codes != 0
         diverged_at = np.where(failed, recorded.steps * self.command.period, np.nan)
-        recorded.remembered[:, failed] = np.nan
+        recorded.reduction_memory[:, failed] = np.nan
         ends = np.cumsum([len(reduction.start) for reduction in self.reductions])[:-1]
-        remembered, results = iter(np.split(recorded.remembered, ends)), []
+        memories, results = iter(np.split(recorded.reduction_memory, ends)), []
         for several in (*self.tracking.values(), self.common):
-            named = [reduction.result(next(remembered), self.command) for reduction in several]
+            named = [reduction.result(next(memories), self.command) for reduction in several]
             results.append({key: np.array(row, dtype=float) for part in named for key, row in part.items()})
             for values in results[-1].values():
                 values[failed] = np.nan
@@ -266,8 +266,8 @@ class Ensemble:
         return len(plants) < LANES or len(plants) * self.command.samples < WORTH
 
     def _room(self, count: int) -> Recorded:
-        kept, remembered = (count, len(self.instants), len(self.kept)), (len(self.remembered), count)
-        return Recorded(np.zeros(count, int), np.zeros(count, int), np.zeros(remembered), np.zeros(kept))
+        kept, memories = (count, len(self.instants), len(self.kept)), (len(self.reduction_memory), count)
+        return Recorded(np.zeros(count, int), np.zeros(count, int), np.zeros(memories), np.zeros(kept))
 
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
@@ -281,9 +281,9 @@ class Ensemble:
             shared = {**self.shared, **({"disturbance": values[number].ravel()} if values else {})}
             kernel, rows = self.kernel(number, lanes), np.flatnonzero(plants.parts == number)
             batches = [rows[k : k + lanes] for k in range(0, len(rows), lanes)]
-            rest, count = iter(batches), max(1, min(threads, len(batches)))
+            queue, count = iter(batches), max(1, min(threads, len(batches)))
             with ThreadPoolExecutor(count) as pool:
-                arguments = (kernel, number, shared, own, rest, recorded)
+                arguments = (kernel, number, shared, own, queue, recorded)
                 for work in [pool.submit(self._work, *arguments) for _ in range(count)]:
                     work.result()
         return recorded
@@ -294,11 +294,11 @@ class Ensemble:
         parts: int,
         shared: Mapping[str, np.ndarray],
         own: Mapping[str, np.ndarray],
-        rest: Iterator[np.ndarray],
+        queue: Iterator[np.ndarray],
         recorded: Recorded,
     ) -> None:
         samples, lanes, own = self.command.samples, kernel.lanes, dict(own)
-        start = {**self.start, "step": np.zeros(1), "remembered": self.remembered}
+        start = {**self.start, "step": np.zeros(1), "reduction_memory": self.reduction_memory}
         start = {name: column for name, column in start.items() if name not in own}
         counts, waiting = {"steps": samples, "parts": parts}, self.channel.delay
         if waiting and "held" in own:
@@ -311,7 +311,7 @@ class Ensemble:
         sizes["kept"] = samples * len(self.kept)
         arrays = {name: aligned(size * lanes).reshape(size, lanes) for name, size in sizes.items() if size}
         run = kernel.bind({**shared, **arrays}, counts)
-        for rows in rest:  # an iterator of a list, from which each thread takes the next
+        for rows in queue:  # an iterator of a list, from which each thread takes the next
             count = len(rows)
             filled = np.append(rows, np.repeat(rows[-1:], lanes - count))  # idle lanes repeat one
             for name in arrays.keys() & start.keys():
@@ -321,8 +321,8 @@ class Ensemble:
             run()
             ends = np.array([run.status.code, run.status.step]).reshape(2, -1)
             recorded.codes[rows], recorded.steps[rows] = ends[:, :count]
-            if "remembered" in arrays:
-                recorded.remembered[:, rows] = arrays["remembered"][:, :count]
+            if "reduction_memory" in arrays:
+                recorded.reduction_memory[:, rows] = arrays["reduction_memory"][:, :count]
             if self.kept:
                 kept = arrays["kept"].reshape(samples, len(self.kept), -1)[self.instants]
                 recorded.kept[rows] = kept[..., :count].transpose(2, 0, 1)
@@ -338,20 +338,20 @@ class Ensemble:
             )
             for k, (run, code, last) in enumerate(runs):
                 recorded.codes[k], recorded.steps[k] = code, last
-                if code == 0 and len(recorded.remembered):
-                    remembered = self.remembered
+                if code == 0 and len(recorded.reduction_memory):
+                    reduction_memory = self.reduction_memory
                     arrays = {
                         **{
                             name: run.signals[name].ravel()
                             for name in ("state", "estimate", "output", "input")
                         },
                         **self.shared,
-                        "remembered": remembered,
+                        "reduction_memory": reduction_memory,
                         "step": np.zeros(1),
                     }
                     names = [buffer.name for buffer in self._reducer.program.buffers]
                     self._reducer.run({name: arrays[name] for name in names}, {"steps": len(run.time)})
-                    recorded.remembered[:, k] = remembered
+                    recorded.reduction_memory[:, k] = reduction_memory
                 passed = self.instants < len(run.time)
                 recorded.kept[k, ~passed] = np.nan
                 for j, (kind, column) in enumerate(self.kept):
@@ -464,7 +464,7 @@ class Ensemble:
         return (*(reduction for several in self.tracking.values() for reduction in several), *self.common)
 
     @property
-    def remembered(self) -> np.ndarray:
+    def reduction_memory(self) -> np.ndarray:
         """Memory of all reductions before the first sample."""
         return np.array([number for reduction in self.reductions for number in reduction.start])
 

@@ -37,7 +37,7 @@ RISE = (0.1, 0.9)
 TAIL = 0.10
 
 #: Fraction of a long run, at its end, in which an oscillation that has not died out is looked for.
-REST_TAIL = 0.5
+OSCILLATION_TAIL = 0.5
 
 #: A period begins where a signal rises through this fraction of the amplitude above its middle, after it was as far
 #: below. Vibrations on a slow oscillation are then no periods of their own.
@@ -161,7 +161,7 @@ class LimitCycle(NamedTuple):
 def limit_cycle(time: np.ndarray, position: np.ndarray) -> LimitCycle:
     """Limit cycle in the last half of a run at rest, from arrays (N,). Its frequency is that of whole periods between
     rises through the middle, with hysteresis."""
-    time, position = tail_of(time, REST_TAIL), tail_of(position, REST_TAIL)
+    time, position = tail_of(time, OSCILLATION_TAIL), tail_of(position, OSCILLATION_TAIL)
     low, high = float(position.min()), float(position.max())
     amplitude, deviation = 0.5 * (high - low), position - 0.5 * (high + low)
     far = HYSTERESIS * amplitude
@@ -449,8 +449,8 @@ class RingDown:
     def damping_of(self, run: int) -> float:
         """Smallest damping ratio visible in a run; 1 where nothing oscillates, 0 where runs are no decaying
         oscillations and do not come to rest."""
-        least = min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
-        return least if self.error <= FITS or self.rests else 0.0
+        lowest = min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
+        return lowest if self.error <= FITS or self.rests else 0.0
 
     @property
     def damping(self) -> float:

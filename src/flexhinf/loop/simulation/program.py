@@ -252,11 +252,15 @@ def loop_program(
         body.append(Copy(u[0], replace(acting[0], shift="late")))
     body += [Guard(u[0], CONTROL_FAILED), Guard(memory[0], CONTROL_FAILED)]
     if many:
-        remembered = b.whole("remembered", _remembered(reductions), "state")
-        observed = (*step, *remembered, *x, *estimate, *y, *u, *command)
+        reduction_memory = b.whole("reduction_memory", _memory_size(reductions), "state")
+        observed = (*step, *reduction_memory, *x, *estimate, *y, *u, *command)
         facts = b.whole("facts", 1 + 3 * sizes["r"], "in", many)
         body.append(
-            Call(drop_empty(_reduce_function(sizes, reductions)), (*observed, *facts), (*remembered, *step))
+            Call(
+                drop_empty(_reduce_function(sizes, reductions)),
+                (*observed, *facts),
+                (*reduction_memory, *step),
+            )
         )
     body.append(Copy(acting[0], held[0]))
     size, parts = 3 * sizes["d"], []
@@ -280,16 +284,19 @@ def loop_program(
 def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:
     """The reductions of a program of many runs alone, of the recorded signals of one run."""
     b = _Buffers()
-    step, remembered = b.whole("step", 1, "state"), b.whole("remembered", _remembered(reductions), "state")
+    step, reduction_memory = (
+        b.whole("step", 1, "state"),
+        b.whole("reduction_memory", _memory_size(reductions), "state"),
+    )
     signals = {"state": "x", "estimate": "estimate", "output": "y", "input": "u", "reference": "r"}
     rows = [piece for name, size in signals.items() for piece in b.row(name, sizes[size], "in")]
     facts = b.whole("facts", 1 + 3 * sizes["r"], "in")
     function = drop_empty(_reduce_function(sizes, reductions))
-    reduce = Call(function, (*step, *remembered, *rows, *facts), (*remembered, *step))
+    reduce = Call(function, (*step, *reduction_memory, *rows, *facts), (*reduction_memory, *step))
     return Program("reductions", tuple(b.values()), (Repeat("steps", (reduce,)),), ("steps",))
 
 
-def _remembered(reductions: Sequence[Reduction]) -> int:
+def _memory_size(reductions: Sequence[Reduction]) -> int:
     return sum(len(reduction.start) for reduction in reductions)
 
 
@@ -299,7 +306,7 @@ def _product_function(size: int, times: int) -> ca.Function:
 
 
 def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> ca.Function:
-    """(step, remembered, x, estimate, y, u, command, facts) → remembered, if anything is, and the next step."""
+    """(step, memory of the reductions, x, estimate, y, u, command, facts) → the next memory and step."""
     r = sizes["r"]
 
     def reduce(step: Any, kept: Any, x: Any, estimate: Any, y: Any, u: Any, command: Any, facts: Any) -> Any:
@@ -307,8 +314,17 @@ def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) 
         now = Instant(step[0], x, estimate, y, u, command, facts[0], *rows)
         if not reductions:
             return step + 1.0
-        remembered = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
-        return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in remembered]), step + 1.0
+        memories = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
+        return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in memories]), step + 1.0
 
-    widths = (1, _remembered(reductions), sizes["x"], sizes["estimate"], sizes["y"], sizes["u"], r, 1 + 3 * r)
+    widths = (
+        1,
+        _memory_size(reductions),
+        sizes["x"],
+        sizes["estimate"],
+        sizes["y"],
+        sizes["u"],
+        r,
+        1 + 3 * r,
+    )
     return trace(reduce, *widths, name="reduce")

@@ -128,14 +128,14 @@ def poles(design: Design) -> Blocks:
         {"marker": "o", "color": MUTED, "markerfacecolor": "none"}, {"marker": "o", "color": SERIES[0]},
         {"marker": "^", "color": SERIES[2]}, {"marker": "x", "color": SERIES[1]},
     )  # fmt: skip
-    running = (
+    poles = (
         ()
         if design.specification.estimator == "none"
-        else design.evaluation.frequency_response.linear.running.poles
+        else design.evaluation.frequency_response.linear.closed_loop.poles
     )
     groups = [
         *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
-        *([("running loop (sampled, estimator, delay)", running, looks[-1])] if len(running) else []),
+        *([("running loop (sampled, estimator, delay)", poles, looks[-1])] if len(poles) else []),
         *(
             (f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes], {"marker": mark, "color": SERIES[3]})
             for loop, mark in zip(design.rigid.loops if design.rigid else (), "12")
@@ -250,11 +250,11 @@ def rigid(design: Design) -> Blocks:
         "robot, where it gets the true position and velocity of one side of the springs without noise, more than it "
         f"would have. Its γ is {number(design.rigid.gamma)}, of the rigid problem."
     )
-    ours = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
+    verdict = "stable" if all(mode.stable for mode in design.law_modes) else "unstable"
     fed = "estimator" if estimator else "true state"
     rows = []
     for *texts, modes, response in [
-        ("this law", fed, ours, design.law_modes, design.evaluation.step),
+        ("this law", fed, verdict, design.law_modes, design.evaluation.step),
         *(
             ("rigid", f"{loop.side} side, true values", loop_text(loop), loop.modes, loop.response)
             for loop in loops
@@ -289,8 +289,12 @@ def loop_text(loop: RigidLoop) -> str:
     damping = vibration_damping(loop.modes)
     if not loop.stable:
         worst = max(loop.modes, key=lambda mode: mode.eigenvalue.real)
-        pace = worst.time_constant
-        grows = "does not decay" if pace is None else f"grows with a time constant of {pace:.2g} s"
+        time_constant = worst.time_constant
+        grows = (
+            "does not decay"
+            if time_constant is None
+            else f"grows with a time constant of {time_constant:.2g} s"
+        )
         return f"unstable (a mode at {worst.frequency:.3g} Hz {grows})"
     if damping and min(damping) < RINGS:
         return f"stable, but rings (damping ratio {min(damping):.2g})"

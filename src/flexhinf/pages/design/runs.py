@@ -22,7 +22,7 @@ from flexhinf.design.pipeline import Design
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse
 from flexhinf.design.specification import RINGS
-from flexhinf.loop.simulation.metrics import REST_TAIL, VISIBLE, tail_of
+from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, VISIBLE, tail_of
 from flexhinf.pages.design.step import input_panel, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
@@ -108,7 +108,7 @@ def payload(design: Design) -> Blocks:
     if not design.payloads:
         return
     yield from _payload_notes(design)
-    e, heaviest, grip = design.evaluation, design.payloads[-1], design.payloads[-1].load_step
+    e, heaviest, load_run = design.evaluation, design.payloads[-1], design.payloads[-1].load_step
     masses = [p for p in design.robot.uncertain if p.name.startswith("payload_mass")]
     ranges = ", ".join(
         f"{p.name.removeprefix('payload_mass').strip('_') or 'the link'}: {p.interval[0]:g} to {p.interval[1]:g} kg, "
@@ -125,11 +125,11 @@ def payload(design: Design) -> Blocks:
             "flexhinf.robot.weigh_payload weighs, and a design for that mass is one more call."
         )
     yield Paragraph(text)
-    if grip is not None:
+    if load_run is not None:
         yield lambda: _load_figure(
-            e, grip, "payload",
-            f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {grip.at:g} s (dotted): the weight beyond "
-            "the model's, unknown to law and estimator, acts on all links at once.",
+            e, load_run, "payload",
+            f"At the goal the robot grips {number(heaviest.mass, 3)} kg at {load_run.at:g} s (dotted): the weight "
+            "beyond the model's, unknown to law and estimator, acts on all links at once.",
             "Gripping the heaviest payload",
         )  # fmt: skip
     (unit, scale), limits = units_of(e).small, design.setup.limits
@@ -163,8 +163,8 @@ def payload(design: Design) -> Blocks:
 
 def _payload_notes(design: Design) -> Blocks:
     for case in design.payloads:
-        grip = case.load_step
-        if case.step.diverged_at is not None or (grip and grip.response.diverged_at is not None):
+        load_step = case.load_step
+        if case.step.diverged_at is not None or (load_step and load_step.response.diverged_at is not None):
             yield note(
                 f"The loop diverges with {number(case.mass, 3)} kg of payload. Try a nominal mass nearer to it, "
                 "LOWER..NOMINAL..UPPER, or a lower `--bandwidth`."
@@ -195,8 +195,8 @@ def payload_text(design: Design) -> str:
         if np.isfinite(load.recovery.value)
         else "and is not back within 2 % of its step in the run"
     )
-    sags = f"{units.small_text(load.deflection.value, 2)}{in_joint(load.deflection.joint, design.robot.joint_names)}"
-    return f"{text}; gripping it the robot sags by {sags} {back}."
+    size = f"{units.small_text(load.deflection.value, 2)}{in_joint(load.deflection.joint, design.robot.joint_names)}"
+    return f"{text}; gripping it the robot sags by {size} {back}."
 
 
 # The planned move ---------------------------------------------------------------------------------------
@@ -343,29 +343,29 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
         {
             "joint": run.joints[k], "impulse": float(runs.impulses[k]),
             "peak_deviation": None if fit is None else float(np.abs(run.positions[:, k] - run.goal[k]).max()),
-            "damping": fit and fit.damping_of(k), "frequency_Hz": least and least.frequency,
+            "damping": fit and fit.damping_of(k), "frequency_Hz": oscillation and oscillation.frequency,
             "left": None if fit is None else runs.left(k),
         }
-        for k, (run, least) in enumerate(zip(runs.responses, map(runs.least_damped, range(len(runs.responses)))))
+        for k, (run, oscillation) in enumerate(zip(runs.responses, map(runs.least_damped, range(len(runs.responses)))))
     ]  # fmt: skip
 
 
 def _ring_down_figure(runs: ImpulseRuns) -> Figure:
     joints, time, worst = runs.responses[0].joints, runs.responses[0].run.time, runs.worst
-    least = runs.least_damped(worst)
-    early = time <= (time[-1] if least is None else 8.0 / least.frequency)  # some periods
+    oscillation = runs.least_damped(worst)
+    early = time <= (time[-1] if oscillation is None else 8.0 / oscillation.frequency)  # some periods
     values = np.column_stack([runs.velocity(k)[early] for k in range(len(joints))])
     panel = joint_panel("link velocity / peak", "", time[early], joints, values, zero=True)
     caption = "Velocity of each link over its peak, after an impulse on it, without measurement noise."
-    if least is not None and least.damping > 0.0:
+    if oscillation is not None and oscillation.damping > 0.0:
         # begins at the peak: what decays slower is not the oscillation whose damping is given
-        size = np.exp(-2.0 * np.pi * least.frequency * least.damping * time[early])
+        size = np.exp(-2.0 * np.pi * oscillation.frequency * oscillation.damping * time[early])
         dashed = {"color": MUTED, "linewidth": 1.0, "dashes": DASHED}
         decay = [Line(time[early], sign * size, None, dashed) for sign in (1.0, -1.0)]
         panel = replace(panel, lines=[*panel.lines, *decay])
         caption += (
             f" Dashed: the decay of the least damped oscillation{in_joint(joints[worst], joints)}, "
-            f"{number(least.frequency, 3)} Hz with a damping ratio of {number(least.damping, 2)}."
+            f"{number(oscillation.frequency, 3)} Hz with a damping ratio of {number(oscillation.damping, 2)}."
         )
     return draw_figure("ringing", [panel], caption, "After an impulse", 2.9)
 
@@ -373,7 +373,7 @@ def _ring_down_figure(runs: ImpulseRuns) -> Figure:
 # At rest with dry friction -------------------------------------------------------------------------------
 def long_run(design: Design) -> Blocks:
     """Limit cycle check (dry friction): figure and table; nothing without dry friction or where the run diverged."""
-    run, s, units = design.rest, design.specification, units_of(design.evaluation)
+    run, s, units = design.limit_cycle, design.specification, units_of(design.evaluation)
     if run is None:
         return
 
@@ -473,7 +473,7 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
     response, units = run.response, units_of(design.evaluation)
     (unit, scale), joints = units.small, response.joints
     time, positions, inputs = (
-        tail_of(each, REST_TAIL) for each in (response.run.time, response.positions, response.inputs)
+        tail_of(each, OSCILLATION_TAIL) for each in (response.run.time, response.positions, response.inputs)
     )
     few, deviation = _extremes(time, scale * (positions - response.goal))
     limit = {"limits": np.full(len(joints), scale * run.limit), "limit_name": "limit"}

@@ -195,9 +195,9 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
             joint_panel(
                 "link position − goal", units.angle, time, joints, units.scale * (response.positions - goal), zero=True,
                 plan=None if command is None else units.scale * (command(time) - goal), plan_name="command",
-                least=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
+                min_span=0.1 * units.scale * float(np.abs(goal - response.start).max(initial=0.0)),
             ),
-            joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), least=0.0),
+            joint_panel("spring torque", units.spring, time, joints, spring_torques(e, response), min_span=0.0),
             inputs,
         ),
         f"Nonlinear loop, {fed}{'' if command is None else f', its command {command.name}'}: link positions as "
@@ -206,14 +206,14 @@ def _step_figure(e: LawEvaluation, units: Units) -> Figure:
     )  # fmt: skip
 
 
-def difference_text(ours: Response, theirs: Response, units: Units) -> str:
+def difference_text(own: Response, other: Response, units: Units) -> str:
     """Difference between the runs on MuJoCo's plant and on that of flexhinf, in words."""
-    if theirs.diverged_at is not None or ours.diverged_at is not None:
-        return "it diverges" if theirs.diverged_at is not None else "it does not diverge"
-    apart = units.scale * np.abs(theirs.positions - ours.positions).max(axis=0)
+    if other.diverged_at is not None or own.diverged_at is not None:
+        return "it diverges" if other.diverged_at is not None else "it does not diverge"
+    apart = units.scale * np.abs(other.positions - own.positions).max(axis=0)
     return (
         f"link positions differ by at most {number(float(apart.max()), 2)} {units.angle}"
-        f"{in_joint(ours.joints[int(np.argmax(apart))], ours.joints)}"
+        f"{in_joint(own.joints[int(np.argmax(apart))], own.joints)}"
     )
 
 

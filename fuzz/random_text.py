@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["HOSTILE", "UNITS", "USUAL", "Drawn", "meaning"]
+__all__ = ["HOSTILE", "UNITS", "USUAL", "RandomText", "meaning"]
 
 USUAL = ("0", "0.3", "-0.2", "1e-3", ".5", "+0.7", "2", "0.05", "1.5", "12")
 HOSTILE = (
@@ -26,7 +26,7 @@ UNITS: dict[str, tuple[str, str]] = {
 FOREIGN = ("cm", "in", "grad", "s", "kg", "%", "rad rad", "mm²", "\x1b", "deg°", "µm", "N/m")
 
 
-class Drawn:
+class RandomText:
     """Texts of numbers, drawn so that about one in `rare` is hostile, with what they mean."""
 
     def __init__(self, rng: np.random.Generator, rare: float = 0.04) -> None:
