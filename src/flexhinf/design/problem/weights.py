@@ -52,6 +52,11 @@ class LinearFamily:
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
 
     @cached_property
+    def sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(Φ, Γ) of the nominal robot over one period with a constant input."""
+        return exponential(self.a[0], self.b[0], self.period)
+
+    @cached_property
     def many(self) -> LinearFamily:
         """The family of `MANY` corners, among which the worst for the first weights are looked for."""
         return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
@@ -105,7 +110,7 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     loops, joints = family.a + family.b @ gain, len(family.robot.joint_names)
     modes = [modes_of(loop, family.robot.joint_names, *family.energy) for loop in loops]
     if family.period:
-        phi, held = exponential(family.a[0], family.b[0], family.period)
+        phi, held = family.sampled
         every = np.linalg.eig(phi + held @ gain)
         modes[0] = sampled_modes(
             *every, family.period, family.robot.joint_names, *family.energy, lasting=TWO_SAMPLES
@@ -175,6 +180,7 @@ class LinearProblem:
         priced = np.linalg.solve(np.linalg.cholesky(self.r2), self.b2.T).T
         return LinearPart(self.a, self.b1, priced, self.c, tuple(f"x{k + 1}" for k in range(len(self.a))))
 
+    @cached_property
     def gamma_star(self) -> float:
         """Smallest feasible level, to `ROUGH`."""
         return linear_smallest_gamma(self.linear_part(), ROUGH)
@@ -198,12 +204,15 @@ class LinearProblem:
 class Channel:
     """A rank-one part of what a tolerance does; it is driven either by the state or by the input."""
 
-    group: tuple[
-        str, str
-    ]  # the parameter without its joint, and "state" or "input"; a group shares a scaling
+    #: The parameter without its joint, and "state" or "input"; a group shares a scaling.
+    group: tuple[str, str]
     torque: np.ndarray  # (2 joints,), t at links and motors
     by_state: np.ndarray  # (n,), c on the plant's states
     by_input: np.ndarray  # (m,), e
+
+    def padded(self, states: int) -> np.ndarray:
+        """c on all states, (states,): zeros for the integrals."""
+        return np.pad(self.by_state, (0, states - len(self.by_state)))
 
 
 #: Largest level that is tried, relative to that of the nominal problem.
@@ -236,7 +245,7 @@ class RobustProblem:
         enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
         for channel, log in zip(self.channels, self.log):
             s2 = float(np.exp(2.0 * log))
-            padded = np.pad(channel.by_state, (0, n - len(channel.by_state)))  # zeros for the integrals
+            padded = channel.padded(n)
             enter += self.fraction * np.outer(channel.torque, channel.torque) / s2
             seen += self.fraction * s2 * np.outer(padded, padded)
             price += self.fraction * s2 * np.outer(channel.by_input, channel.by_input)
@@ -252,12 +261,17 @@ class RobustProblem:
         """Whether the problem of this level has a solution."""
         return is_feasible(self.scaled(gamma).linear_part(), gamma)
 
-    def gamma_star(self, relative: float = ROUGH) -> float:
-        """Smallest γ for every robot within the fraction of the tolerances.
+    @cached_property
+    def gamma_star(self) -> float:
+        """`smallest_gamma` to `ROUGH`."""
+        return self.smallest_gamma(ROUGH)
+
+    def smallest_gamma(self, relative: float) -> float:
+        """Smallest γ for every robot within the fraction of the tolerances, to a relative width.
 
         Raises `NoFeasibleGamma` if there is none.
         """
-        low = self.nominal.gamma_star()
+        low = self.nominal.gamma_star
         high = LARGEST_LEVEL * low
         if not self.feasible(high):
             raise NoFeasibleGamma(
@@ -276,7 +290,7 @@ class RobustProblem:
 
     def covering(self) -> RobustProblem:
         """With the largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH`."""
-        level, low, high = LARGEST_LEVEL * self.nominal.gamma_star(), 0.0, 1.0
+        level, low, high = LARGEST_LEVEL * self.nominal.gamma_star, 0.0, 1.0
         if (whole := replace(self, fraction=high)).feasible(level):
             return whole
         while high - low > FRACTION_WIDTH:
@@ -305,15 +319,15 @@ def find_scalings(
     def better(problem: RobustProblem, other: RobustProblem) -> bool:
         if problem.fraction < 1.0 or other.fraction < 1.0:
             return problem.fraction > other.fraction
-        return problem.gamma_star() < other.gamma_star()
+        return problem.gamma_star < other.gamma_star
 
     first = RobustProblem(nominal, torques, channels, np.zeros(len(channels)))
-    best = _balanced(first, nominal.design(ratio * nominal.gamma_star()))
+    best = _balanced(first, nominal.design(ratio * nominal.gamma_star))
     for _ in range(BALANCES):
         if best.fraction < LEAST_FRACTION:
             break
-        within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
-        again = _balanced(first, within.design(ratio * within.gamma_star()))
+        within = replace(best, fraction=0.9 * best.fraction) if best.fraction < 1.0 else best
+        again = _balanced(first, within.design(ratio * within.gamma_star))
         if not better(again, best):
             break
         best = again
@@ -328,7 +342,7 @@ def find_scalings(
             if start.fraction < 1.0:
                 return -moved(factors).covering().fraction
             try:
-                return float(np.log(moved(factors).gamma_star()))
+                return float(np.log(moved(factors).gamma_star))
             except (NoFeasibleGamma, NumericalFailure):
                 return np.inf
 
@@ -356,7 +370,7 @@ def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
+        z = channel.by_input @ gain + channel.padded(len(loop))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return replace(problem, log=log).covering()
 
