@@ -25,6 +25,7 @@ from flexhinf.codegen.noise import normal_numbers
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.loop import Step
 from flexhinf.loop.shared import share
+from flexhinf.loop.simulation.metrics import rms
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
     LONG,
@@ -111,7 +112,7 @@ def _reconstructs(setup: PaperSetup) -> Finding:
     for name in run.names["estimate"]:
         true, guess = run.signal("state", name), run.signal("estimate", name)
         span = float(np.ptp(true))
-        rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
+        rmse = rms((guess - true)[run.time >= RECONSTRUCTED_FROM])
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
     return Finding(

@@ -22,6 +22,7 @@ from flexhinf.baselines import GravityCompensatedLQR
 from flexhinf.errors import FlexhinfError
 from flexhinf.hinf import solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory
+from flexhinf.loop.simulation.metrics import SETTLING_BAND, peak_of
 from flexhinf.paper.loop_setup import (
     CHANNELS,
     FREQUENCY,
@@ -75,7 +76,7 @@ def step_text(run: Trajectory) -> str:
 def _tracks_step(run: Trajectory, goal: float) -> Finding:
     m = run.metrics()
     return Finding(
-        m["settling_time_s"] is not None and m["steady_state_error"] <= 0.02 * goal,
+        m["settling_time_s"] is not None and m["steady_state_error"] <= SETTLING_BAND * goal,
         f"{step_text(run)}.".replace("overshoot", "Overshoot", 1),
     )
 
@@ -293,7 +294,7 @@ def run_gain(run: Attained) -> RunGain:
     """Gain of a run of the paper's problem."""
     if np.isinf(run.gain):
         return RunGain(run.gain, run.energy, math.inf)
-    return RunGain(run.gain, run.energy, float(np.abs(run.trajectory.signals["state"][:, 0]).max()))
+    return RunGain(run.gain, run.energy, float(peak_of(run.trajectory.signals["state"][:, 0])))
 
 
 def stated_disturbances() -> dict[str, Callable[[np.ndarray], np.ndarray]]:

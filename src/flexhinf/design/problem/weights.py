@@ -28,6 +28,7 @@ from flexhinf.analysis.modes import modes_of, sampled_modes, stiffness_and_inert
 from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf import HJISolution, linear_law
 from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
+from flexhinf.loop.simulation.metrics import LASTING
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
 
@@ -90,8 +91,8 @@ class LinearFamily:
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
 PER_DECADE = 60
 
-#: A sampled mode with a smaller multiplier is gone within two samples and does not oscillate.
-TWO_SAMPLES = float(np.exp(-0.5))
+#: A sampled mode with a smaller multiplier is gone too soon to oscillate, see `LASTING`.
+SMALLEST_MULTIPLIER = float(np.exp(-1.0 / LASTING))
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +114,7 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
         phi, held = family.sampled
         every = np.linalg.eig(phi + held @ gain)
         modes[0] = sampled_modes(
-            *every, family.period, family.robot.joint_names, *family.energy, lasting=TWO_SAMPLES
+            *every, family.period, family.robot.joint_names, *family.energy, lasting=SMALLEST_MULTIPLIER
         )
     damping = [
         min((mode.damping for mode in each if mode.eigenvalue.imag > 0.0), default=np.inf)
