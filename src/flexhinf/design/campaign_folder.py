@@ -76,6 +76,11 @@ class DesignPair:
         )
 
     @property
+    def independent(self) -> bool:
+        """Whether the samples are independent: intervals and tests hold for them only."""
+        return self.judged[0].independent
+
+    @property
     def differences(self) -> list[tuple[str, str, str]]:
         """Fields of the specifications that differ, and their values in a and in b."""
         a, b = fields_text(self.a.specification), fields_text(self.b.specification)

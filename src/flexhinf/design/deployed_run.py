@@ -6,10 +6,10 @@ goes at its period, on the wall clock.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -182,14 +182,9 @@ def robot_sample(
 ERROR, TORQUE = "initial_error", "link_torque"
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class DesignCampaign:
     """A design and the options of its campaign; the controller is that of the design's report if that is unchanged.
-
-    `specification`: that of the design. `plan`: the move that the design is judged along, as `stated_move`; None for a
-    step. `ends`: link positions (n,) where a run begins, and where it should end, rad or m. `robot`: the true robot
-    with the tolerances of the campaign. `variables`: quantities that vary from sample to sample. `metrics`: those of
-    each run, with the limits of the design.
 
     Raises InvalidInput: for a parameter that does not act, or where nothing varies.
     """
@@ -198,29 +193,63 @@ class DesignCampaign:
     options: CampaignOptions
 
     def __post_init__(self) -> None:
-        o, design, s = self.options, self.request, self.request.specification
-        self.specification = s
-        self.plan, start, goal = plans.run_ends(design.robot, s)
-        self.ends = start, goal
-        limits = responses.joint_limits(design.robot, s)
-        self.metrics = required.RunMetrics(limits, self.ends)
-        if self.plan is not None:
-            instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
-            travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-            self.metrics = required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
+        _ = self.metrics, self.variables  # what cannot be run is refused here
+
+    @property
+    def specification(self) -> Specification:
+        """The specification of the design."""
+        return self.request.specification
+
+    @cached_property
+    def _way(self) -> tuple[responses.Plan | None, np.ndarray, np.ndarray]:
+        return plans.run_ends(self.request.robot, self.specification)
+
+    @property
+    def plan(self) -> responses.Plan | None:
+        """The move that the design is judged along, as `stated_move`; None for a step."""
+        return self._way[0]
+
+    @property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Link positions (n,) where a run begins, and where it should end, rad or m."""
+        return self._way[1:]
+
+    @cached_property
+    def metrics(self) -> required.RunMetrics:
+        """The metrics of each run, with the limits of the design."""
+        s, limits = self.specification, responses.joint_limits(self.request.robot, self.specification)
+        if self.plan is None:
+            return required.RunMetrics(limits, self.ends)
+        instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
+        travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
+        return required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
+
+    @cached_property
+    def _inactive(self) -> Collection[str]:
+        return elastic.inactive_parameters(self.specification.extras, self.request.robot.joint_names)
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The true robot with the tolerances of the campaign."""
+        o, design, extras = self.options, self.request, list(self.specification.extras)
         robot = design.robot
         if o.payload is not None:
             robot = load_robot(design.source, design.elastic, payload=o.payload)
-        off = elastic.inactive_parameters(s.extras, robot.joint_names)
         for name, spread in o.tolerances:
-            if name in off:
+            if name in self._inactive:
                 raise InvalidInput(
                     f"The parameter {name!r} does not act in this design's true plant.",
-                    f"expected one of its extras {list(s.extras)} or of every plant, got {name!r}",
+                    f"expected one of its extras {extras} or of every plant, got {name!r}",
                     "the design with --extras for it",
                 )
             robot = robot.with_parameters(_spread(robot[name], spread))
-        acting = [p for p in robot.uncertain if p.name not in off]
+        return robot
+
+    @cached_property
+    def variables(self) -> tuple[Variable, ...]:
+        """The quantities that vary from sample to sample."""
+        o, robot = self.options, self.robot
+        acting = [p for p in robot.uncertain if p.name not in self._inactive]
         variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
         for size, name, signal in (
             (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
@@ -236,7 +265,7 @@ class DesignCampaign:
             "expected a tolerance, a range of the payload, an initial error or a disturbance",
             "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
         )
-        self.robot, self.variables = robot, tuple(variables)
+        return tuple(variables)
 
     @property
     def stated(self) -> dict[str, str]:

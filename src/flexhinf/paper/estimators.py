@@ -33,6 +33,7 @@ from flexhinf.paper.loop_setup import (
     STEP_DURATION,
     Finding,
     PaperSetup,
+    StatedClaim,
     affordable,
     in_two_threads,
     known,
@@ -372,7 +373,7 @@ def _closed_loops(setup: PaperSetup) -> str:
 
 
 UKF = (
-    (
+    StatedClaim(
         "ukf-reconstructs",
         "The UKF reconstructs the four states from the link position alone.",
         "On the nominal 180° step, from an initial estimate 5° off at link and motor, each state's RMS error after the "
@@ -380,7 +381,7 @@ UKF = (
         _reconstructs,
         ("figure-03",),
     ),
-    (
+    StatedClaim(
         "ukf-bounded",
         "The UKF is bounded.",
         "The paper does not define the word; it is read as: the estimation error stays bounded. In nominal runs of "
@@ -388,7 +389,7 @@ UKF = (
         f"last ten seconds is more than {GROWS:g} times that of the ten before. This looks at runs and proves nothing.",
         _is_bounded,
     ),
-    (
+    StatedClaim(
         "ukf-better-than-ekf",
         "The UKF estimates the arm's state better than the EKF.",
         f"In {DURATION:g} s of matched noises with the link position measured, up to {RUNS} pairs in each trial, the "
