@@ -361,7 +361,7 @@ def measure_gain(setup: PaperSetup, law: Law) -> dict[str, float]:
     attained = in_two_threads(attain, list(stated_disturbances().values()))
     return {
         "norm": float(search.small()[0]),
-        "gain": max((a.gain for a in attained if a.reach <= math.pi), default=math.inf),
+        "gain": max((a.gain for a in attained if a.inside), default=math.inf),
     }
 
 

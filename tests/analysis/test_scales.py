@@ -99,7 +99,7 @@ def _loop(robot: Any, pace: np.ndarray, damping: float) -> tuple[np.ndarray, np.
     """Eigenvalues, gain and γ* of the linear design."""
     family, scales = LinearFamily.of(robot, np.array(robot.home), members=0), scales_of(robot)
     game = LinearProblem.of(family, scales.rows(pace, damping), True)
-    star = game.gamma_star()
+    star = game.gamma_star
     design = game.design(1.5 * star)
     a, b = family.a[0], family.b[0]
     return np.sort_complex(np.linalg.eigvals(a + b @ design.gain)), design.gain, star

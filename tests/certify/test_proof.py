@@ -117,7 +117,11 @@ def test_runs_from_the_largest_steps_go_to_the_goal() -> None:
         assert step.state[0, 0] == -step.amplitude
         assert found.value(step.state[0]) < certificate.level
         assert found.value(step.state[-1]) < 1e-5 * certificate.level
-        assert 0.0 <= step.overshoot_percent < 10.0
+        beyond = max(0.0, *step.state[:, 0].tolist())  # the goal is at 0, the start at −amplitude
+        assert step.overshoot_percent == pytest.approx(100.0 * beyond / step.amplitude, rel=1e-12)
+        assert step.overshoot_percent < 10.0
+        inputs = found.operating_input + np.reshape(found.law(step.state), (len(step.state), -1))
+        assert step.peak_input[0] == pytest.approx(max(map(abs, inputs[:, 0].tolist())), rel=1e-12)
     held = 9.8 * np.sin(np.pi - unchanged.amplitude) / 0.9
     assert unchanged.first_input[0] == pytest.approx(held, rel=1e-6)
     assert smallest.peak_input[0] > 3 * unchanged.peak_input[0]

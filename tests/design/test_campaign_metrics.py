@@ -22,7 +22,7 @@ ROBOT = "planar-two-link"
 
 def asked(**fields: Any) -> DesignCampaign:
     specification = Specification(estimator="none", **fields)
-    return DesignCampaign(
+    return DesignCampaign.of(
         DesignRequest(fh.load_robot(ROBOT), specification, ROBOT), CampaignOptions(8, batch=8)
     )
 

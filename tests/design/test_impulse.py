@@ -78,6 +78,12 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
     assert runs.requirement(Specification(), 0.5 * runs.damping).met
     rows = ring_down_rows(runs)
     assert [row["joint"] for row in rows] == list(setup.joints)
+    for k, response in enumerate(runs.responses):
+        away = [
+            abs(q - response.goal[k])
+            for q in response.run.signal("state", f"link_position_{setup.joints[k]}")
+        ]
+        assert rows[k]["peak_deviation"] == max(away)
     row = rows[runs.worst]
     # A single mode leaves exp(−2π·3·ζ/√(1 − ζ²)) after three periods; others beside it a little more or less.
     left = np.exp(-6.0 * np.pi * runs.damping / np.sqrt(1.0 - runs.damping**2))
@@ -105,6 +111,7 @@ def test_runs_that_leave_the_numbers_are_not_damped(setup_of: Setups) -> None:
     (note,) = ring_down(design)
     assert "diverges" in note.text
     assert ring_down_rows(runs)[0]["damping"] is None
+    assert ring_down_rows(runs)[0]["peak_deviation"] is None
 
 
 @pytest.mark.slow

@@ -62,6 +62,7 @@ def test_figures_of_merit_are_those_of_the_trajectory(
         assert metrics.pop("peak_speed") == np.abs(rate).max()
         assert metrics == pytest.approx(wanted, rel=1e-9)
         assert metrics["settling_time_s"] < 4.0
+        assert response.peak_inputs[joint] == metrics["peak_input"]
     assert response.positions[0] == pytest.approx(start)
     assert response.positions[-1] == pytest.approx(goal, abs=0.02)
 

@@ -81,6 +81,12 @@ def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None
         assert metrics["largest_error"] == pytest.approx(np.abs(error).max(), rel=0.02)
         assert metrics["rms_error"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.02)
         assert metrics["peak_input"] == np.abs(run.signals["input"][:, joint]).max()
+        tail = range(len(run.time) - int(np.ceil(0.1 * len(run.time))), len(run.time))
+        late = [
+            abs(run.signals["state"][k, joint] - float(np.reshape(move.plan(run.time[k]), -1)[joint]))
+            for k in tail
+        ]
+        assert metrics["final_error"] == pytest.approx(max(late), rel=1e-9)
     assert run.time[-1] == pytest.approx(1.5 * move.plan.duration, abs=2e-3)
     broken = replace(run, diverged_at=0.3)
     assert Move(move.plan, Response(broken, setup.goal, setup.start, setup.joints)).metrics == []

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.loop_setup import PaperSettings, PaperSetup, judge
+from flexhinf.paper.loop_setup import PaperSettings, PaperSetup, StatedClaim, judge
 from flexhinf.paper.responses import GAIN, attained_gain
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.report import to_json
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.paper
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim[0])
+@pytest.mark.parametrize("claim", [COIL, GAIN, TOLERANCES, *UKF[1:]], ids=lambda claim: claim.id)
 @pytest.mark.parametrize(
     "options",
     [
@@ -26,8 +26,8 @@ pytestmark = pytest.mark.paper
         ),
     ],
 )
-def test_any_settings_are_judged(claim: Any, options: dict) -> None:
-    judged = judge(PaperSetup(PaperSettings(period=0.02, **options)), *claim)
+def test_any_settings_are_judged(claim: StatedClaim, options: dict) -> None:
+    judged = judge(PaperSetup(PaperSettings(period=0.02, **options)), claim)
     assert judged.verdict in ("holds", "fails", "ties", "not judged")
     assert judged.criterion
     assert all(table.html() for table in judged.blocks)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.loop.simulation.metrics import damping_ratio
+from flexhinf.loop.simulation.metrics import LASTING, damping_ratio
 
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60
@@ -119,7 +119,7 @@ class DiscreteSystem:
         Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. So
         are echoes of a queue (`modes`). A loop that does not oscillate has the ratio 1, a growing mode a negative one.
         """
-        lasting = self.poles[np.real(self.poles) > -0.5 / self.period]
+        lasting = self.poles[np.real(self.poles) > -1.0 / (LASTING * self.period)]
         if not len(lasting):
             return 1.0, np.nan
         ratios = damping_ratio(lasting)

@@ -31,7 +31,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
-from flexhinf.loop.simulation.metrics import ROUNDING, SETTLING_BAND, TAIL, Command, Place
+from flexhinf.loop.simulation.metrics import TAIL, Command, Place, band_of
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import one_of, value_text
 
@@ -115,7 +115,7 @@ def _unstable(extremes: np.ndarray, heights: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):  # windows without samples are infinite
         swing, last_swing = high - low, last_high - last_low
         size = np.abs(heights)
-        band = SETTLING_BAND * np.where(size > 0.0, size, size.max(axis=0, initial=0.0)) * (1.0 + ROUNDING)
+        band = band_of(np.where(size > 0.0, size, size.max(axis=0, initial=0.0)))
         wide = (last_swing > 2.0 * band) & (band > 0.0) & (last_swing >= UNDAMPED * swing)
         shared = np.minimum(high, last_high) - np.maximum(low, last_low)
         nearest = np.where(last_low * last_high <= 0.0, 0.0, np.minimum(np.abs(last_low), np.abs(last_high)))

@@ -293,8 +293,9 @@ class CampaignJudgement:
         self.failed = failed[np.lexsort((failed, -size, ended[failed]))]
         self.failures = len(failed)
         self.rate = 1.0 - self.failures / self.count
-        independent = self.method == "random"
-        self.success = success_interval(self.count - self.failures, self.count) if independent else None
+        self.independent = self.method == "random"  # whether intervals and tests hold for the samples
+        succeeded = self.count - self.failures
+        self.success = success_interval(succeeded, self.count) if self.independent else None
 
     def column(self, name: str) -> np.ndarray:
         """A column of the table (N,)."""

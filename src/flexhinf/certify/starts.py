@@ -31,6 +31,7 @@ from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.hinf.rays import Inequality
 from flexhinf.hinf.sampled import CheckedPenalty, checked_pair, sample_region, settled, step_roles
 from flexhinf.hinf.value_function import ValueFunction
+from flexhinf.loop.simulation.metrics import StepShape, peak_of, step_metrics
 
 SMALLEST_VALUE = "each integrator starts where V is smallest"
 UNCHANGED_INPUT = "each integrator starts where the input does not jump"
@@ -367,14 +368,17 @@ def proved_steps(solution: ValueFunction, certificate: Claim) -> tuple[ProvedSte
         state = run.y.T
         inputs = solution.operating_input + solution.inputs(state)
         moved = [i for i, value in enumerate(first) if abs(value) == start.amplitude]
-        beyond = 100.0 * max(float(np.max(-state[:, moved] / first[moved], initial=0.0)), 0.0)
+        shapes = {i: StepShape(float(first[i]), 0.0, 0.0) for i in moved}
+        overshoots = [
+            step_metrics(run.t, state[:, i], shape)["overshoot_percent"] for i, shape in shapes.items()
+        ]
         steps.append(
             ProvedStep(
                 start.rule,
                 start.amplitude,
-                overshoot_percent=beyond,
+                overshoot_percent=max(filter(None, overshoots), default=0.0),
                 first_input=inputs[0],
-                peak_input=np.abs(inputs).max(axis=0),
+                peak_input=peak_of(inputs),
                 time=run.t,
                 state=state,
             )

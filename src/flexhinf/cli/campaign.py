@@ -122,7 +122,7 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
     values["tolerances"] = tuple(
         (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
     )
-    return DesignCampaign(read_source(source, o.elastic, {}), CampaignOptions(**values))
+    return DesignCampaign.of(read_source(source, o.elastic, {}), CampaignOptions(**values))
 
 
 def _executor(o: BatchOptions) -> Executor | None:

@@ -76,6 +76,11 @@ class DesignPair:
         )
 
     @property
+    def independent(self) -> bool:
+        """Whether the samples are independent: intervals and tests hold for them only."""
+        return self.judged[0].independent
+
+    @property
     def differences(self) -> list[tuple[str, str, str]]:
         """Fields of the specifications that differ, and their values in a and in b."""
         a, b = fields_text(self.a.specification), fields_text(self.b.specification)
@@ -209,7 +214,9 @@ def stored_request(journal: Journal) -> DesignCampaign:
             f"{journal.folder}: {error}",
             "a copy of its manifest",
         ) from error
-    return DesignCampaign(design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options)
+    return DesignCampaign.of(
+        design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options
+    )
 
 
 def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list[tuple[Campaign, Journal]]:

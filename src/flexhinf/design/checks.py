@@ -95,10 +95,19 @@ class ImpulseRuns:
         """Least damped oscillation of the run with the impulse on a joint; None where nothing oscillates."""
         return next(iter(self.ring_down.oscillations[joint]), None) if self.ring_down else None
 
+    def peak_deviation(self, joint: int) -> float | None:
+        """Largest distance of the link with the impulse from the goal, rad or m; None where a run diverged."""
+        run = self.responses[joint]
+        return (
+            None
+            if self.ring_down is None
+            else float(metrics.peak_of(run.positions[:, joint] - run.goal[joint]))
+        )
+
     def velocity(self, joint: int) -> np.ndarray:
         """Velocity (N,) of the link with the impulse, over its peak."""
         own = self.responses[joint].velocities[:, joint]
-        return own / np.abs(own).max()
+        return own / metrics.peak_of(own)
 
     def left(self, joint: int) -> float | None:
         """Largest velocity of the link, over its peak, after `AFTER` periods of its least damped oscillation;
@@ -106,7 +115,7 @@ class ImpulseRuns:
         oscillation, time = self.least_damped(joint), self.responses[joint].run.time
         if oscillation is None or time[-1] * oscillation.frequency < AFTER:
             return None
-        return float(np.abs(self.velocity(joint)[time >= AFTER / oscillation.frequency]).max())
+        return float(metrics.peak_of(self.velocity(joint)[time >= AFTER / oscillation.frequency]))
 
 
 def impulse_runs(
@@ -124,7 +133,7 @@ def impulse_runs(
     state, holding_input = setup.equilibrium(setup.goal)
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     room = np.maximum(setup.limits.effort - np.abs(holding_input), 1e-12)
-    used = np.array([float((np.abs(run.inputs - holding_input).max(axis=0) / room).max()) for run in runs])
+    used = np.array([float((metrics.peak_of(run.inputs - holding_input) / room).max()) for run in runs])
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))

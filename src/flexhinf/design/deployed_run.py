@@ -182,64 +182,74 @@ def robot_sample(
 ERROR, TORQUE = "initial_error", "link_torque"
 
 
-@dataclass(eq=False)
+def _varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Robot, tuple[Variable, ...]]:
+    """The robot with the tolerances of a campaign, and what varies from sample to sample."""
+    inactive = elastic.inactive_parameters(extras, robot.joint_names)
+    for name, spread in o.tolerances:
+        if name in inactive:
+            raise InvalidInput(
+                f"The parameter {name!r} does not act in this design's true plant.",
+                f"expected one of its extras {list(extras)} or of every plant, got {name!r}",
+                "the design with --extras for it",
+            )
+        robot = robot.with_parameters(_spread(robot[name], spread))
+    acting = [p for p in robot.uncertain if p.name not in inactive]
+    variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
+    for size, name, signal in (
+        (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
+    ):  # fmt: skip
+        names = signals.signal_names(name, robot.joint_names) if size else ()
+        variables += [
+            Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
+            for full_name, sliding in zip(names, robot.links.slides)
+        ]
+    refuse_if(
+        not variables,
+        f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
+        "expected a tolerance, a range of the payload, an initial error or a disturbance",
+        "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
+    )
+    return robot, tuple(variables)
+
+
+@dataclass(frozen=True, eq=False)
 class DesignCampaign:
-    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged.
-
-    `specification`: that of the design. `plan`: the move that the design is judged along, as `stated_move`; None for a
-    step. `ends`: link positions (n,) where a run begins, and where it should end, rad or m. `robot`: the true robot
-    with the tolerances of the campaign. `variables`: quantities that vary from sample to sample. `metrics`: those of
-    each run, with the limits of the design.
-
-    Raises InvalidInput: for a parameter that does not act, where nothing varies, or for a duration that does not fit
-        the period.
-    """
+    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged."""
 
     request: design_file.DesignRequest
     options: CampaignOptions
+    plan: responses.Plan | None  # the move that the design is judged along, as `stated_move`; None for a step
+    ends: tuple[np.ndarray, np.ndarray]  # link positions (n,) where a run begins and should end, rad or m
+    robot: Robot  # the true robot with the tolerances of the campaign
+    variables: tuple[Variable, ...]  # what varies from sample to sample
+    metrics: required.RunMetrics  # those of each run, with the limits of the design
 
-    def __post_init__(self) -> None:
-        o, design, s = self.options, self.request, self.request.specification
-        self.specification = s
-        self.plan, start, goal = plans.run_ends(design.robot, s)
-        self.ends = start, goal
-        limits = responses.joint_limits(design.robot, s)
-        self.metrics = required.RunMetrics(limits, self.ends)
-        if self.plan is not None:
-            instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
-            travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-            self.metrics = required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
-        robot = design.robot
-        if o.payload is not None:
-            robot = load_robot(design.source, design.elastic, payload=o.payload)
-        off = elastic.inactive_parameters(s.extras, robot.joint_names)
-        for name, spread in o.tolerances:
-            if name in off:
-                raise InvalidInput(
-                    f"The parameter {name!r} does not act in this design's true plant.",
-                    f"expected one of its extras {list(s.extras)} or of every plant, got {name!r}",
-                    "the design with --extras for it",
-                )
-            robot = robot.with_parameters(_spread(robot[name], spread))
-        acting = [p for p in robot.uncertain if p.name not in off]
-        variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]
-        for size, name, signal in (
-            (o.initial_error, ERROR, "link_position"), (o.disturbance, TORQUE, TORQUE),
-        ):  # fmt: skip
-            names = signals.signal_names(name, robot.joint_names) if size else ()
-            variables += [
-                Variable(full_name, -size, size, o.distribution, signals.UNITS[signal][sliding])
-                for full_name, sliding in zip(names, robot.links.slides)
-            ]
-        refuse_if(
-            not variables,
-            f"Nothing differs from sample to sample: the robot {robot.name!r} states no tolerance.",
-            "expected a tolerance, a range of the payload, an initial error or a disturbance",
-            "--tolerance stiffness=10%, --payload 0..2kg, --initial-error 0.01, --disturbance 0.5",
-        )
+    @property
+    def specification(self) -> Specification:
+        """The specification of the design."""
+        return self.request.specification
+
+    @classmethod
+    def of(cls, design: design_file.DesignRequest, o: CampaignOptions) -> DesignCampaign:
+        """The campaign of a design with these options.
+
+        Raises InvalidInput: for a parameter that does not act, where nothing varies, or for a duration that does not
+            fit the period.
+        """
+        s, robot = design.specification, design.robot
+        plan, *ends = plans.run_ends(robot, s)
+        limits = responses.joint_limits(robot, s)
+        metrics = required.RunMetrics(limits, (ends[0], ends[1]))
+        if plan is not None:
+            instants = np.arange(0.0, plan.duration + 0.5 * s.period, s.period)
+            travel = np.ptp(np.reshape(plan(instants), (len(instants), -1)), axis=0)
+            metrics = required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
         if o.duration is not None:
             sample_count(o.duration, s.period)
-        self.robot, self.variables = robot, tuple(variables)
+        if o.payload is not None:
+            robot = load_robot(design.source, design.elastic, payload=o.payload)
+        robot, variables = _varied(robot, o, s.extras)
+        return cls(design, o, plan, (ends[0], ends[1]), robot, variables, metrics)
 
     @property
     def stated(self) -> dict[str, str]:

@@ -72,7 +72,7 @@ class LawEvaluation:
     def unlimited_step(self) -> responses.Response:
         """The step without limits of the inputs: what the law demands; `step` itself if it reaches no limit."""
         limits, step = self.setup.limits.saturated, self.step
-        if limits is None or (step.diverged_at is None and np.all(np.abs(step.inputs).max(axis=0) < limits)):
+        if limits is None or (step.diverged_at is None and np.all(step.peak_inputs < limits)):
             return step
         free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
         return free.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
@@ -90,8 +90,8 @@ class LawEvaluation:
     @cached_property
     def ring_down(self) -> checks.ImpulseRuns:
         """Impulse responses at the goal, one for each joint."""
-        runs, peak = self.runs, np.abs(self.step.inputs).max(axis=0)
-        return checks.impulse_runs(self.setup, peak, runs.step_duration, runs.sub_steps)
+        runs = self.runs
+        return checks.impulse_runs(self.setup, self.step.peak_inputs, runs.step_duration, runs.sub_steps)
 
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property

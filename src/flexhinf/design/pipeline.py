@@ -414,7 +414,7 @@ def _in_scenario(
     sub_steps, load, stated = step.run.settings["sub_steps"], s.load, plans.stated_move(robot, s)
     if load is None:
         quiet = setup.without_noise.step(duration, sub_steps=sub_steps)
-        loads = responses.default_load(scales.per_input, np.abs(quiet.inputs).max(axis=0))
+        loads = responses.default_load(scales.per_input, quiet.peak_inputs)
     else:
         loads = np.full(len(setup.goal), load)
     holding_inputs = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]

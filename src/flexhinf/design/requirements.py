@@ -24,9 +24,14 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import ROBOT, JointLimits, LimitUse, Move, Response, limit_use, per_joint
 from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
 from flexhinf.loop import EnsembleResult, Instant, Reduction
-from flexhinf.loop.simulation.metrics import SETTLING_BAND, Command, step_reduction
+from flexhinf.loop.simulation.metrics import (
+    SETTLING_BAND,
+    Command,
+    running_late_error,
+    running_peak,
+    step_reduction,
+)
 from flexhinf.robot.signals import signal_names
-from flexhinf.scalars import maximum, where
 
 #: At most so many instants of each run are kept.
 KEPT = 400
@@ -163,15 +168,15 @@ def _sizes(
     first, late, effort, speed = (kept[k * n : (k + 1) * n] for k in range(4))
     estimate = kept[-1]
     if columns is None:
-        errors = [abs(now.state[k] - first[k]) for k in range(n)]
+        errors = [now.state[k] - first[k] for k in range(n)]
     else:
-        errors = [abs(now.state[k] - now.reference[column]) for k, column in enumerate(columns)]
-        first = [maximum(old, new) for old, new in zip(first, errors)]
-    late = [where(now.step >= now.tail, maximum(old, new), old) for old, new in zip(late, errors)]
-    effort = [maximum(old, abs(new)) for old, new in zip(effort, now.input)]
-    speed = [maximum(old, abs(now.state[n + k])) for k, old in enumerate(speed)]
+        errors = [now.state[k] - now.reference[column] for k, column in enumerate(columns)]
+        first = list(map(running_peak, first, errors))
+    late = [running_late_error(now, old, error) for old, error in zip(late, errors)]
+    effort = [running_peak(old, new) for old, new in zip(effort, now.input)]
+    speed = [running_peak(old, now.state[n + k]) for k, old in enumerate(speed)]
     for estimated, true in pairs:
-        estimate = maximum(estimate, abs(now.estimate[estimated] - now.state[true]))
+        estimate = running_peak(estimate, now.estimate[estimated] - now.state[true])
     return np.array([*first, *late, *effort, *speed, estimate])
 
 

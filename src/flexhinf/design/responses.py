@@ -161,6 +161,11 @@ class Response:
         return self.run.signals["input"]
 
     @property
+    def peak_inputs(self) -> np.ndarray:
+        """Largest |input| of each motor (m,), up to where a run diverged."""
+        return metrics.peak_of(self.inputs)
+
+    @property
     def velocities(self) -> np.ndarray:
         """True link velocities (N, n)."""
         return self.run.signals["state"][:, len(self.goal) : 2 * len(self.goal)]
@@ -183,7 +188,7 @@ class Response:
             rows.append({
                 "joint": name, **(shape if begin != end else {}),
                 "steady_state_error": metrics.steady_state_error(position, np.full(len(position), end)),
-                "peak_input": float(np.abs(u).max()), "peak_speed": float(np.abs(self.velocities[:, k]).max()),
+                "peak_input": float(metrics.peak_of(u)), "peak_speed": float(metrics.peak_of(self.velocities[:, k])),
                 "input_noise": float(metrics.tail_of(u).std()),
             })  # fmt: skip
         return rows
@@ -278,7 +283,7 @@ class Move:
             return []
         return [
             {
-                "joint": row["joint"], "largest_error": float(np.abs(position - planned).max()),
+                "joint": row["joint"], "largest_error": float(metrics.peak_of(position - planned)),
                 "rms_error": float(np.sqrt(np.mean((position - planned) ** 2))), "peak_input": row["peak_input"],
                 "peak_speed": row["peak_speed"], "final_error": metrics.steady_state_error(position, planned),
             }

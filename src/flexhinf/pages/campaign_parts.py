@@ -349,7 +349,7 @@ def pair_verdict(result: DesignPair) -> str:
     paired, counts = result.paired, result.paired.success
     text = "Of the same {} robots {} fail with A, {} with B".format(paired.count, *counts.failures)
     if counts.only_a + counts.only_b:
-        test = f"; McNemar: {_p_text(counts.p_value)}" if result.judged[0].success else ""
+        test = f"; McNemar: {_p_text(counts.p_value)}" if result.independent else ""
         text += f" ({counts.only_a} with A alone, {counts.only_b} with B alone{test})"
     if not paired.main:
         return f"{text}."
@@ -375,7 +375,7 @@ def _signed(value: float, unit: str = "") -> str:
 
 
 def _interval_text(result: DesignPair, metric: PairedMetric) -> str:
-    if result.judged[0].success is None:  # the samples are not independent
+    if not result.independent:
         return f"no interval: samples spread {SPREAD[result.judged[0].method]}"
     return f"95 %: {_span(metric)}" if _span(metric) else "too few pairs for an interval"
 
@@ -394,7 +394,7 @@ def _success(result: DesignPair) -> list[Any]:
     ]
     test = (
         f"McNemar's test, by the binomial distribution over pairs in which one of them fails: {_p_text(tally.p_value)}."
-        if first.success
+        if result.independent
         else f"The samples are spread {SPREAD[first.method]} and not independent: no test and no confidence interval "
         "holds for them, and none is stated (`--method random` has them)."
     )
@@ -429,7 +429,7 @@ def _success(result: DesignPair) -> list[Any]:
 
 def pair_table(result: DesignPair, names: Sequence[str]) -> Table:
     """Table of the paired differences of some metrics."""
-    independent = result.judged[0].success is not None
+    independent = result.independent
     return Table(
         (
             "", "unit", Column("median of A", brief="A"), Column("of B", brief="B"), Column("of B − A", brief="B − A"),
@@ -457,7 +457,7 @@ def _differences(result: DesignPair, metrics: Sequence[PairedMetric]) -> list[An
     intervals = (
         " The interval of the median is exact, by order statistics; those of the fractions are Clopper's and "
         "Pearson's. Each holds with 95 % by itself, not all of them together."
-        if result.judged[0].success
+        if result.independent
         else ""
     )
     table = pair_table(result, (*result.paired.metrics, *result.paired.parts))

@@ -407,16 +407,16 @@ def metric_table(
         pose_text(pose, comparison.robot.links.slides, s.in_degrees)
         for pose in (comparison.synthesis.start, comparison.synthesis.goal)
     )
-    titles = (
-        f"Step {start} → {goal} as the controller is deployed, the run of flexhinf design",
-        f"Torque of {', '.join(number(float(value), 3) for value in scenario.load)} {comparison.units()['torque']} on "
-        "the links, at the goal",
-        f"Planned move of {number(float(scenario.plan.duration), 3)} s over "
-        f"{'the same way' if s.move is None else 'the stated waypoints'}, with feedforward",
-        f"{len(scenario.robots)} robots sampled within their tolerances: step and move",
-        "Running loop, linearised at the goal, with its estimator and delay",
-        "Cost",
-    )
+    torques = ", ".join(number(float(value), 3) for value in scenario.load)
+    over = "the same way" if s.move is None else "the stated waypoints"
+    titles = {  # on a page, of the groups of `METRICS`
+        "step as deployed": f"Step {start} → {goal} as the controller is deployed, the run of flexhinf design",
+        "torque on the links": f"Torque of {torques} {comparison.units()['torque']} on the links, at the goal",
+        "planned move": f"Planned move of {number(float(scenario.plan.duration), 3)} s over {over}, with feedforward",
+        "sampled robots": f"{len(scenario.robots)} robots sampled within their tolerances: step and move",
+        "running loop, linearised": "Running loop, linearised at the goal, with its estimator and delay",
+        "cost": "Cost",
+    }
     costs = (law.tuned.cost if law.tuned else np.nan for law in laws)
     rows: list[Any] = [
         "criterion" if short else "Criterion and limits",
@@ -427,7 +427,7 @@ def metric_table(
         sampled = ", sampled" if "robots sampled" in first.where else ""
         name = f"{first.what} {limit_text(first.converted(units_of(own).degrees))}{sampled}"
         rows.append((name, *(law[key].judgement if key in law else "–" for law in judged)))
-    for (heading, group), title_of_page in zip(METRICS.items(), titles):
+    for heading, group in METRICS.items():
         entries = []
         for metric in (metric for metric in group if metric.brief or not short):
             values = {law.name: law.metrics.get(metric.key) for law in comparison.compared}
@@ -439,7 +439,7 @@ def metric_table(
                 for law in laws
             )
             entries.append((", ".join(filter(None, (metric.label, unit_of(metric, comparison)))), *cells))
-        rows += [heading if short else title_of_page, *entries] if entries else []
+        rows += [heading if short else titles[heading], *entries] if entries else []
     return Table(
         ("", *(Column(law.name.replace("-", NO_BREAK), brief=law.name, right=True) for law in laws)), rows,
         "The same commands, load, move, robots and seeds for all. “best”: of its row, or as good", "figures-of-merit",

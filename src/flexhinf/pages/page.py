@@ -19,6 +19,7 @@ from flexhinf.design.responses import ROBOT, Response
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
+from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.options import option_name
 from flexhinf.pages.design import frequency, law, region, runs, step, weights
 from flexhinf.pages.design.weights import effort_unit, state_weights
@@ -156,7 +157,7 @@ def input_rows(design: Design) -> list[dict[str, Any]]:
     for what, run in ((what, run) for what, run in runs if run is not None):
         inputs = run.inputs if isinstance(run, Response) else np.asarray(run, dtype=float)
         cut = " (until it diverged)" if isinstance(run, Response) and run.diverged_at is not None else ""
-        sizes = np.abs(inputs).reshape(-1, len(setup.joints)).max(axis=0)
+        sizes = peak_of(inputs.reshape(-1, len(setup.joints)))
         worst = int(np.argmax(sizes / effort) if np.isfinite(effort).any() else np.argmax(sizes))
         value, unit = float(sizes[worst]), setup.model.unit(setup.model.inputs[worst])
         joint = setup.joints[worst] if np.isfinite(value) else ""

@@ -90,6 +90,11 @@ OPEN = (
 )
 
 
+#: Colours of the laws, and of the places of a torque.
+COLOURS = {
+    "nonlinear": SERIES[0], "linear": SERIES[1], "link_torque": SERIES[0], "motor_torque": SERIES[1],
+}  # fmt: skip
+
 #: The first part of a run on a sampled plant, s, shown in full; the rest is shown enlarged.
 FIRST_PART = 6.0
 
@@ -111,9 +116,9 @@ def draw_laws(runs: Mapping[str, Trajectory], voltage: bool = False, step: float
         reference_line(axes, first.time, command)
         if step is not None:
             settling_band(axes, float(command[-1]), step)
-    for colour, (law, run) in zip(SERIES, runs.items()):
+    for law, run in runs.items():
         signals = (run.signal("input", "motor_voltage"), None) if voltage else positions(run)
-        time_response(axes, run.time, *signals, name=LAWS[law], colour=colour)
+        time_response(axes, run.time, *signals, name=LAWS[law], colour=COLOURS[law])
     legend(axes)
     return figure_to_svg(figure)
 
@@ -128,7 +133,8 @@ def draw_loads(runs: Mapping[str, Trajectory]) -> str:
     reference_line(position, longest.time, command)
     goal, largest, load = float(command[-1]), 0.0, longest.signals["disturbance"].sum(axis=1)
     settling_band(error, 0.0, goal)
-    for colour, (channel, run) in zip(SERIES, runs.items(), strict=False):
+    for channel, run in runs.items():
+        colour = COLOURS[channel]
         name, (link, estimate) = f"torque at the {channel.removesuffix('_torque')}", positions(run)
         time_response(position, run.time, link, estimate, name=name, colour=colour)
         late = run.time >= LOAD_FROM - 1.0
@@ -265,9 +271,7 @@ def _gain_figure(setup: PaperSetup, worst: Sequence[RunGain]) -> Figure:
     known = [run for run in worst if math.isfinite(run.gain)]
     axes.plot([run.energy for run in known], [run.gain for run in known], color=SERIES[0], linewidth=1.2)
     for inside, fill in ((True, SERIES[0]), (False, "none")):
-        points = np.array(
-            [[run.energy, run.gain] for run in known if (run.reach <= math.pi) == inside]
-        ).reshape(-1, 2)
+        points = np.array([[run.energy, run.gain] for run in known if run.inside == inside]).reshape(-1, 2)
         name = f"worst found, |x1| {'≤' if inside else 'beyond'} 180°"
         axes.plot(*points.T, "o", color=SERIES[0], markerfacecolor=fill, markersize=5, label=name)
     axes.axhline(setup.gamma, color=SERIES[1], linewidth=1.4, label="γ of the design")

@@ -22,6 +22,7 @@ from flexhinf.design.responses import Move
 from flexhinf.errors import InvalidInput
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
 from flexhinf.files import write_file
+from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.design.step import viewing_plane
 from flexhinf.pages.drawing import (
     DOTTED,
@@ -495,7 +496,7 @@ def _draw_lines(
 
 
 def _draw_table(axes: Axes, film: ArmFilm) -> Moving:
-    n, peaks = len(film.slides), np.abs(film.inputs).max(axis=0)
+    n, peaks = len(film.slides), peak_of(film.inputs)
     full = np.where(np.isfinite(film.limits), film.limits, np.where(peaks > 0.0, peaks, 1.0))
     axes.set_axis_off()
     axes.set(xlim=(0.0, 1.0), ylim=(n - 0.4, -1.0))

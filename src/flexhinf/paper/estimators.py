@@ -25,6 +25,7 @@ from flexhinf.codegen.noise import normal_numbers
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter, UnscentedKalmanFilter
 from flexhinf.loop import Step
 from flexhinf.loop.shared import share
+from flexhinf.loop.simulation.metrics import rms
 from flexhinf.paper.loop_setup import (
     INITIAL_VARIANCE,
     LONG,
@@ -32,6 +33,7 @@ from flexhinf.paper.loop_setup import (
     STEP_DURATION,
     Finding,
     PaperSetup,
+    StatedClaim,
     affordable,
     in_two_threads,
     known,
@@ -111,7 +113,7 @@ def _reconstructs(setup: PaperSetup) -> Finding:
     for name in run.names["estimate"]:
         true, guess = run.signal("state", name), run.signal("estimate", name)
         span = float(np.ptp(true))
-        rmse = float(np.sqrt(np.mean((guess - true)[run.time >= RECONSTRUCTED_FROM] ** 2)))
+        rmse = rms((guess - true)[run.time >= RECONSTRUCTED_FROM])
         rows.append((name.replace("_", " "), rmse, span, 100.0 * rmse / span))
     largest = max(rmse / span for _, rmse, span, _ in rows)
     return Finding(
@@ -371,7 +373,7 @@ def _closed_loops(setup: PaperSetup) -> str:
 
 
 UKF = (
-    (
+    StatedClaim(
         "ukf-reconstructs",
         "The UKF reconstructs the four states from the link position alone.",
         "On the nominal 180° step, from an initial estimate 5° off at link and motor, each state's RMS error after the "
@@ -379,7 +381,7 @@ UKF = (
         _reconstructs,
         ("figure-03",),
     ),
-    (
+    StatedClaim(
         "ukf-bounded",
         "The UKF is bounded.",
         "The paper does not define the word; it is read as: the estimation error stays bounded. In nominal runs of "
@@ -387,7 +389,7 @@ UKF = (
         f"last ten seconds is more than {GROWS:g} times that of the ten before. This looks at runs and proves nothing.",
         _is_bounded,
     ),
-    (
+    StatedClaim(
         "ukf-better-than-ekf",
         "The UKF estimates the arm's state better than the EKF.",
         f"In {DURATION:g} s of matched noises with the link position measured, up to {RUNS} pairs in each trial, the "

@@ -21,6 +21,7 @@ from flexhinf.errors import InfeasibleGamma
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
 from flexhinf.loop import Controller, Loop, Sine, Step, Trajectory, load_metrics
+from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.report import Claim, Table, Verdict
@@ -221,7 +222,7 @@ def tracking_numbers(run: Trajectory) -> dict[str, Any]:
     error = run.tracked("link_position") - run.signals["reference"][:, 0]
     return {
         "tracking_rmse_rad": run.metrics()["tracking_rmse"],
-        "largest_error_rad": float(np.abs(error[run.time >= TRACKING_FROM]).max()),
+        "largest_error_rad": float(peak_of(error[run.time >= TRACKING_FROM])),
     }
 
 
@@ -324,22 +325,21 @@ class Finding(NamedTuple):
     data: Any = None
 
 
-def judge(
-    setup: PaperSetup,
-    id: str,
-    text: str,
-    criterion: str,
-    compute: Callable[[PaperSetup], Finding],
-    figures: tuple[str, ...] = (),
-) -> Claim:
-    """Compute the criterion of a claim of the paper, or of a question of ours, and return the claim with its verdict.
+class StatedClaim(NamedTuple):
+    """A claim of the paper, or a question of ours, and what it is judged by."""
 
-    `text` is one sentence (``{feedback}`` stands for what is fed back to the law), `figures` are anchors of the paper's
-    figures that show it.
-    """
-    verdict, evidence, table, *more = compute(setup)
+    id: str
+    text: str  # one sentence; ``{feedback}`` stands for what is fed back to the law
+    criterion: str
+    compute: Callable[[PaperSetup], Finding]
+    figures: tuple[str, ...] = ()  # anchors of the paper's figures that show it
+
+
+def judge(setup: PaperSetup, stated: StatedClaim) -> Claim:
+    """Compute the criterion of a claim, and return the claim with its verdict."""
+    verdict, evidence, table, *more = stated.compute(setup)
     if not isinstance(verdict, str):
         verdict = "holds" if verdict else "fails"
     kind, tables = setup.settings.estimator, () if table is None else (table,)
-    text = text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
-    return Claim(id, text, verdict, evidence, figures, criterion, tables, *more)
+    text = stated.text.format(feedback="the true state" if kind == "none" else f"the {kind.upper()}")
+    return Claim(stated.id, text, verdict, evidence, stated.figures, stated.criterion, tables, *more)

@@ -9,14 +9,22 @@ from importlib import import_module
 from typing import Any
 
 from flexhinf.paper.estimators import UKF
-from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, figure_numbers, judge
+from flexhinf.paper.loop_setup import FIGURE_NUMBERS, PaperSetup, StatedClaim, figure_numbers, judge
 from flexhinf.paper.responses import ABOUT_THE_GOAL, GAIN, STEPS_AND_TRACKING, TORQUES
 from flexhinf.paper.settings import PaperSettings
 from flexhinf.paper.tolerances import COIL, TOLERANCES
 from flexhinf.report import Claim
 
-#: Arguments of `judge` for every claim, in the order of the report; the last one is a question of ours.
-CLAIMS: tuple[Any, ...] = (*STEPS_AND_TRACKING, COIL, GAIN, TOLERANCES, *TORQUES, *UKF, ABOUT_THE_GOAL)
+#: The claims in the order of the report; the last one is a question of ours.
+CLAIMS: tuple[StatedClaim, ...] = (
+    *STEPS_AND_TRACKING,
+    COIL,
+    GAIN,
+    TOLERANCES,
+    *TORQUES,
+    *UKF,
+    ABOUT_THE_GOAL,
+)
 
 #: How many steps of work there are, for a progress bar.
 STAGES = len(FIGURE_NUMBERS) + len(CLAIMS) + 1
@@ -73,6 +81,6 @@ def reproduce(
         begin(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
     for claim in CLAIMS:
-        begin(f"claim: {claim[0].replace('-', ' ')}")
-        judged.append(judge(setup, *claim))
+        begin(f"claim: {claim.id.replace('-', ' ')}")
+        judged.append(judge(setup, claim))
     return Reproduction(setup, figures, tuple(judged[:-1]), tuple(judged[-1:]), tuple(command))

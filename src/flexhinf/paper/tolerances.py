@@ -27,6 +27,7 @@ from flexhinf.paper.loop_setup import (
     STEP_DURATION,
     Finding,
     PaperSetup,
+    StatedClaim,
     affordable,
     known,
     name_goal,
@@ -275,7 +276,7 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
     )  # fmt: skip
 
 
-COIL = (
+COIL = StatedClaim(
     "electrical-pole-negligible",
     "The motor's electrical pole is negligible in the design.",
     f"With the true state fed back and with the estimator, the coil changes the overshoot of a step to 90° or 180° by "
@@ -284,7 +285,7 @@ COIL = (
     _coil_is_negligible,
 )
 
-TOLERANCES = (
+TOLERANCES = StatedClaim(
     "withstands-tolerances",
     "The loop withstands the parameter tolerances of Tables 1 and 2.",
     "With the R^v of the settings, coil in the plant, the loop in equilibrium at 90° and at 180° is stable with "

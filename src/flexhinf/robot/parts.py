@@ -10,9 +10,9 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from flexhinf.robot.parameters import (
     QUANTITIES,
     VECTOR,
     Parameter,
+    Stated,
     measured,
     per_joint,
     respelled,
@@ -317,6 +318,20 @@ class Unusable(ValueError):
     """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
 
 
+class Reading(Protocol):
+    """A robot file while it is read, as far as the readers of its values use it."""
+
+    file: str  # its name
+    data: dict[str, Any]
+    stated: list[
+        tuple[tuple[Any, ...], tuple[str, ...], Stated]
+    ]  # places, units and texts of numbers with a unit
+
+    def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
+        """The keys of a table that are stated or have a default."""
+        ...
+
+
 class Key(NamedTuple):
     """Values that a key of a robot file takes.
 
@@ -348,7 +363,7 @@ def number_in(value: Any, units: Any) -> tuple[str, str]:
     )
 
 
-def _number(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _number(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str) and key.units:
         try:
             number = measured(value, *key.units)
@@ -362,7 +377,7 @@ def _number(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     return number
 
 
-def _percent(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _percent(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str) and value.rstrip().endswith("%"):
         value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
     number = _number(file, value, key, place)
@@ -375,7 +390,7 @@ def _percent(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     return number
 
 
-def _list(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
+def _list(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
     if not isinstance(value, list) or (key.size and len(value) != key.size):
         text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
         raise Unusable(
@@ -385,7 +400,7 @@ def _list(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> list[float
     return [_number(file, entry, key, place) for entry in value]
 
 
-def _quantity(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _quantity(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
 
     A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
@@ -397,21 +412,21 @@ def _quantity(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[s
     return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
-def _numbers(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
+def _numbers(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
     return (_list if isinstance(value, list) else _number)(file, value, key, place)
 
 
-def _named(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _named(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise Unusable("numbers by name", "")
     return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
-def _table(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _table(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     return file.table(value, TABLES[key.inside], place)
 
 
-def _rows(file: Any, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+def _rows(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
     if not isinstance(value, list) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
     return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]

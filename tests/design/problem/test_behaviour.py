@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 
 import control
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
+from flexhinf.design.problem import weights
 from flexhinf.design.problem.weights import LinearFamily, behaviour_of
 
 pytestmark = pytest.mark.oracle
@@ -26,6 +29,21 @@ def _gain(family: LinearFamily, rng: np.random.Generator, price: float) -> np.nd
     size = np.repeat([1.0, 0.05, 1.0, 0.05, 3.0], m) * rng.uniform(0.3, 3.0, n)
     p = solve_continuous_are(a, b, np.diag(size**2), price * np.eye(m))
     return -b.T @ p / price
+
+
+def test_of_many_gains_the_plant_is_sampled_once(
+    robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    family, rng = replace(_family(robot_of("paper"), 0), period=2e-3), np.random.default_rng(2)
+    sampled = Mock(wraps=weights.exponential)
+    monkeypatch.setattr(weights, "exponential", sampled)
+    for price in (1e-3, 1e-2, 1e-1):
+        behaviour_of(family, _gain(family, rng, price))
+    assert sampled.call_count == 1
+    phi, held = family.sampled
+    whole = control.ss(family.a[0], family.b[0], np.eye(len(phi)), 0).sample(2e-3)
+    assert phi == pytest.approx(whole.A, rel=1e-9, abs=1e-9)
+    assert held == pytest.approx(whole.B, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize(

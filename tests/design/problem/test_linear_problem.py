@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
+from unittest.mock import Mock
 
 import control
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 
 import flexhinf as fh
 from flexhinf.analysis.modes import JointScales
+from flexhinf.design.problem import weights
 from flexhinf.design.problem.weights import ROUGH, LinearFamily, LinearProblem
+from flexhinf.hinf.linear_part import linear_smallest_gamma
 
 pytest.importorskip("slycot", reason="the norm of python-control")
 pytestmark = pytest.mark.oracle
@@ -34,17 +37,28 @@ def test_it_is_the_linear_part_of_the_robots_problem(
 ) -> None:
     game, problem = _game(robot_of(name), 0.5, 0.3, torques)
     star = fh.smallest_gamma(problem)
-    assert game.gamma_star() == pytest.approx(star, rel=2 * ROUGH)
+    assert game.gamma_star == pytest.approx(star, rel=2 * ROUGH)
     solution = fh.solve_hji(problem, gamma=1.5 * star, degree=2)
     design = game.design(1.5 * star)
     assert design.gain == pytest.approx(solution.gain, rel=1e-6, abs=1e-9 * np.abs(solution.gain).max())
     assert pytest.approx(solution.P, rel=1e-6, abs=1e-9 * np.abs(solution.P).max()) == design.P
 
 
+def test_its_smallest_level_is_bisected_once(
+    robot_of: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    game, _ = _game(robot_of("paper"), 0.5, 0.3, False)
+    bisected = Mock(wraps=weights.linear_smallest_gamma)
+    monkeypatch.setattr(weights, "linear_smallest_gamma", bisected)
+    first = game.gamma_star
+    assert game.gamma_star == first == linear_smallest_gamma(game.linear_part(), ROUGH)
+    assert bisected.call_count == 1
+
+
 @pytest.mark.parametrize("name", ["paper", "quanser-rotflex", "cart", "planar-two-link"])
 def test_what_a_gain_attains_is_the_norm_of_its_loop(robot_of: Callable[[str], Any], name: str) -> None:
     game, _ = _game(robot_of(name), 0.5, 0.3, False)
-    star = game.gamma_star()
+    star = game.gamma_star
     gains = [game.design(ratio * star).gain for ratio in (1.05, 1.5, 1e3)]
     attained = [game.attained(gain) for gain in gains]
     for gain, ratio, level in zip(gains, (1.05, 1.5, 1e3), attained):
@@ -62,8 +76,8 @@ def test_another_price_of_the_input_is_a_change_of_its_units(robot_of: Callable[
     root = np.linalg.cholesky(r).T  # |root u|² = uᵀ r u
     priced = LinearProblem(game.a, game.b1, game.b2, game.c, r)
     other = LinearProblem(game.a, game.b1, game.b2 @ np.linalg.inv(root), game.c, np.eye(2))
-    star = other.gamma_star()
-    assert priced.gamma_star() == pytest.approx(star, rel=2 * ROUGH)
+    star = other.gamma_star
+    assert priced.gamma_star == pytest.approx(star, rel=2 * ROUGH)
     gain = other.design(1.5 * star).gain
     assert root @ priced.design(1.5 * star).gain == pytest.approx(gain, rel=1e-6, abs=1e-9)
     assert priced.attained(np.linalg.solve(root, gain)) == pytest.approx(other.attained(gain), rel=2 * ROUGH)

@@ -91,9 +91,9 @@ def _case(robot: Any, frequency: float, damping_weight: float, torques: bool = F
     rows = scales.rows(np.full(len(goal), frequency * scales.antiresonance), damping_weight)
     nominal = LinearProblem.of(family, rows, not torques, np.eye(2 * len(goal)) if torques else None)
     game = find_scalings(nominal, family.torques, channels(robot, [goal]), RATIO)
-    star = game.gamma_star(1e-6)
+    star = game.smallest_gamma(1e-6)
     design = game.design(RATIO * star)
-    lowest = nominal.gamma_star()
+    lowest = nominal.gamma_star
     return Case(family, game, RATIO * star, design, nominal.design(RATIO * lowest))
 
 
@@ -156,7 +156,7 @@ def test_the_gain_made_without_channels_exceeds_that_level_somewhere(
 ) -> None:
     case = case_of(name)
     gain, nothing = case.nominal.gain, np.zeros(len(case.channels))
-    assert case.norm(gain, case.loop(gain, nothing)) <= RATIO * case.game.nominal.gamma_star() < case.gamma
+    assert case.norm(gain, case.loop(gain, nothing)) <= RATIO * case.game.nominal.gamma_star < case.gamma
     assert case.worst(gain, np.random.default_rng(3), 4) > case.gamma
 
 
@@ -177,7 +177,7 @@ def test_where_the_whole_tolerances_are_too_much_a_part_is_covered_and_told(
     case = case_of(name)
     share = case.game.fraction
     assert LEAST_FRACTION <= share < 1.0
-    highest = 1e4 * case.game.nominal.gamma_star()
+    highest = 1e4 * case.game.nominal.gamma_star
     assert case.game.feasible(highest)
     assert not replace(case.game, fraction=1.0).feasible(highest)
     assert not replace(case.game, fraction=share / 0.9 + 0.021).feasible(highest)
@@ -189,7 +189,7 @@ def test_gamma_star_is_the_edge_of_what_has_a_solution(case_of: Callable[[str], 
     star = case.gamma / RATIO
     assert case.game.feasible(1.0001 * star)
     assert not case.game.feasible(0.999 * star)
-    assert star > case.game.nominal.gamma_star()
+    assert star > case.game.nominal.gamma_star
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_the_scalings_cannot_be_bettered_by_a_factor_for_a_quantity(
         here = np.array([g == group for g in groups])
         for factor in (0.7, 1.4):
             moved = replace(case.game, log=case.game.log + np.log(factor) * here)
-            assert moved.gamma_star() > 0.99 * star
+            assert moved.gamma_star > 0.99 * star
 
 
 def test_tolerances_that_no_gain_bears_are_refused(case_of: Callable[[str], Case]) -> None:
@@ -238,4 +238,4 @@ def test_tolerances_that_no_gain_bears_are_refused(case_of: Callable[[str], Case
     with pytest.raises(NoFeasibleGamma, match="part"):
         find_scalings(game.nominal, game.torques, huge, RATIO)
     with pytest.raises(NoFeasibleGamma, match="whole"):
-        game.gamma_star()
+        _ = game.gamma_star

@@ -37,7 +37,7 @@ class Case:
 
     def synthesis(self, pace: np.ndarray, damping: float | np.ndarray) -> tuple[HJISolution, float]:
         game = LinearProblem.of(self.family, self.scales.rows(pace, damping), True)
-        star = game.gamma_star()
+        star = game.gamma_star
         return game.design(1.5 * star), star
 
     def target(self, share: Any, damping: float) -> TargetBehaviour:

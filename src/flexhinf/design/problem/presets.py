@@ -271,7 +271,7 @@ class ToleranceChannels:
         """
         robot, goal, weights = self.family.robot, self.family.goal, (target_frequency, damping)
         linear, base = self.linear(*weights, fraction), self.scales.penalty(*weights)
-        star = linear.gamma_star(accuracy)
+        star = linear.smallest_gamma(accuracy)
         gamma, (enter, seen, price) = self.s.gamma_ratio * star, linear.parts
         nominal = nominal_problem(robot, goal, self.s, base)
         physical = (nominal.disturbances or ()) if self.s.disturbances is not None else ()
@@ -292,7 +292,7 @@ class ToleranceChannels:
         )
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
         check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
-        nominal, star = linear.nominal, linear.nominal.gamma_star()
+        nominal, star = linear.nominal, linear.nominal.gamma_star
         plain, own = nominal.design(self.s.gamma_ratio * star), linear.design(problem.gamma)
         by_quantity: dict[str, list[float]] = {}
         for channel, log in zip(linear.channels, linear.log):
@@ -428,7 +428,7 @@ def _searched(
 
         def synthesis(*weights: np.ndarray) -> tuple[HJISolution, float]:
             problem = problem_of(*weights)
-            star = problem.gamma_star()
+            star = problem.gamma_star
             return problem.design(s.gamma_ratio * star), star
 
         start = begun and begun.chosen

@@ -28,6 +28,7 @@ from flexhinf.analysis.modes import modes_of, sampled_modes, stiffness_and_inert
 from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
 from flexhinf.hinf import HJISolution, linear_law
 from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
+from flexhinf.loop.simulation.metrics import LASTING
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
 
@@ -50,6 +51,11 @@ class LinearFamily:
     robot: Robot
     goal: np.ndarray  # (n,), link positions, rad or m
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
+
+    @cached_property
+    def sampled(self) -> tuple[np.ndarray, np.ndarray]:
+        """(Φ, Γ) of the nominal robot over one period with a constant input."""
+        return exponential(self.a[0], self.b[0], self.period)
 
     @cached_property
     def many(self) -> LinearFamily:
@@ -85,8 +91,8 @@ class LinearFamily:
 #: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
 PER_DECADE = 60
 
-#: A sampled mode with a smaller multiplier is gone within two samples and does not oscillate.
-TWO_SAMPLES = float(np.exp(-0.5))
+#: A sampled mode with a smaller multiplier is gone too soon to oscillate, see `LASTING`.
+SMALLEST_MULTIPLIER = float(np.exp(-1.0 / LASTING))
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +111,10 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     loops, joints = family.a + family.b @ gain, len(family.robot.joint_names)
     modes = [modes_of(loop, family.robot.joint_names, *family.energy) for loop in loops]
     if family.period:
-        phi, by_input = exponential(family.a[0], family.b[0], family.period)
+        phi, by_input = family.sampled
         every = np.linalg.eig(phi + by_input @ gain)
         modes[0] = sampled_modes(
-            *every, family.period, family.robot.joint_names, *family.energy, lasting=TWO_SAMPLES
+            *every, family.period, family.robot.joint_names, *family.energy, lasting=SMALLEST_MULTIPLIER
         )
     damping = [
         min((mode.damping for mode in each if mode.eigenvalue.imag > 0.0), default=np.inf)
@@ -175,6 +181,7 @@ class LinearProblem:
         priced = np.linalg.solve(np.linalg.cholesky(self.r2), self.b2.T).T
         return LinearPart(self.a, self.b1, priced, self.c, tuple(f"x{k + 1}" for k in range(len(self.a))))
 
+    @cached_property
     def gamma_star(self) -> float:
         """Smallest feasible level, to `ROUGH`."""
         return linear_smallest_gamma(self.linear_part(), ROUGH)
@@ -198,12 +205,15 @@ class LinearProblem:
 class Channel:
     """A rank-one part of what a tolerance does; it is driven either by the state or by the input."""
 
-    group: tuple[
-        str, str
-    ]  # the parameter without its joint, and "state" or "input"; a group shares a scaling
+    #: The parameter without its joint, and "state" or "input"; a group shares a scaling.
+    group: tuple[str, str]
     torque: np.ndarray  # (2 joints,), t at links and motors
     by_state: np.ndarray  # (n,), c on the plant's states
     by_input: np.ndarray  # (m,), e
+
+    def padded(self, states: int) -> np.ndarray:
+        """c on all states, (states,): zeros for the integrals."""
+        return np.pad(self.by_state, (0, states - len(self.by_state)))
 
 
 #: Largest level that is tried, relative to that of the nominal problem.
@@ -236,7 +246,7 @@ class RobustProblem:
         enter, seen, price = np.zeros((two, two)), np.zeros((n, n)), np.zeros((m, m))
         for channel, log in zip(self.channels, self.log):
             s2 = float(np.exp(2.0 * log))
-            padded = np.pad(channel.by_state, (0, n - len(channel.by_state)))  # zeros for the integrals
+            padded = channel.padded(n)
             enter += self.fraction * np.outer(channel.torque, channel.torque) / s2
             seen += self.fraction * s2 * np.outer(padded, padded)
             price += self.fraction * s2 * np.outer(channel.by_input, channel.by_input)
@@ -252,12 +262,17 @@ class RobustProblem:
         """Whether the problem of this level has a solution."""
         return is_feasible(self.scaled(gamma).linear_part(), gamma)
 
-    def gamma_star(self, relative: float = ROUGH) -> float:
-        """Smallest γ for every robot within the fraction of the tolerances.
+    @cached_property
+    def gamma_star(self) -> float:
+        """`smallest_gamma` to `ROUGH`."""
+        return self.smallest_gamma(ROUGH)
+
+    def smallest_gamma(self, relative: float) -> float:
+        """Smallest γ for every robot within the fraction of the tolerances, to a relative width.
 
         Raises `NoFeasibleGamma` if there is none.
         """
-        low = self.nominal.gamma_star()
+        low = self.nominal.gamma_star
         high = LARGEST_LEVEL * low
         if not self.feasible(high):
             raise NoFeasibleGamma(
@@ -276,7 +291,7 @@ class RobustProblem:
 
     def with_largest_fraction(self) -> RobustProblem:
         """With the largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH`."""
-        level, low, high = LARGEST_LEVEL * self.nominal.gamma_star(), 0.0, 1.0
+        level, low, high = LARGEST_LEVEL * self.nominal.gamma_star, 0.0, 1.0
         if (whole := replace(self, fraction=high)).feasible(level):
             return whole
         while high - low > FRACTION_WIDTH:
@@ -305,15 +320,15 @@ def find_scalings(
     def better(problem: RobustProblem, other: RobustProblem) -> bool:
         if problem.fraction < 1.0 or other.fraction < 1.0:
             return problem.fraction > other.fraction
-        return problem.gamma_star() < other.gamma_star()
+        return problem.gamma_star < other.gamma_star
 
     first = RobustProblem(nominal, torques, channels, np.zeros(len(channels)))
-    best = _balanced(first, nominal.design(ratio * nominal.gamma_star()))
+    best = _balanced(first, nominal.design(ratio * nominal.gamma_star))
     for _ in range(BALANCES):
         if best.fraction < MIN_FRACTION:
             break
-        within = replace(best, fraction=best.fraction * (0.9 if best.fraction < 1.0 else 1.0))
-        again = _balanced(first, within.design(ratio * within.gamma_star()))
+        within = replace(best, fraction=0.9 * best.fraction) if best.fraction < 1.0 else best
+        again = _balanced(first, within.design(ratio * within.gamma_star))
         if not better(again, best):
             break
         best = again
@@ -328,7 +343,7 @@ def find_scalings(
             if start.fraction < 1.0:
                 return -moved(factors).with_largest_fraction().fraction
             try:
-                return float(np.log(moved(factors).gamma_star()))
+                return float(np.log(moved(factors).gamma_star))
             except (NoFeasibleGamma, NumericalFailure):
                 return np.inf
 
@@ -356,7 +371,7 @@ def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
     log = np.zeros(len(problem.channels))
     for k, channel in enumerate(problem.channels):
         g = p @ (problem.torques @ channel.torque)
-        z = channel.by_input @ gain + np.pad(channel.by_state, (0, len(loop) - len(channel.by_state)))
+        z = channel.by_input @ gain + channel.padded(len(loop))
         log[k] = 0.25 * np.log((g @ x @ g) / (z @ x @ z))
     return replace(problem, log=log).with_largest_fraction()
 

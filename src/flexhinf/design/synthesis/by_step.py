@@ -29,6 +29,7 @@ from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.hinf import HJISolution, smallest_gamma, solve_hji
+from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.robot import Robot
 
@@ -425,5 +426,5 @@ class _BandwidthSearch:
         peaks = np.full_like(self.limits, np.inf)
         if response.diverged_at is None:
             inputs = np.concatenate([response.inputs, self.holding_input])
-            peaks = np.array([np.abs(each).max(axis=0) for each in (inputs, response.velocities)])
+            peaks = np.array([peak_of(inputs), peak_of(response.velocities)])
         return peaks, setup, response, length

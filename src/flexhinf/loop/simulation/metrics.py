@@ -47,7 +47,7 @@ HYSTERESIS = 0.5
 #: (κ: condition of the eigenvalue) is at most 8e-10 over the vibrations of all robots that come with flexhinf.
 UNDAMPED = 1e-9
 
-#: The edge of the settling band is inside it, whatever the rounding.
+#: Relative rounding of times, and of the edge of the settling band.
 ROUNDING = 1e-9
 
 
@@ -136,7 +136,7 @@ def load_metrics(
     deviation = position[after] - command
     k = _last_outside(deviation, step)
     return {
-        "peak_deviation": float(np.abs(deviation).max()),
+        "peak_deviation": float(peak_of(deviation)),
         "recovery_time_s": None
         if k == len(deviation) - 1
         else float(time[after][k] - start)
@@ -148,7 +148,18 @@ def load_metrics(
 
 def steady_state_error(position: np.ndarray, reference: np.ndarray) -> float:
     """Largest |error| in the last tenth of a run, of arrays (N,)."""
-    return float(np.abs(tail_of(position - reference)).max())
+    return float(peak_of(tail_of(position - reference)))
+
+
+def peak_of(signal: np.ndarray) -> np.ndarray:
+    """Largest magnitude of each column of a signal (N, …), as the peak input of each motor."""
+    return np.abs(signal).max(axis=0)
+
+
+def rms(errors: np.ndarray) -> float:
+    """Root of the mean square of errors (N,)."""
+    largest = float(peak_of(errors))  # of numbers whose squares are not finite too
+    return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if 0.0 < largest < np.inf else largest
 
 
 class LimitCycle(NamedTuple):
@@ -178,12 +189,13 @@ def tail_of(signal: np.ndarray, part: float = TAIL) -> np.ndarray:
     return signal[len(signal) - max(1, math.ceil(part * len(signal))) :]
 
 
-def _band(height: Any) -> Any:
+def band_of(height: Any) -> Any:
+    """Half width of the settling band of a step of this height; its edge is inside, whatever the rounding."""
     return SETTLING_BAND * abs(height) * (1.0 + ROUNDING)
 
 
 def _last_outside(deviation: np.ndarray, height: float) -> int:  # of the settling band; −1 for none
-    return int(max(np.flatnonzero(np.abs(deviation) > _band(height)), default=-1))
+    return int(max(np.flatnonzero(np.abs(deviation) > band_of(height)), default=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,7 +327,7 @@ def _stepped(kept: Any, step: Any, position: Any, shape: tuple[Any, Any, Any]) -
     (_, high, low, outside, before, *crossings), (initial, final, change) = kept, shape
     height, beyond, after = final - initial, position - final, step >= change
     high, low = where(after, maximum(high, beyond), high), where(after, minimum(low, beyond), low)
-    outside = where(after, where(abs(beyond) > _band(height), step, outside), outside)
+    outside = where(after, where(abs(beyond) > band_of(height), step, outside), outside)
     way, rises = 1.0 + beyond / height, []
     for k, level in enumerate(RISE):
         sample, at, last = crossings[3 * k : 3 * k + 3]
@@ -341,6 +353,16 @@ def _stepped_metrics(
             times.append(np.where(sample < 0, np.inf, time(sample) - back))
         rise = np.where(np.isinf(times[1]), np.inf, times[1] - times[0])
     return {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
+
+
+def running_peak(kept: Any, signal: Any) -> Any:
+    """The largest magnitude of a signal (`peak_of`) after one more sample."""
+    return maximum(kept, abs(signal))
+
+
+def running_late_error(now: Instant, kept: Any, error: Any) -> Any:
+    """The largest |error| in the last tenth of the run (`steady_state_error`) after one more sample."""
+    return where(now.step >= now.tail, running_peak(kept, error), kept)
 
 
 # What reductions call are functions of this module, so that an ensemble can be pickled.
@@ -393,8 +415,7 @@ def _fixed_step_metrics(state: int, kept: np.ndarray, command: Command) -> dict[
 
 def _error(place: Place, kept: Any, now: Instant) -> Any:
     error = getattr(now, place.kind)[place.column] - now.reference[place.command]
-    late = where(now.step >= now.tail, maximum(kept[0], abs(error)), kept[0])
-    return np.array([late, kept[1] + error * error])
+    return np.array([running_late_error(now, kept[0], error), kept[1] + error * error])
 
 
 def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
@@ -404,7 +425,7 @@ def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
 def _common(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
     errors = [now.estimate[i] - now.state[j] for i, j in pairs]
     totals = [total + error * error for total, error in zip(kept[1:], errors)]
-    return np.array([reduce(maximum, map(abs, now.input), kept[0]), *totals])
+    return np.array([reduce(running_peak, now.input, kept[0]), *totals])
 
 
 def _common_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
@@ -421,7 +442,7 @@ VISIBLE = 0.05
 #: signal that still has so much more of its peak than `VISIBLE` at the end of its run does not come to rest.
 FITS = 0.1
 
-#: A mode that falls below 1/e within so many samples is no oscillation, as `flexhinf.analysis.linear_loop` has it.
+#: A mode that falls below 1/e within so many samples is no oscillation.
 LASTING = 2.0
 
 
@@ -488,7 +509,7 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
         columns = run[:, list(places)]
         begin = np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0]
         parts = shapes[list(places)] * begin
-        peaks = np.maximum(np.abs(columns).max(axis=0), 1e-300)
+        peaks = np.maximum(peak_of(columns), 1e-300)
         share = 2.0 * (np.abs(parts) / peaks[:, None]).max(axis=0)
         seen = [
             Oscillation(float(frequencies[k]), float(damping_ratio(exponents[k])), float(share[k]))
@@ -499,6 +520,5 @@ def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], peri
             fitted = np.real((values[None, :] ** np.arange(len(run))[:, None]) @ parts.T)
             distance = float((np.abs(fitted - columns) / peaks).max())
         error = max(error, distance if np.isfinite(distance) else np.inf)
-        tail = np.abs(columns[-max(1, len(run) // 10) :]).max(axis=0)
-        rests = rests and bool(np.all(tail <= VISIBLE * peaks))
+        rests = rests and bool(np.all(peak_of(tail_of(columns)) <= VISIBLE * peaks))
     return RingDown(tuple(oscillations), error, rests)

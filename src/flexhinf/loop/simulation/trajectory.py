@@ -12,7 +12,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.simulation.metrics import steady_state_error, step_metrics, step_shape
+from flexhinf.loop.simulation.metrics import peak_of, rms, steady_state_error, step_metrics, step_shape
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
@@ -158,9 +158,9 @@ class Trajectory(Summarised):
         return {
             **step_metrics(self.time, position, step_shape(self.time, position, reference)),
             "steady_state_error": steady_state_error(position, reference),
-            "peak_input": float(np.abs(self.signals["input"]).max()),
-            "tracking_rmse": _rms(position - reference),
-            "estimation_rmse": [_rms(error) for error in errors],
+            "peak_input": float(peak_of(self.signals["input"]).max()),
+            "tracking_rmse": rms(position - reference),
+            "estimation_rmse": [rms(error) for error in errors],
         }
 
     def plot(self) -> Figure:
@@ -260,11 +260,6 @@ def _variable(
     variable[:] = values
     for key, value in attributes.items():
         setattr(variable, key, value.encode())
-
-
-def _rms(errors: np.ndarray) -> float:
-    largest = float(np.abs(errors).max())  # of numbers whose squares are not finite too
-    return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if 0.0 < largest < np.inf else largest
 
 
 def _csv_cell(text: str) -> str:  # RFC 4180

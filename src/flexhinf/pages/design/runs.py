@@ -342,7 +342,7 @@ def ring_down_rows(runs: ImpulseRuns) -> list[dict[str, Any]]:
     return [
         {
             "joint": run.joints[k], "impulse": float(runs.impulses[k]),
-            "peak_deviation": None if fit is None else float(np.abs(run.positions[:, k] - run.goal[k]).max()),
+            "peak_deviation": runs.peak_deviation(k),
             "damping": fit and fit.damping_of(k), "frequency_Hz": oscillation and oscillation.frequency,
             "left": None if fit is None else runs.left(k),
         }
