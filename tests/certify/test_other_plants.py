@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf import scalars
@@ -166,5 +167,5 @@ def test_more_than_five_states_are_refused() -> None:
     plant = fh.PolynomialPlant({key: -row for key, row in unit.items()}, ones, ones, unit, ONE)
     with pytest.raises(InvalidInput, match="states") as caught:
         fh.solve_hji(plant, gamma=5.0, degree=2).certify()
-    assert "5 states, got 6" in caught.value.found
+    assert unnamed(caught.value.found, "5 states", 6) == []
     assert "sampled_region" in caught.value.advice
