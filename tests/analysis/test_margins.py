@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
@@ -355,7 +356,7 @@ def test_damping_is_that_of_every_pole_of_the_running_loop(
 def test_a_delay_out_of_proportion_is_refused(arm: Robot, cubic: HJISolution) -> None:
     """Every input that waits is a state: 0.2 s are 200 samples of a loop, 500 s most likely a wrong unit."""
     assert EquilibriumLoop(cubic, None, arm.plant(), PERIOD, delay=200).delay == 200
-    with pytest.raises(InvalidInput, match=r"delay[\s\S]* 200 samples .* 500000 samples ") as caught:
+    with refused_with(InvalidInput, "delay", "200 samples", "500000 samples") as caught:
         EquilibriumLoop(cubic, None, arm.plant(), PERIOD, delay=500_000)
     assert " 500 ms " in str(caught.value)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import freqs
+from tests.refusals import refused_with
 
 from flexhinf.baselines import FeedbackLinearisation
 from flexhinf.baselines.placed_laws import bessel_coefficients
@@ -135,7 +136,7 @@ def test_an_integral_of_its_own_rate_adds_one_pole_to_those_of_the_filter(made):
     slow = FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.2).coefficients[0]
     expected = np.sort_complex([*np.roots([1.0, *plain[::-1]]), -1.2])
     np.testing.assert_allclose(np.sort_complex(np.roots([1.0, *slow[::-1]])), expected, rtol=1e-9)
-    with pytest.raises(InvalidInput, match=r"rate.*integral[\s\S]* 0\.0\n"):
+    with refused_with(InvalidInput, "rate", "integral", 0.0):
         FeedbackLinearisation.tuned(problem, 6.0, integral=True, integral_rate=0.0)
 
 
@@ -197,8 +198,8 @@ def unstable_zero():
 @pytest.mark.parametrize(
     ("plant", "settings", "complaint"),
     [
-        (unstable_zero(), {"coefficients": [[3.0]], "outputs": ("a",)}, r"unstable[\s\S]* 1 of .*2 modes"),
-        (None, {"coefficients": [[-1.0, 1.0, 1.0, 1.0]]}, r"unstable[\s\S]* 0 of .*4 modes"),
+        (unstable_zero(), {"coefficients": [[3.0]], "outputs": ("a",)}, r"unstable[\s\S]* 1 .*2 modes"),
+        (None, {"coefficients": [[-1.0, 1.0, 1.0, 1.0]]}, r"unstable[\s\S]* 0 .*4 modes"),
         (None, {"coefficients": [[1.0, 1.0]]}, r"degrees[\s\S]*\[\(4,\)\], got \[\(2,\)\]"),
         (
             None,
@@ -218,7 +219,7 @@ def test_a_singular_decoupling_matrix_is_refused():
         return np.array([u[0] + u[1], u[0] + u[1] * (1.0 + x[0])])
 
     plant = Plant(flow, lambda x, u, p: x[:1], ("a", "b"), ("u", "v"))
-    with pytest.raises(InvalidInput, match=r"A\(x\).*singular"):
+    with refused_with(InvalidInput, "A(x)", "singular"):
         FeedbackLinearisation(
             plant=plant,
             equilibrium=(np.zeros(2), np.zeros(2)),

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.baselines import GravityTorque
 from flexhinf.errors import InvalidInput
@@ -44,5 +45,5 @@ def test_robots_have_keys_of_their_own_and_numbers_do_not(made):
 
 def test_a_plant_without_elastic_joints_is_refused():
     plant = Plant(lambda x, u, d, p: np.array([x[1], u[0]]), lambda x, u, p: x[:1], ("a", "b"), ("u",))
-    with pytest.raises(InvalidInput, match=r"elastic[\s\S]*\['a', 'b'\]"):
+    with refused_with(InvalidInput, "elastic", "['a', 'b']"):
         GravityTorque(plant)

@@ -46,9 +46,11 @@ def test_a_limit_is_approached_and_never_exceeded() -> None:
 def test_a_candidate_without_an_answer_is_infeasible_and_keeps_its_reason() -> None:
     """A loop that cannot be linearised is no loop with the smallest sensitivity."""
 
+    reason = "The loop does not rest with this plant."
+
     def judge(p: Mapping[str, float]) -> Judgement:
         if p["a"] < 1.0:
-            raise NumericalFailure("The loop does not rest with this plant.", "", "")
+            raise NumericalFailure(reason, "", "")
         return Judgement(p["a"])
 
     found = tune(judge, {"a": 2.0}, {"a": (0.01, 100.0)})
@@ -56,7 +58,7 @@ def test_a_candidate_without_an_answer_is_infeasible_and_keeps_its_reason() -> N
     assert found.best.judgement.cost == pytest.approx(1.0, rel=0.05)
     failed = [c for c in found.candidates if not c.feasible]
     assert failed
-    assert {c.judgement.reason for c in failed} == {"The loop does not rest with this plant."}
+    assert {c.judgement.reason for c in failed} == {reason}
 
 
 def test_where_no_limit_can_be_kept_the_nearest_is_told() -> None:

@@ -57,5 +57,6 @@ def test_the_whole_in_small(repository, tmp_path):
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     rows = json.loads((tmp_path / ".benchmarks" / "campaign.json").read_text())["rows"]
-    assert {"filterpy", "memory for ten times the plants"} <= {row["what"] for row in rows}
-    assert "numba is left out" in done.stdout
+    assert "filterpy" in {row["what"] for row in rows}
+    assert any("memory" in row["what"] for row in rows)
+    assert any("numba" in line and "left out" in line for line in done.stdout.splitlines())

@@ -42,7 +42,7 @@ def test_a_sum_of_squares_is_accepted_within_rounding_and_one_that_is_none_is_re
         wrong = np.eye(2)  # another polynomial: what is missing is put in, and the result judged
         assert (proved(Program([identity]), answer(wrong)) == "") is holds
     cubic = Identity(x * x + y * y * y, [Square(ring.constant(1), monomials(2, 1, 1))])
-    assert "nothing takes the rounding" in proved(Program([cubic]), answer(np.eye(2)))
+    assert "rounding" in proved(Program([cubic]), answer(np.eye(2)))
 
 
 def test_monomials_of_a_square_come_from_the_newton_polytope() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import itertools
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from tests.campaign.conftest import OPTIONS, Deadly, made_campaign, tolerances
+from tests.refusals import refused_with
 
 from flexhinf.campaign import (
     Journal,
@@ -37,7 +39,7 @@ def free_port() -> int:
 
 
 def test_an_address_is_read_before_any_work() -> None:
-    with pytest.raises(InvalidInput, match=r"(?s)address.*tcp://HOST:PORT.*'localhost'"):
+    with refused_with(InvalidInput, "address", "tcp://HOST:PORT", "'localhost'"):
         in_cluster("localhost")
 
 
@@ -103,8 +105,9 @@ def doubling(campaign, batches):
 def test_an_executor_that_loses_a_batch_is_an_error(tmp_path: Path, executor, shard: Shard | None) -> None:
     campaign = made_campaign()
     journal = Journal.opened(tmp_path / "campaign", campaign)
-    with pytest.raises(FlexhinfError, match=r"Batches (?s:.)*got (batch )?\d"):
+    with refused_with(FlexhinfError, "batches") as caught:
         drive(campaign, journal, shard=shard, executor=executor)
+    assert re.search(r"got (batch )?\d", caught.value.found)
     drive(campaign, journal)
     assert sorted(journal.shards()[0]) == [0, 1, 2, 3]
 
@@ -133,7 +136,7 @@ def test_a_full_disk_ends_what_runs_the_batches(tmp_path: Path, monkeypatch: pyt
 
 def test_a_campaign_in_memory_is_whole_or_an_error(loop, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(campaign_driver, "in_this_process", losing)
-    with pytest.raises(FlexhinfError, match="3 batches, got 2"):
+    with refused_with(FlexhinfError, "3 batches", 2):
         run_campaign(loop, tolerances(), 5, batch=2, **OPTIONS)
 
 
@@ -181,7 +184,7 @@ def test_a_lost_scheduler_costs_nothing_that_is_written(tmp_path: Path) -> None:
 
     journal = Journal.opened(tmp_path / "far", campaign)
     try:
-        with pytest.raises(FlexhinfError, match="cluster was lost"):
+        with refused_with(FlexhinfError, "cluster", address):
             drive(campaign, journal, executor=in_cluster(address), progress=progress)
     finally:
         for process in (worker, scheduler):

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.campaign.conftest import OPTIONS, made_loop
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.campaign import run_campaign
@@ -144,9 +145,9 @@ def largest(run):
 
     go(text)
     go(f"# of a user\n{text}")
-    with pytest.raises(InvalidInput, match=r"draw: .*draw, code .* → .*draw, code .* first sample: mass"):
+    with refused_with(InvalidInput, "draw:", "code", "→", "first sample", "mass"):
         go(text.replace("0.1 *", "0.2 *"))
-    with pytest.raises(InvalidInput, match=r"now: metric largest: .*largest, code .* → .*largest, code"):
+    with refused_with(InvalidInput, "metric largest:", "code", "→"):
         go(text.replace("max()", "min()"))
 
 
@@ -158,5 +159,5 @@ def test_a_robot_with_another_tolerance_is_another_draw(tmp_path: Path) -> None:
     loop = fh.Loop(arm.plant(), fh.Controller(law, None, 1e-3))
     options: dict[str, Any] = {"duration": 0.05, "reference": 0.1, "folder": tmp_path / "runs"}
     run_campaign(loop, arm.draw, 4, **options)
-    with pytest.raises(InvalidInput, match="first sample: mass"):
+    with refused_with(InvalidInput, "first sample", "mass"):
         run_campaign(loop, wide.draw, 4, **options)

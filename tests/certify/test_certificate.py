@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term, load_certificate
 from flexhinf.errors import InvalidInput
@@ -105,13 +106,13 @@ def test_what_no_certificate_has_is_refused_in_three_parts(text: str, tmp_path: 
 
 def test_r_must_be_affine_in_a_power_of_each_parameter() -> None:
     drift = ((Term(1.0, (0, 1)),), (Term(1.0, (1, 0), (("inertia", 1),)),))
-    with pytest.raises(InvalidInput, match="exponent of inertia"):
+    with refused_with(InvalidInput, "exponent", "inertia"):
         pendulum(drift=drift)
 
 
 def test_a_file_too_large_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_bytes(b" " * 8_000_001)
-    with pytest.raises(InvalidInput, match=r"c\.json(?s:.)*large"):
+    with refused_with(InvalidInput, "c.json", "large"):
         load_certificate(tmp_path / "c.json")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import unnamed
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term
 from flexhinf.certify.checker import bounds as bounds_file, bounds as taylor, second_route, subdivision
@@ -103,8 +105,7 @@ def test_what_is_not_so_is_refused_with_a_reason(changes: dict[str, Any]) -> Non
 
 def test_a_refusal_names_the_place() -> None:
     reason = upright(level=LEVEL * 1.001).check(threads=1).reason
-    assert reason.startswith("r > 0 at angle = ")
-    assert "rad/s, where V = 17.8" in reason
+    assert re.match(r"r > 0 .*angle = .* rad/s, .*V = 17\.8", reason)
 
 
 def test_a_sliver_that_random_points_miss_is_refused() -> None:
@@ -144,7 +145,7 @@ def test_starts_that_differ_from_plant_to_plant_are_inside_for_all_of_them() -> 
     term = Term(-0.01, (1,), (("weight", 1), ("inertia", -1)))
     largest = (LEVEL / 3 / 59.966315470456124) ** 0.5 / (0.01 * GRAVITY * 1.04 / 0.96)
     for share, proved in ((0.999, True), (1.001, False)):
-        start = Start("for each plant its own", share * largest, ((term,), ()))
+        start = Start("its own", share * largest, ((term,), ()))
         assert replace(uncertain(0.04), starts=(start,)).check(threads=1, sample=0).proved == proved
 
 
@@ -348,7 +349,7 @@ def test_the_second_route_catches_what_the_first_lets_through(monkeypatch: pytes
     monkeypatch.setattr(Quotient, "at", lambda self, low, high: (_AT(self, low, high)[0] * 1.03, 0 * low))
     found = upright(level=LEVEL * 1.001).check(threads=1, sample=1000)
     assert not found.proved
-    assert found.reason.startswith("rationals and balls ")
+    assert unnamed(found.reason, "rationals", "balls") == []
 
 
 def test_the_second_route_alone_tells_right_from_wrong() -> None:

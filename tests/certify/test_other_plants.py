@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf import scalars
@@ -123,10 +124,10 @@ def test_the_worst_disturbance_search_never_exceeds_a_proved_gain(name: str) -> 
 def refused_flows() -> dict[str, tuple[Any, str]]:
     """Rates of the second state without input, and what the refusal names."""
     return {
-        "a function of a nonlinear form": (lambda x: np.exp(x[0] * x[0]) - 1.0, "exp of something else than a linear"),
-        "a quotient": (lambda x: x[0] / (2.0 + x[1]), "a quotient by something else than a product of parameters"),
-        "a fractional power": (lambda x: (1.0 + x[0]) ** 1.5 - 1.0, "the operation constpow"),
-        "another function": (lambda x: np.sinh(x[0]), "the operation sinh"),
+        "a function of a nonlinear form": (lambda x: np.exp(x[0] * x[0]) - 1.0, "exp .*linear"),
+        "a quotient": (lambda x: x[0] / (2.0 + x[1]), "quotient .*product"),
+        "a fractional power": (lambda x: (1.0 + x[0]) ** 1.5 - 1.0, "operation constpow"),
+        "another function": (lambda x: np.sinh(x[0]), "operation sinh"),
     }  # fmt: skip
 
 
@@ -166,5 +167,5 @@ def test_more_than_five_states_are_refused() -> None:
     plant = fh.PolynomialPlant({key: -row for key, row in unit.items()}, ones, ones, unit, ONE)
     with pytest.raises(InvalidInput, match="states") as caught:
         fh.solve_hji(plant, gamma=5.0, degree=2).certify()
-    assert "5 states, got 6" in caught.value.found
+    assert unnamed(caught.value.found, "5 states", 6) == []
     assert "sampled_region" in caught.value.advice

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.design.test_campaign_metrics import check_by_signals
+from tests.refusals import unnamed
 
 import flexhinf as fh
 import flexhinf.campaign
@@ -77,11 +78,11 @@ def test_run_again_and_replay(judged: Path, capsys: pytest.CaptureFixture[str]) 
     assert "damaged" in said(capsys)
     assert (judged / "runs" / "samples.parquet").read_bytes() == table
     assert main(["campaign", "replay", "runs", "--sample", "23", "--out", "run.nc"]) == 0
-    assert re.search("sample 23: completed.* same", said(capsys))
+    assert unnamed(said(capsys), "sample 23", "completed", "same") == []
     (worst,) = re.findall(r"\(sample (\d+)\)", text)
     (line,) = re.findall(r"^replay: flexhinf (.*)$", text, re.MULTILINE)
     assert main(shlex.split(line)) == 0
-    assert re.search(f"sample {worst}: completed.* same", said(capsys))
+    assert unnamed(said(capsys), f"sample {worst}", "completed", "same") == []
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
@@ -101,8 +102,7 @@ def test_robots_that_oscillate_without_end_are_told(judged: Path, capsys: pytest
     assert failed == unstable == moving > 5
     assert diverged == 0
     page = (judged / "runs" / "index.html").read_text()
-    for words in ("is stable there", "unstable", "not met"):
-        assert words in page
+    assert unnamed(page, "stable", "unstable", "not met") == []
     table = read_columns(judged / "runs" / "samples.parquet", ["status"]).column("status").to_pylist()
     assert table.count("unstable") == unstable
     assert main(["campaign", "replay", "runs", "--sample", str(table.index("unstable"))]) == 0
@@ -150,7 +150,7 @@ def test_folders_that_somebody_changed_are_refused_in_words(
     (shards / f"batch-00000001-{digest}.parquet").write_bytes(wrong)
     assert "missing: 1" in refused(["campaign", "merge", "runs"], ("complete", "2;"), judged)
     assert main(["campaign", "replay", "runs", "--sample", "20"]) == 0
-    assert "not in the table" in said(capsys)
+    assert unnamed(said(capsys), "sample 20", "table") == []
     assert main(WORDS) in (0, 1)
     assert sorted(shards.iterdir()) == parts
 
@@ -220,7 +220,7 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     search = ["--worst-case", "--metric", "peak_speed", "--metric", "settling_time_s", "--starts", "2"]
     assert main([*WORDS, *search]) in (0, 1)
     text = said(capsys)
-    assert "worst peak speed" in text
+    assert unnamed(text, "worst", "peak speed") == []
     assert f"flexhinf campaign replay {judged / 'runs'} --worst-case peak_speed" in text
     page = (judged / "runs" / "index.html").read_text()
     for words in ("Worst case", "worst found", "replay runs --worst-case", "lower bound"):
@@ -230,11 +230,12 @@ def test_the_worst_robot_is_searched_kept_and_replayed(
     limit = ["--require", f"peak_speed<={0.5 * (value + json.loads(kept)['sampled']['value'])!r}"]
     assert main(["campaign", "merge", "runs", *limit]) == 1  # every sample keeps it, the robot found does not
     assert "0 of 40 failed" in said(capsys)
-    assert "misses peak speed" in (judged / "runs" / "index.html").read_text()
+    status = (judged / "runs" / "index.html").read_text().partition('class="verdict"')[0]
+    assert unnamed(status, "not met", "peak speed") == []
     assert main([*WORDS, *search]) in (0, 1)
     assert (judged / "runs" / "worst-case" / "peak_speed.json").read_bytes() == kept
     assert main(["campaign", "replay", "runs", "--worst-case", "peak_speed", "--out", "run.nc"]) == 0
-    assert re.search("worst peak speed: completed.* same", said(capsys))
+    assert unnamed(said(capsys), "peak speed", "completed", "same") == []
     assert (judged / "run.nc").stat().st_size > 10_000
 
 
@@ -258,8 +259,7 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
     search = ["campaign", "own.toml", "--samples", "4", "--out", "runs", "--worst-case", "--metric", "gain"]
     assert main(search) in (0, 1)
     text = said(capsys)
-    assert "γ² of the synthesis: nominal robot" in text
-    assert "proved γ²: nominal robot" in text
+    assert unnamed(text, "nominal robot", "synthesis", "proved γ²") == []
     path, journal = folder / "runs" / "worst-case" / "disturbance.json", Journal.read(folder / "runs")
     assert journal is not None
     rows, kept = stored_gains(journal).rows, path.read_bytes()
@@ -273,7 +273,7 @@ def test_the_worst_disturbance_stays_below_the_proved_gamma(
     assert proved.claim == "proved"
     assert 0.3 * proved.gamma < proved.gain <= proved.gamma
     assert main(["campaign", "replay", "runs", "--worst-case", "gain"]) == 0
-    assert re.search("worst disturbances: .*same", said(capsys))
+    assert unnamed(said(capsys), "disturbances", "same") == []
     path.write_bytes(kept[:-5])
     assert stored_gains(journal).rows == ()
     assert main(search) in (0, 1)
@@ -357,7 +357,7 @@ def test_another_campaign_in_the_folder_is_refused(judged: Path, refused: Callab
     assert main(WORDS) in (0, 1)
     message = refused([*WORDS, "--samples", "41", "--tolerance", "mass=7%"], ("another", "settings"), judged)
     assert "samples: 40 → 41" in message
-    assert "variable mass: uniform in [0.95, 1.05] kg → uniform in [0.9" in message
+    assert re.search(r"variable mass: .*\[0\.95, 1\.05\] kg → .*\[0\.9[23]\d*, 1\.07\d*\] kg", message)
     (judged / "design" / "design.toml").write_text(DESIGN.replace("30.0", "31.0"))
     message = refused(WORDS, ("another", "settings"), judged)
     assert "design overshoot: 30.0 → 31.0" in message

@@ -122,9 +122,9 @@ def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
         (["nothing-here"], "'nothing-here'"),
         ([], "DESIGN"),
         (["CONTROLLER", "--name", "while"], "arm_while"),
-        (["CONTROLLER", "--real", "half"], "type of numbers"),
+        (["CONTROLLER", "--real", "half"], "'half'"),
         (["CONTROLLER", "--period", "1 s"], "0.001 s"),
-        (["CONTROLLER", "--flash", "10B"], "5984 bytes"),
+        (["CONTROLLER", "--flash", "10B"], "'10B' (--flash)"),
     ],
 )
 def test_a_mistake_writes_nothing(

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf import report
@@ -44,9 +45,9 @@ def test_a_run_with_its_log(design: str, folder: Path, capsys: pytest.CaptureFix
     ]
     assert main(words) in (0, 1)
     told = capsys.readouterr()
-    kept = ("201 samples at 1000 Hz", "of 201 deadlines were missed", "Real time was not kept: 0.2 s took")
+    kept = ("201 samples at 1000 Hz", "of 201 deadlines", "not kept: 0.2 s")
     assert sum(text in told.out for text in kept) == 1, "as busy as the machine is"
-    assert "lateness of the beginning" in told.out
+    assert "lateness" in told.out
     assert "run.csv" in told.out
     assert len((folder / "run.csv").read_text().splitlines()) == 202
     assert (folder / "run.csv").read_bytes() == (folder / "again.csv").read_bytes()
@@ -66,7 +67,7 @@ def test_options_change_the_run(design: str, folder: Path, capsys: pytest.Captur
     )
     assert [float(row[torque]) for row in (rows[20], rows[21])] == [0.0, 0.2]
     assert float(rows[1][goal]) == pytest.approx(math.radians(5.0))
-    assert "Not in real time: 51 samples" in capsys.readouterr().out
+    assert unnamed(capsys.readouterr().out, "not", "real time", "51 samples") == []
 
 
 def test_a_film(

@@ -4,6 +4,7 @@ import casadi
 import numpy as np
 import pytest
 from tests.interpreter import interpret
+from tests.refusals import refused_with
 
 from flexhinf.codegen import Buffer, Call, Program, Repeat, Slice, compile_program
 from flexhinf.errors import InvalidInput
@@ -69,13 +70,13 @@ def test_refused_in_three_parts(case, lanes, make):
 
 def test_the_lane_axis_is_asked_for():
     arrays = {**good(2), "y": np.zeros(12)}
-    with pytest.raises(InvalidInput, match=r"'y'.*'sums'[\s\S]* 2 lanes, .*\(12,\)"):
+    with refused_with(InvalidInput, "'y'", "'sums'", "2 lanes", "(12,)"):
         compile_program(PROGRAM, 2).run(arrays, {"n": 3})
 
 
 def test_overlapping_arrays_are_refused():
     memory = np.zeros(7)
-    with pytest.raises(InvalidInput, match=r"memory[\s\S]*'x' and 'y'"):
+    with refused_with(InvalidInput, "memory", "'x' and 'y'"):
         compile_program(PROGRAM).run({"x": memory[:2], "y": memory[1:]}, {"n": 3})
 
 
@@ -103,5 +104,5 @@ def test_a_backward_stride_may_not_leave_the_front():
     y = np.ones(6)
     kernel.run({"y": y}, {"n": 2})
     np.testing.assert_array_equal(y, [1, 1, 2, 2, 2, 2])
-    with pytest.raises(InvalidInput, match=r"'y'.*'back'[\s\S]* 0 to 6 .* -2 to 6:"):
+    with refused_with(InvalidInput, "'y'", "'back'", "0 to 6", "-2 to 6"):
         kernel.run({"y": y}, {"n": 4})

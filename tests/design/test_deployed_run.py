@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.design import Specification
@@ -101,14 +102,17 @@ def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     assert lines["missed deadlines"].found == pytest.approx(100.0 * missed / 301)
     assert lines["overshoot"].found == run.response(made).overshoot.value
     text = run_verdict(run, made)
-    kept = f"{missed} of 301 deadlines" if missed else "Every deadline was met: 301 samples at 1000 Hz"
-    assert text.startswith(kept if made.timing.slowness <= SLOW else "Real time was not kept: 0.3 s")
+    kept = (missed, 301, "deadlines") if missed else ("deadline", "301 samples", "1000 Hz")
+    assert (
+        unnamed(text.partition(". ")[0], *(kept if made.timing.slowness <= SLOW else ("0.3 s", "not"))) == []
+    )
     assert "not settle" in text
     assert len(run_tables(run, made)) == 3
     assert bool(run_notes(made)) >= bool(missed)
     free = fh.run_realtime(run.loop, **run.arguments, real_time=False)
     assert "missed deadlines" not in {line.what for line in run.requirements(free)}
-    assert run_verdict(run, free).startswith("Not in real time: 301 samples")
+    first = run_verdict(run, free).partition(". ")[0]
+    assert unnamed(first, "not", "real time", "301 samples") == []
 
 
 def test_a_loop_that_is_too_slow_is_said_to_be(paper: tuple[fh.Robot, fh.Controller]) -> None:
@@ -121,11 +125,11 @@ def test_a_loop_that_is_too_slow_is_said_to_be(paper: tuple[fh.Robot, fh.Control
     run = prepared(paper, duration=0.05)
     made = fh.run_realtime(run.loop, **run.arguments, watch=slow, watch_every=1e-3)
     assert made.timing.slowness > 3.0
-    assert "Real time was not kept: 0.05 s" in run_verdict(run, made)
-    assert not any("Missed deadlines" in text for text in run_notes(made))
+    assert unnamed(run_verdict(run, made), "real time", "not", "0.05 s") == []
+    assert not any("deadlines" in text for text in run_notes(made))
     assert not run_met(run, made)
     stopped = fh.run_realtime(run.loop, **run.arguments, watch=lambda: False, real_time=False)
-    assert "Stopped at 0 s." in run_verdict(run, stopped)
+    assert unnamed(run_verdict(run, stopped), "stopped", "0 s") == []
     assert len(run_tables(run, stopped)) == 2
 
 
@@ -155,5 +159,5 @@ def test_changes_of_all_joints_and_of_one() -> None:
 def test_a_load_outside_of_the_run_and_extras_of_others(paper: tuple[fh.Robot, fh.Controller]) -> None:
     with pytest.raises(InvalidInput, match="outside"):
         prepared(paper, conditions={"load": 1.0, "load_at": 0.3})
-    with pytest.raises(InvalidInput, match=r"MuJoCo.*'inductance'"):
+    with refused_with(InvalidInput, "MuJoCo", "'inductance'"):
         prepared(paper, extras="inductance")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tomlkit
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_schema, load_design, read_request
@@ -168,7 +169,7 @@ def test_the_waypoints_of_a_move_are_found_from_the_folder_of_the_design_file(tm
     (tmp_path / "mine.toml").write_text("[design]\nrobot = 'paper'\nmove = 'way.csv'\n", encoding="utf-8")
     _, read = load_design(tmp_path / "mine.toml")
     assert read.move.columns() == {"time": [0.0, 0.5], "joint": [0.0, pytest.approx(np.pi / 2)]}
-    with pytest.raises(fh.InvalidInput, match=r"move .*signal"):
+    with pytest.raises(fh.InvalidInput, match="move"):
         request_document(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
 
 
@@ -248,16 +249,16 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
         ("[design]\nrobot = 'arm.toml'", "robot 'arm.toml'", "design.toml", "path"),
         ("[design]\nrobot = 4", "'robot'", "text, got 4", "arm.toml"),
         ("[design]\nrobot = 'paper'\nelastic = 'j.toml'", "elastic 'j.toml'", "file", "path"),
-        ("[design]\nrobot = 'paper'\ndamping = 'high'", "'damping'", "from 0 to 1, got 'high'", "damping = 0.3"),
-        ("[design]\nrobot = 'paper'\ndamping = true", "'damping'", "from 0 to 1, got True", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = 'high'", "'damping'", "0 to 1, got 'high'", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = true", "'damping'", "0 to 1, got True", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\ndamping = nan", "'damping'", "0 to 1, got nan", "damping = 0.3"),
-        ("[design]\nrobot = 'paper'\ndamping = 2", "'damping'", "from 0 to 1, got 2", "damping = 0.3"),
+        ("[design]\nrobot = 'paper'\ndamping = 2", "'damping'", "0 to 1, got 2", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\nbandwidth = '4Hy'", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
         ("[design]\nrobot = 'paper'\nbandwidth = []", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
-        ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "paper, damped, robust, proved", "damped"),
+        ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "damped, robust", "damped"),
         ("[design]\nrobot = 'paper'\nvia = [0.1]", "'via'", "poses, got [0.1]", "[[0.1"),
         ("[design]\nrobot = 'paper'\nseed = 1.5", "'seed'", "below 2^63, got 1.5", "seed = 0"),
-        ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "integers from 2 to 12", "[2, 4]"),
+        ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "2 to 12", "[2, 4]"),
         ("[design]\nrobot = 'paper'\ndegrees = [1]", "'degrees'", "from 2 to 12", "[2, 4]"),
         ("[design]\nrobot = 'paper'\nmeasured = 3", "'measured'", "names, got 3", "motor_position"),
         ("[design]\nrobot = 'paper'\ncommand = 1", "'command'", "false, got 1", "command = true"),
@@ -283,14 +284,14 @@ def test_what_is_wrong_with_a_file_is_told(
 
 
 def test_what_is_no_file_or_no_toml_is_told(tmp_path: Path) -> None:
-    with pytest.raises(fh.InvalidInput, match=r"design file .*nowhere.toml"):
+    with refused_with(fh.InvalidInput, "file", "nowhere.toml"):
         load_design(tmp_path / "nowhere.toml")
     with pytest.raises(fh.InvalidInput, match="design file"):
         load_design(tmp_path)
     (tmp_path / "design.toml").write_bytes(b"[design]\nrobot = '\xff'")
-    with pytest.raises(fh.InvalidInput, match="no TOML"):
+    with refused_with(fh.InvalidInput, "TOML", "UTF-8", "0xff"):
         load_design(tmp_path / "design.toml")
-    with pytest.raises(fh.InvalidInput, match=r"table \[design\]"):
+    with refused_with(fh.InvalidInput, "[design]"):
         load_design(fh.catalogue()["paper"])
 
 

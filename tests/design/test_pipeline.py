@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.optimize import fsolve
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
@@ -85,10 +86,10 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Desig
     assert two.setup.departure(two.solution) == pytest.approx(np.append(away, integrals), abs=1e-7)
     if np.isnan(two.chosen.step_amplitude):  # the command as a disturbance may leave none
         assert two.inside is None
-        assert "gives no region" in verdict(two)
+        assert unnamed(verdict(two), "no region") == []
         return
     assert two.inside is bool(two.solution.value(np.append(away, integrals)) <= two.chosen.level)
-    assert any("outside the" in note for note in notes(two)) is not two.inside
+    assert any("outside" in note for note in notes(two)) is not two.inside
 
 
 def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
@@ -370,5 +371,5 @@ def test_a_design_saves_its_report_and_gives_its_controller(tmp_path: Any) -> No
     assert (folder / "design.json").exists()
     controller = result.controller()
     assert controller.reset(input=np.zeros(1)) is None
-    assert repr(result).startswith("<Design: robot: vertical-rig, requirements: ")
+    assert unnamed(repr(result), "<Design", "vertical-rig", "requirements") == []
     assert len(repr(result)) < 200

@@ -47,7 +47,7 @@ def test_the_options_of_a_group_stand_together_and_advanced_ones_last() -> None:
     groups = [p.rich_help_panel for p in options("design").values() if p.param_type_name == "option"]
     groups = [group for group in groups if group]
     assert len(list(itertools.groupby(groups))) == len(set(groups))
-    assert (groups[0], groups[-1]) == ("Where it moves", "Advanced")
+    assert (groups[0], groups[-1]) == (options("design")["pose"].rich_help_panel, "Advanced")
 
 
 def test_help_of_a_specification_names_every_field_without_the_types_that_read_it() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.analysis import margins
@@ -205,7 +206,7 @@ def test_a_loop_that_cannot_be_linearised_is_not_feasible(
 
     def failing(self: LawEvaluation) -> Any:
         if (self.parameters or {}).get("bandwidth", 9.0) < 4.0:
-            raise NumericalFailure("The loop does not rest with this plant.", "", "")
+            raise NumericalFailure("It does not rest.", "", "")
         return plain(self)
 
     monkeypatch.setattr(tuning.LawEvaluation, "margins", property(failing))
@@ -224,7 +225,7 @@ def test_an_unstable_loop_has_no_figures_in_its_favour(rig: Tuner) -> None:
         metrics_of(fast)
     own = own_metrics(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
     assert (own.gain_margin, own.peak_sensitivity) == (1.0, np.inf)
-    with pytest.raises(InvalidInput, match="linear loop is unstable"):
+    with refused_with(InvalidInput, "linear", "unstable"):
         reference_metrics(LawEvaluation(DESIGN, fast.setup, rig.own.scenario))
 
 
@@ -236,7 +237,7 @@ def test_a_design_with_a_run_that_diverges_measures_no_law(
     figures = own_metrics(rig.own)
     assert reference_metrics(rig.own) == figures
     monkeypatch.setattr(tuning, "own_metrics", lambda evaluation: replace(figures, **{figure: np.inf}))
-    with pytest.raises(InvalidInput, match=f"got: {RUNS[figure]} diverges"):
+    with pytest.raises(InvalidInput, match=f"{RUNS[figure]} diverges"):
         reference_metrics(rig.own)
 
 
@@ -293,7 +294,7 @@ def test_a_law_of_which_no_candidate_can_be_judged_is_an_error(
         raise NumericalFailure("Never.", "", "")
 
     monkeypatch.setattr(LawFactory, "make", never)
-    with pytest.raises(FlexhinfError, match=r"(?s)law 'pd'.*Never"):
+    with refused_with(FlexhinfError, "law 'pd'", "Never"):
         rig.tune(law_kind("pd"))
 
 

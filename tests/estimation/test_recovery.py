@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from filterpy.kalman import ExtendedKalmanFilter as Peer
+from tests.refusals import refused_with
 
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
@@ -80,7 +81,7 @@ def test_a_corrected_covariance_can_be_factored_whatever_the_scales(kind):
 def test_what_is_refused_leaves_a_filter_that_goes_on(kind):
     filter, clean = (kind(integrator(), 0.1, 1e-6, 1e-6, [0.1, 0.0], 1e-2) for _ in range(2))
     filter._belief = far = filter._belief._replace(mean=np.array([-1.7e308, 0.0]))
-    with pytest.raises(NumericalFailure, match=r"estimate.*finite[\s\S]*\[-1\.7e\+308 "):
+    with refused_with(NumericalFailure, "estimate", "finite", "[-1.7e+308"):
         filter.correct(1.7e308)
     assert filter._belief is far
     filter.predict(0.0)

@@ -97,7 +97,7 @@ def test_the_compiled_controller_replays_the_loop(
     error = np.abs(found[:, : u.shape[1]] - u).max(axis=0) / np.abs(u).max(axis=0)
     bound = 1e-12 if host().fused else 1e-9
     if real == "float":
-        stated = re.search(r"the test vector allows (\S+) %", (folder / "README.md").read_text())
+        stated = re.search(r"vector allows (\S+) %", (folder / "README.md").read_text())
         assert stated is not None
         bound = float(stated[1]) / 100.0
     assert error.max() <= bound

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.codegen.machine import host
@@ -137,7 +138,7 @@ def test_what_would_remove_the_checks_is_refused(compiler: str, flag: str, expor
     command = [tool(compiler), flag, "-c", "arm.c", "-o", "out.o"]
     done = subprocess.run(command, cwd=exported["double"], capture_output=True, text=True, check=False)
     assert done.returncode != 0
-    assert "must see numbers that are not finite" in done.stderr
+    assert unnamed(done.stderr, "#error", "finite") == []
 
 
 @pytest.mark.oracle
@@ -151,7 +152,7 @@ def test_the_bits_do_not_depend_on_the_standard_or_the_processor(
         pytest.skip("no fused multiply-add")
     folder = exported["double"]
     run(tool(compiler), "-O2", "-march=native", "arm.c", "arm_test.c", "-lm", "-o", "native", folder=folder)
-    assert "largest relative error 0 " in run("./native", folder=folder)
+    assert re.search(r"relative error 0\b(?!\.)", run("./native", folder=folder))
 
 
 def test_what_is_applied_is_within_limits_that_were_changed(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with, unnamed
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -27,7 +28,7 @@ def controller() -> fh.Controller:
     "name", ["3arm", "my-arm", "while", "math", "Main", "a" * 32, "", "é", "x;y", None, 7]
 )
 def test_a_name_that_is_none_for_c(name: object, controller: fh.Controller, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"for C(?s:.)*got "):
+    with refused_with(InvalidInput, "C", f"got {name!r}"):
         export_c(controller, tmp_path / "c", name)  # type: ignore[arg-type]
     assert not (tmp_path / "c").exists()
 
@@ -56,7 +57,7 @@ def test_types_and_things_that_are_no_controller(controller: fh.Controller, tmp_
 def test_numbers_that_a_type_cannot_hold(tmp_path: Path) -> None:
     law = fh.linear_law(fh.paper_arm().problem(), gamma=math.inf)
     controller = fh.Controller(law, None, 1e-3, 1e300)
-    with pytest.raises(InvalidInput, match="type float"):
+    with refused_with(InvalidInput, "float", "1e+300"):
         export_c(controller, tmp_path / "c", real="float")
     assert not (tmp_path / "c").exists()
     export_c(controller, tmp_path / "c", real="double")
@@ -64,11 +65,11 @@ def test_numbers_that_a_type_cannot_hold(tmp_path: Path) -> None:
 
 def test_a_period_and_rooms_that_do_not_fit(controller: fh.Controller) -> None:
     check_room(controller, "float", period="1ms", flash="32kB", ram="8 kB")
-    with pytest.raises(InvalidInput, match=r"(?s)period.*'2ms'"):
+    with refused_with(InvalidInput, "period", "'2ms'"):
         check_room(controller, "double", period="2ms")
-    with pytest.raises(InvalidInput, match=r"(?s)constants.*--flash.*bytes"):
+    with refused_with(InvalidInput, "constants", "--flash", "bytes"):
         check_room(controller, "double", flash="40")
-    with pytest.raises(InvalidInput, match=r"(?s)state.*'0.1kB'.*bytes"):
+    with refused_with(InvalidInput, "state", "'0.1kB'", "bytes"):
         check_room(controller, "double", ram="0.1kB")
     for text in ("-1kB", "1 parsec", "nan", "kB"):
         with pytest.raises(InvalidInput, match=f"'{text}'"):
@@ -80,7 +81,7 @@ def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.M
     if shutil.which("arm-none-eabi-gcc") is None:
         pytest.skip("no arm-none-eabi-gcc")
     check_room(estimating, "float", flash="32kB")
-    with pytest.raises(InvalidInput, match=r"(?s)constants.*'8kB'.*Cortex-M4F.*float"):
+    with refused_with(InvalidInput, "constants", "'8kB'", "Cortex-M4F", "float"):
         check_room(estimating, "double", flash="8kB")
     monkeypatch.setattr(shutil, "which", lambda name: None)
     check_room(estimating, "double", flash="8kB")  # constants alone
@@ -89,7 +90,7 @@ def test_code_that_does_not_fit(estimating: fh.Controller, monkeypatch: pytest.M
 def test_the_readme_says_where_nothing_limits_the_input(controller: fh.Controller) -> None:
     unlimited = fh.Controller(controller.law, None, 1e-3)
     assert "| saturation | -48 to 48 |" in controller_files(controller)["README.md"]
-    assert "| saturation | none: set `ARM_P_LOWER`" in controller_files(unlimited, "arm")["README.md"]
+    assert re.search(r"\| saturation \| none.*`ARM_P_LOWER`", controller_files(unlimited, "arm")["README.md"])
 
 
 def test_what_is_exported_begins_where_the_step_does() -> None:
@@ -105,8 +106,8 @@ def test_what_is_exported_begins_where_the_step_does() -> None:
     assert (np.abs(run.u) < 47.0).mean() > 0.9
     files = controller_files(controller, "arm")
     assert "| `output.estimate` | 0 | link_position | rad | 0.1 |" in files["README.md"]
-    assert "/* link_position, rad; begins at 0.1 */" in files["arm.h"]
-    assert "`arm_start` with its state" in files["README.md"]
+    assert re.search(r"/\* link_position, rad; .* 0\.1 \*/", files["arm.h"])
+    assert "`arm_start`" in files["README.md"]
 
 
 def test_a_hostile_name_ends_no_comment_and_no_string() -> None:
@@ -151,9 +152,7 @@ def test_what_float_loses_is_measured_and_the_test_vector_allows_little_more(
     estimating: fh.Controller, compiler: str, tmp_path: Path
 ) -> None:
     folder = export_c(estimating, tmp_path / "c", "arm", "float")
-    stated = re.search(
-        r"by \| (\S+) % of .*, (\S+) % without .* allows (\S+) %", (folder / "README.md").read_text()
-    )
+    stated = re.search(r"\| float .*\| (\S+) % .*, (\S+) % .* (\S+) % ", (folder / "README.md").read_text())
     assert stated is not None
     fused, plain, allowed = (float(number) / 100 for number in stated.groups())
     assert 0.0 < fused < 1e-3
@@ -172,7 +171,7 @@ def test_a_controller_that_float_does_not_hold_is_refused(
     estimating: fh.Controller, compiler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(package.TOLERANCE, "float", 1e-9)
-    with pytest.raises(InvalidInput, match=r"(?s)float.*--real double"):
+    with refused_with(InvalidInput, "float", "--real double"):
         export_c(estimating, tmp_path / "c", real="float")
     assert not (tmp_path / "c").exists()
 
@@ -182,5 +181,5 @@ def test_a_compiler_for_another_machine_measures_nothing(
 ) -> None:
     monkeypatch.setattr(shutil, "which", lambda name: "/bin/false")
     folder = export_c(estimating, tmp_path / "c", "arm", "float")
-    assert "not measured: no C compiler for this machine" in (folder / "README.md").read_text()
+    assert unnamed((folder / "README.md").read_text(), "not measured", "compiler") == []
     assert "#define TOLERANCE 5e-02f" in (folder / "arm_test.c").read_text()

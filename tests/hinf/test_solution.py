@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf import linear_law, smallest_gamma, solve_hji
@@ -28,9 +29,9 @@ def general(random_plant):
 def test_a_state_beyond_the_finite_numbers_is_refused(solved, name):
     """Old code returned nan, with a warning of NumPy's."""
     function = getattr(solved, name)
-    with pytest.raises(NumericalFailure, match=r"\bV .*finite[\s\S]*\[1e\+200, "):
+    with refused_with(NumericalFailure, "V", "finite", "[1e+200"):
         function([np.zeros(5), np.full(5, 1e200)])
-    with pytest.raises(InvalidInput, match=r"finite.*\(N, 5\), got \[0\.0, nan"):
+    with refused_with(InvalidInput, "finite", "(N, 5)", "[0.0, nan"):
         function([0.0, np.nan, 0.0, 0.0, 0.0])
 
 
@@ -43,7 +44,7 @@ def test_shapes_follow_the_state(solved):
         assert many[2] == pytest.approx(one, rel=1e-13)
     assert solved.worst_disturbance(x).shape == (7, 1)
     assert solved.value(np.zeros((0, 5))).shape == (0,)
-    with pytest.raises(InvalidInput, match=r"\(5,\) or \(N, 5\), got \(4,\)"):
+    with refused_with(InvalidInput, "(5,)", "(N, 5)", "(4,)"):
         solved.law(np.zeros(4))
 
 

@@ -7,6 +7,7 @@ import os
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import load_solution, smallest_gamma, solve_hji
@@ -93,12 +94,12 @@ def test_a_file_of_before_the_digest_is_read(solved, tmp_path):
 
 def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InvalidInput, match=r"/pipe: .*device"):
+    with refused_with(InvalidInput, "/pipe", "device"):
         load_solution(tmp_path / "pipe")
 
 
 def test_missing_file_and_unwritable_place(solved, tmp_path):
-    with pytest.raises(InvalidInput, match=r"read[\s\S]*none\.npz: no "):
+    with refused_with(InvalidInput, "read", "none.npz"):
         load_solution(tmp_path / "none.npz")
-    with pytest.raises(InvalidInput, match=r"written[\s\S]*s\.npz"):
+    with refused_with(InvalidInput, "written", "s.npz"):
         solved.save(tmp_path / "no folder" / "s.npz")

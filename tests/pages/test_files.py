@@ -29,7 +29,8 @@ def test_the_folder_has_the_controller_and_every_run(report_design: Make, tmp_pa
     page = (folder / "index.html").read_text(encoding="utf-8")
     listed = {"design.json", "controller", "runs/load.nc", "move.nc", "step.nc"}  # a folder is named once
     assert all(f"<code>{name}</code>" in page for name in listed)
-    assert "Written from Python" in page
+    assert "Python" in page.split('class="versions"')[0]
+    assert 'class="command"' not in page  # none was given
     with xr.open_dataset(folder / "runs" / "step.nc") as run:
         assert np.array_equal(run["input"].values, design.evaluation.step.inputs)
     ours, loaded = design.controller(), fh.load_controller(folder / "controller")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Design
@@ -54,7 +55,7 @@ def test_steps_ranges_and_settling() -> None:
     assert amplitude_text(1.0, "rad", 2.0) == "1 rad (57.3°)"
     assert listed(["a"]) == "a"
     assert listed(["a", "b", "c"]) == "a, b and c"
-    assert amplitude_text(math.inf, "rad") == "any looked at"
+    assert unnamed(amplitude_text(math.inf, "rad"), "any", "inf") == ["inf"]
     assert amplitude_text(math.nan, "rad") == "–"
     assert range_text([2.0, 1.0]) == "1 to 2"
     assert range_text([2.0, 2.0]) == "2"
@@ -77,11 +78,11 @@ def test_a_robot_is_described_by_its_largest_changes() -> None:
     assert text(arm, stiffness=90.0, mass=1.03) == "stiffness −10 %, mass +3 %"
     assert text(arm, stiffness=90.0, inductance=0.2) == "stiffness −10 %"  # no coil in this true plant
     assert text(arm, ("inductance",), stiffness=90.0, inductance=0.2).startswith("inductance +100 %, ")
-    assert text(arm) == "the nominal robot"
+    assert unnamed(text(arm), "nominal", "%") == ["%"]
     planar = fh.load_robot("planar-two-link")
     assert text(planar, inertia_zz_elbow=1.2 * planar.nominal["inertia_zz_elbow"]) == "inertia zz elbow +20 %"
-    assert text(planar, damping_elbow=1.0) == "the nominal robot"
-    with pytest.raises(TypeError, match="robot's numbers"):
+    assert text(planar, damping_elbow=1.0) == text(planar)
+    with pytest.raises(TypeError, match="numbers"):
         changes_text({"mass": 1.0}, arm, ())
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import unnamed
 
 from flexhinf.analysis import Margins
 from flexhinf.design import Design
@@ -28,6 +29,7 @@ from flexhinf.pages.drawing import joint_table, with_figures
 from flexhinf.pages.page import (
     achieved_text,
     design_settings,
+    input_rows,
     limit_text,
     remarks,
     requirement_table,
@@ -85,7 +87,7 @@ def test_the_status_comes_first_failures_before_the_rest(report_design: Make) ->
     (alone,) = design_page(
         dataclasses.replace(design, status=Status(scope="only the nominal")), ["flexhinf"]
     ).status
-    assert alone.text.endswith("; only the nominal.")
+    assert "only the nominal" in alone.text
     assert "defaults" not in design_page(report_design("met"), ["flexhinf"]).status[0].text
 
 
@@ -125,13 +127,13 @@ def test_bins_of_a_histogram_hold_equally_many_sampling_instants() -> None:
 
 
 def test_requirements_that_are_not_met_stand_first_with_criterion_and_joint() -> None:
-    kept = Requirement("overshoot", 5.0, 4.0, "%", True, "the step", "of the step", "--overshoot")
+    kept = Requirement("overshoot", 5.0, 4.0, "%", True, "the step", "criterion", "--overshoot")
     missed = Requirement("bandwidth", 4.0, 3.0, "rad/s", False, "running loop", "at −3 dB", joint="elbow")
     where, first, other, second = requirement_table((kept, missed)).rows
     assert (where, other) == ("running loop", "the step")
     judged = Cell("NOT MET", "red")
     assert first == ("bandwidth", "≥ 4 rad/s*", "3 rad/s (elbow)", judged, "at −3 dB", "our default")
-    assert second[3:] == (Cell("met", "green"), "of the step", "`--overshoot`")
+    assert second[3:] == (Cell("met", "green"), "criterion", "`--overshoot`")
     gone = dataclasses.replace(kept, found=np.inf)
     assert (limit_text(gone), achieved_text(gone)) == ("≤ 5 %", "diverges")
 
@@ -188,8 +190,7 @@ def test_the_robust_preset_says_what_its_tolerances_cost(report_design: Make) ->
     assert cost == 100.0 * (r.gamma_star / r.nominal_gamma_star - 1.0)
     assert f"{cost:.1f}" in text
     assert f"{r.channels} channels" in text
-    assert "linear in each" in text  # products of tolerances are not claimed
-    assert "γ* of this problem, with the channels of the tolerances" in text
+    assert unnamed(text, number(r.gamma_star), "channels", "products") == []  # products are not claimed
 
 
 @pytest.mark.slow
@@ -228,8 +229,7 @@ def test_runs_that_diverge_are_counted_and_never_drawn(report_design: Make) -> N
     positions[3, 40:] = np.nan
     gone = dataclasses.replace(samples, overshoot=overshoot, settling=settling, positions=positions)
     text = text_of(with_evaluation(design, step_samples=gone), "draws")
-    assert "15 of 16 settle, 1 diverge" in text
-    assert "1 that diverged" in text
+    assert unnamed(text, "15 of 16", "1 diverge", "1 that diverged") == []
     assert "never" in text
     assert "robot 4 (" in text
 
@@ -255,8 +255,7 @@ def test_the_corners_are_named_with_their_form_of_process_noise(report_design: M
     assert e.corners is not None
     assert e.corners.count == 8
     text = corners_text(e)
-    assert text.startswith("Measured: link position. ")
-    assert f"{e.corners.unstable} of 8 corners" in text or "None of the 8 corners" in text
+    assert unnamed(text, "link position", e.corners.unstable or "none", "8 corners") == []
     cells, rows = corner_table(e).rows, corner_rows(e)
     assert {len(row) for row in cells} == {1 + 2 * len(e.corners.forms)}
     assert {row["form"] for row in rows} >= {"as designed", "true state", *e.corners.forms}
@@ -278,7 +277,8 @@ def test_levels_from_below_and_from_above(report_design: Make) -> None:
 
 
 def test_a_linear_law_is_not_called_nonlinear(report_design: Make) -> None:
-    assert title_of(report_design("rings")) == "A linear H∞ law for the robot “paper”"
+    assert unnamed(title_of(report_design("rings")), "linear", "“paper”") == []
+    assert unnamed(title_of(report_design("rings")), "nonlinear") == ["nonlinear"]
 
 
 @pytest.mark.slow
@@ -327,9 +327,12 @@ def test_runs_that_diverge_are_a_result_on_the_page(report_design: Make) -> None
     gone = with_evaluation(design, step=cut(e.step), load_response=load, move=move)
     page = design_page(gone, ["flexhinf"])
     assert "diverges at 0.05 s" in page.verdict.partition(". ")[0]
-    assert "until it diverged" in text_of(gone, "specification")
+    before, after = ([row["what"] for row in input_rows(one)] for one in (design, gone))
+    cut_short = set(after) - set(before)
+    assert len(cut_short) == 3
+    assert unnamed(text_of(gone, "specification"), *cut_short) == []
     found = remarks(gone)
-    assert any("The step diverges" in text for text in found["step"])
-    assert any("the loop diverges" in text for text in found["load"])
-    assert any("diverges" in text for text in found["move"])
+    assert unnamed(found["step"][-1], "diverges", "0.05 s") == []
+    assert unnamed(found["load"][0], "diverges", "--load") == []
+    assert unnamed(found["move"][0], "diverges", "--bandwidth") == []
     assert not re.search(r"\bnan\b", re.sub(r"<svg.*?</svg>", "", page.html(), flags=re.DOTALL))

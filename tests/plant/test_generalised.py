@@ -2,6 +2,7 @@ import re
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
@@ -112,7 +113,7 @@ def test_bad_problems_are_refused(arguments, word):
 
 def test_an_origin_that_is_no_rest_is_refused():
     plant = Plant(lambda x, u, d, p: u - 1.0 + d, lambda x, u, p: x, ("x",), ("u",), ("d",))
-    with pytest.raises(InvalidInput, match=r"equilibrium[\s\S]*/dt x = -1\n"):
+    with refused_with(InvalidInput, "equilibrium", "/dt x = -1"):
         plant.with_objective([1.0])
 
 
@@ -124,7 +125,7 @@ def test_a_pose_that_nothing_holds_is_a_failure():
         ("u",),
         ("d",),
     )
-    with pytest.raises(NumericalFailure, match=r"equilibrium.*pose[\s\S]*/dt v = 1 "):
+    with refused_with(NumericalFailure, "equilibrium", "pose", "/dt v = 1"):
         plant.with_objective([1.0, 0.0, 0.0], integrate=("x",), pose=[1.0])
 
 

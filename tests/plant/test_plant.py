@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 import mpmath
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
@@ -161,15 +162,15 @@ def test_bad_points_are_refused(arguments):
 
 
 def test_as_many_points_of_each_or_one():
-    with pytest.raises(InvalidInput, match=r"points[\s\S]*\[3, 2, 1\]"):
+    with refused_with(InvalidInput, "points", "[3, 2, 1]"):
         pendulum().derivative(np.zeros((3, 2)), np.zeros((2, 1)))
-    with pytest.raises(InvalidInput, match=r" x [\s\S]* 2 finite.*\['angle', 'speed'\]"):
+    with refused_with(InvalidInput, "x", "2 finite", "['angle', 'speed']"):
         pendulum().linearise(np.zeros((3, 2)))
 
 
 def test_a_point_without_linearisation_is_refused():
     plant = Plant(lambda x, u, d, p: np.sqrt(x) + u, lambda x, u, p: x, ("x",), ("u",))
-    with pytest.raises(InvalidInput, match=r"linearisation[\s\S]* = inf .*\[0\.0\]"):
+    with refused_with(InvalidInput, "linearisation", "= inf", "[0.0]"):
         plant.fastest_mode()
     assert plant.fastest_mode([4.0]) == pytest.approx(0.25)
 
@@ -194,5 +195,5 @@ def test_names_that_do_not_tell_signals_apart_are_refused(names):
 
 @pytest.mark.parametrize("unit", ["\x01", "a\u2028b", 3, None])
 def test_units_are_text_that_can_be_printed(unit: object) -> None:
-    with pytest.raises(InvalidInput, match=r"unit.*'angle'.*printed"):
+    with refused_with(InvalidInput, "unit", "'angle'", "printed"):
         pendulum(units={"angle": unit})

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
@@ -60,7 +61,7 @@ def test_a_report_into_which_somebody_put_files_is_left_alone(tmp_path: Path) ->
     target = report.write(tmp_path / "r", FILES)
     (target / "figures" / "my notes.txt").write_text("hours of work")
     for act in (report.check, lambda path: report.write(path, {"index.html": "new"})):
-        with pytest.raises(InvalidInput, match=r"files .*report\b") as caught:
+        with refused_with(InvalidInput, "files", "report") as caught:
             act(target)
         assert "'figures/my notes.txt'" in caught.value.found
         assert "move" in caught.value.advice
@@ -83,7 +84,7 @@ def test_a_report_that_somebody_edited_or_that_holds_a_folder_of_theirs_is_left_
     assert (target / "index.html").read_text() == "hours of work"
     (target / "index.html").unlink()
     (target / "index.html").symlink_to(tmp_path)
-    with pytest.raises(InvalidInput, match=r"(?s)changed.*'index.html'"):
+    with refused_with(InvalidInput, "changed", "'index.html'"):
         report.check(target)
     (target / "index.html").unlink()
     assert names(report.write(target, FILES)) == {*FILES, MARKER}
@@ -179,7 +180,7 @@ def test_a_folder_that_is_no_report_is_left_alone(tmp_path: Path, content: str) 
 
 def test_a_file_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "r").write_text("mine")
-    with pytest.raises(InvalidInput, match=r"(?s)file.*/r"):
+    with refused_with(InvalidInput, "file", "/r"):
         report.check(tmp_path / "r")
     with pytest.raises(InvalidInput, match="file"):
         report.check(tmp_path / "r" / "below")
@@ -210,7 +211,7 @@ def test_the_working_folder_and_those_above_it_are_not_replaced(
     target = report.write(tmp_path / "r", {**FILES, "sub/file": ""})
     for here in (target, target / "sub"):
         monkeypatch.chdir(here)
-        with pytest.raises(InvalidInput, match=r"(?s)you are in.*/r"):
+        with refused_with(InvalidInput, "above", str(target)):
             report.check(target)
 
 
@@ -223,7 +224,7 @@ def test_checking_changes_nothing(tmp_path: Path) -> None:
     "name", ["", "/etc/x", "../x", "a/../../x", "a\\b", "a\0b", "a\ud800", "a\nb", MARKER]
 )
 def test_a_file_that_would_leave_the_folder_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(InvalidInput, match="relative path"):
+    with refused_with(InvalidInput, "relative", repr(name)):
         report.write(tmp_path / "r", {name: "x"})
     assert list(tmp_path.iterdir()) == []
 

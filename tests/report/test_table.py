@@ -6,7 +6,7 @@ import math
 import re
 
 import numpy as np
-import pytest
+from tests.refusals import refused_with
 
 from flexhinf import report
 from flexhinf.errors import InvalidInput
@@ -48,7 +48,7 @@ def test_a_small_negative_number_is_not_minus_zero() -> None:
 
 
 def test_a_row_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="2 cells, got 1 in row 1"):
+    with refused_with(InvalidInput, "2 cells", "row 1"):
         report.Table(["a", "b"], [[1, 2], [3]])
 
 

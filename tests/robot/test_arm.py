@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -82,11 +83,11 @@ def test_every_number_of_the_catalogue_has_a_source(shipped):
 def test_poses_by_name_and_outside_limits():
     x, _ = PLANAR.operating_point({"elbow": 1.0})
     assert x[:2].tolist() == [0.4, 1.0]  # the shoulder stays at home
-    with pytest.raises(InvalidInput, match=r"limits.*'elbow'[\s\S]* 2\.7 rad"):
+    with refused_with(InvalidInput, "limits", "'elbow'", "2.7 rad"):
         PLANAR.problem(pose=[0.0, 2.7])
     with pytest.raises(InvalidInput, match="wrist"):
         PLANAR.problem(pose={"wrist": 0.0})
-    with pytest.raises(InvalidInput, match=r"finite.*\['shoulder', 'elbow'\].*\[0\.0\]"):
+    with refused_with(InvalidInput, "finite", "['shoulder', 'elbow']", "[0.0]"):
         PLANAR.problem(pose=[0.0])
 
 

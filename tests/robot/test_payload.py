@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters
@@ -77,7 +78,7 @@ def test_the_mass_is_one_uncertain_number_of_draws_and_corners(write):
     assert 1.0 < min(drawn) < 1.1
     assert 3.9 < max(drawn) < 4.0
     assert robot.with_values({"payload_mass_turn": 2.0}).plant_parameters()["mass"][1] == 3.0
-    with pytest.raises(InvalidInput, match=r"range.*'payload_mass_turn'[\s\S]*<= 5 <="):
+    with refused_with(InvalidInput, "range", "'payload_mass_turn'", "<= 5 <="):
         robot.with_values({"payload_mass_turn": 5.0})
 
 
@@ -125,7 +126,7 @@ def test_a_payload_at_a_link_of_a_urdf_is_seen_from_the_joint_that_carries_it(wr
     tip = load_robot(urdf, elastic=write(ELASTIC), payload="2")
     assert tip.nominal["payload_centre_of_mass_z"] == 0.5
     assert tip.plant_parameters()["mass"] == [4.0]
-    with pytest.raises(InvalidInput, match=r"'hnd'.*\n.*'hand'"):
+    with refused_with(InvalidInput, "'hnd'", "'hand'"):
         load_robot(urdf, elastic=write(ELASTIC), payload="2@hnd")
 
 
@@ -135,7 +136,7 @@ def test_a_single_link_carries_at_twice_its_centre_of_mass_if_nothing_else_is_sa
     assert whole["mass"] == 1.5
     assert whole["mass"] * whole["length"] == pytest.approx(1.0 + 0.5 * 2.0)
     assert whole["link_inertia"] == pytest.approx(1.0 + 0.5 * 4.0)
-    with pytest.raises(InvalidInput, match=r"axis_inertia[\s\S]*\[0\.5, 0\.0\]"):
+    with refused_with(InvalidInput, "axis_inertia", "[0.5, 0.0]"):
         load_robot("paper", payload="1@joint:1,0.5,0")
 
 
@@ -175,9 +176,9 @@ def test_a_number_keeps_its_own_tolerance_and_an_unused_one_is_refused(write):
     )
     robot = load_robot(write(stated))
     assert {p.name for p in robot.uncertain} == {"stiffness_slide", "mass_slide", "mass_turn"}
-    with pytest.raises(InvalidInput, match=r"\[tolerances\].*'coulomb_friction'.*joint"):
+    with refused_with(InvalidInput, "[tolerances]", "'coulomb_friction'", "joint"):
         load_robot(write("[tolerances]\ncoulomb_friction = 5\n" + ARM))
-    with pytest.raises(InvalidInput, match=r"of 'turn' has 'backlash'"):
+    with refused_with(InvalidInput, "'turn'", "'backlash'"):
         load_robot(write(ARM + "[joint.tolerances]\nbacklash = 5\n"))
 
 
@@ -209,9 +210,9 @@ def test_what_is_no_payload_is_refused(write, text, message):
 
 
 def test_a_range_holds_its_value_and_replaces_a_tolerance():
-    with pytest.raises(InvalidInput, match=r"range.*'mass'[\s\S]*<= 4 <="):
+    with refused_with(InvalidInput, "range", "'mass'", "<= 4 <="):
         Parameter("mass", 4.0, range=(0.0, 3.0))
-    with pytest.raises(InvalidInput, match=r"'mass'.*tolerance.*range"):
+    with refused_with(InvalidInput, "'mass'", "tolerance", "range"):
         Parameter("mass", 1.0, 5.0, range=(0.0, 3.0))
     one = Parameter("mass", 1.0, range=(0.0, 3.0))
     assert [one.at(sign) for sign in (-1.0, -0.5, 0.0, 0.5, 1.0)] == [0.0, 0.5, 1.0, 2.0, 3.0]
@@ -221,9 +222,9 @@ def test_shapes_are_uniform_bodies():
     assert inertia_of_shape("sphere", [0.1]) == pytest.approx((0.004, 0, 0, 0.004, 0, 0.004))
     thin = inertia_of_shape("cylinder", [1e-9, 0.6])
     assert thin == pytest.approx((0.03, 0, 0, 0.03, 0, 0))
-    with pytest.raises(InvalidInput, match=r"box[\s\S]*\[0\.1, 0\.0, 0\.1\]"):
+    with refused_with(InvalidInput, "box", "[0.1, 0.0, 0.1]"):
         inertia_of_shape("box", [0.1, 0.0, 0.1])
-    with pytest.raises(InvalidInput, match=r"inertia[\s\S]*\[0\.1, 0\.1, 1\.0\]"):
+    with refused_with(InvalidInput, "inertia", "[0.1, 0.1, 1.0]"):
         Payload(Parameter("mass", 1.0), inertia_per_mass=(1.0, 0, 0, 0.1, 0, 0.1))
     assert payload_from_text(" 2 kg @ hand ").at == "hand"
     check_parameters("r", [Parameter("payload_mass_a", 1.0)], {"a": False, "b": False})

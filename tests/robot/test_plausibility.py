@@ -6,6 +6,7 @@ import math
 import re
 
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -48,15 +49,15 @@ def loaded(tmp_path, **changes):
     [
         ({"stiffness": 25.0}, False, r"° under(.|\n)*N·m/deg(.|\n)*1432.4 for 25 N·m/deg"),
         ({"stiffness": 2.0}, True, r"'shoulder'[\s\S]* 114\.59 for 2 N·m/deg"),
-        ({"centre": 6.0, "stiffness": 1e4}, False, r"millimetres(.|\n)*0.006 for 6 mm"),
-        ({"centre": 250.0}, True, r"millimetres(.|\n)*0.25 for 250 mm"),
+        ({"centre": 6.0, "stiffness": 1e4}, False, r"millimetres(.|\n)*0\.006 .* 6 mm"),
+        ({"centre": 250.0}, True, r"millimetres(.|\n)*0\.25 .* 250 mm"),
         ({"inertia": 600000.0}, True, r"inertia[\s\S]* 0\.06 .*6e\+05 g·cm²"),
         ({"inertia": 600.0}, True, r"inertia[\s\S]* 0\.06 .*600 kg·cm²"),
         ({"inertia": 20.0}, False, r"inertia[\s\S]* 0\.002 .*20 kg·cm²"),
         ({"motor": 3.3e6}, True, r"0.33 if 3.3e\+06 g·cm²"),
         ({"motor": 5000.0}, False, r"motor[\s\S]* 0\.0005 .*5000 g·cm²"),
         ({"motor": 1e-5}, False, r"rotor_inertia = 1e-05.*gear_ratio"),
-        ({"limits": [-170.0, 170.0]}, True, r"degrees(.|\n)*-2\.9671 to 2\.9671 rad"),
+        ({"limits": [-170.0, 170.0]}, True, r"degrees(.|\n)*-2\.9671 .* 2\.9671 rad"),
         ({"limits": [-31.4, 31.4]}, False, r"continuous"),
         ({"rpy": [0.0, 90.0, 0.0]}, True, r"degrees(.|\n)*\[0\.0, 1\.5708, 0\.0\]"),
         ({"down": [0, 0, -1]}, False, r"gravity[\s\S]*down = \[0\.0, 0\.0, -1\.0\]"),
@@ -78,14 +79,14 @@ def test_what_is_probably_in_another_unit_is_asked_or_refused(tmp_path, changes,
 @pytest.mark.parametrize("mass", ["1e29kg", "0..1e29kg", "600"])
 def test_a_payload_of_many_times_the_robots_mass_is_refused(mass):
     """The spring was blamed, and a range taken whatever its upper end."""
-    with pytest.raises(InvalidInput, match=r"payload(.|\n)* kg .* 5 kg(.|\n)*grams"):
+    with refused_with(InvalidInput, "payload", "kg", "5 kg", "grams"):
         load_robot("planar-two-link", payload=mass)
 
 
 def test_a_heavy_payload_is_asked_about_and_named_where_a_spring_twists():
     with pytest.warns(RobotFileWarning, match=r"payload.* 20 (.|\n)* 0\.1kg .*100 g"):
         load_robot("planar-two-link", payload="0..100kg")
-    with pytest.warns(RobotFileWarning), pytest.raises(InvalidInput, match=r"'shoulder'.* 125°.*payload"):
+    with pytest.warns(RobotFileWarning), refused_with(InvalidInput, "'shoulder'", "125°", "payload"):
         load_robot("planar-two-link", payload="100kg")
 
 
@@ -110,7 +111,7 @@ def test_a_joint_that_no_loop_of_this_period_can_follow_is_refused_before_any_wo
         assert text.startswith("equilibrium")
 
     robot = loaded(tmp_path, stiffness=1e8)
-    with pytest.raises(InvalidInput, match=r"'shoulder'.* Hz(.|\n)*stiffness = (.|\n)*--period") as caught:
+    with refused_with(InvalidInput, "'shoulder'", "Hz", "stiffness =", "--period") as caught:
         fh.design(robot, fh.Specification(), work)
     softer = float(re.search(r"stiffness = ([0-9.e+]+)", str(caught.value))[1])
     check_fast(loaded(tmp_path, stiffness=softer), 1e-3)

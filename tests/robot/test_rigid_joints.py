@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -134,7 +135,7 @@ def test_feedforward_is_the_inverse_of_the_flow(case):
     rates = plant.derivative(x, u)
     np.testing.assert_allclose(rates[:n], motion[1], rtol=1e-12)
     np.testing.assert_allclose(rates[n : 2 * n], motion[2], rtol=1e-8, atol=1e-8)
-    with pytest.raises(InvalidInput, match=r"flat[\s\S]*rigid \["):
+    with refused_with(InvalidInput, "flat", "rigid ["):
         robot.flat_coordinates(x, None)
 
 
@@ -142,15 +143,15 @@ def test_checks_before_a_design_count_springs_only():
     robot = mixed("planar-two-link", "shoulder")
     check_fast(robot, 1e-3)
     check_delay(robot, 5e-3)
-    with pytest.raises(InvalidInput, match=r"delay[\s\S]* 5 s"):
+    with refused_with(InvalidInput, "delay", "5 s"):
         check_delay(robot, 5.0)
 
 
 def test_what_a_rigid_joint_cannot_have_is_refused():
     two = load_robot("planar-two-link")
-    with pytest.raises(InvalidInput, match=r"elastic[\s\S]*got \['shoulder', 'elbow'\]"):
+    with refused_with(InvalidInput, "elastic", "['shoulder', 'elbow']"):
         mixed("planar-two-link", *two.joint_names)
-    with pytest.raises(InvalidInput, match=r"elastic[\s\S]*got \['wrist'\]"):
+    with refused_with(InvalidInput, "elastic", "['wrist']"):
         mixed("planar-two-link", "wrist")
     robot = mixed("planar-two-link", "shoulder")
     with pytest.raises(InvalidInput, match="motor_velocity_shoulder"):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
@@ -46,9 +47,9 @@ def test_with_values_makes_another_robot():
     assert stiff.nominal["stiffness"] == 200.0
     assert stiff["stiffness"].tolerance == 12.0
     assert arm.nominal["stiffness"] == 100.0
-    with pytest.raises(InvalidInput, match=r"'paper'.*'stifness'"):
+    with refused_with(InvalidInput, "'paper'", "'stifness'"):
         arm.with_values({"stifness": 1.0})
-    with pytest.raises(InvalidInput, match=r"'stiffness'.*finite[\s\S]* nan"):
+    with refused_with(InvalidInput, "'stiffness'", "finite", "nan"):
         arm.with_values({"stiffness": np.nan})
 
 
@@ -56,7 +57,7 @@ def test_a_robot_has_the_parameters_of_its_model_once():
     arm = paper_arm()
     with pytest.raises(InvalidInput, match="friction"):
         Robot("short", arm.parameters[:-1], arm.penalty)
-    with pytest.raises(InvalidInput, match=r"'paper'[\s\S]* once[\s\S]*'friction', 'mass'\]"):
+    with refused_with(InvalidInput, "'paper'", "once", "'friction', 'mass']"):
         replace(arm, parameters=(*arm.parameters, Parameter("mass", 2.0)))
 
 

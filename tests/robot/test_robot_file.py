@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import RobotFileWarning, catalogue, load_robot, paper_arm
@@ -183,11 +184,11 @@ def test_a_tolerance_that_looks_like_a_fraction_is_warned_of(write):
 
 
 def test_other_files(write, tmp_path):
-    with pytest.raises(InvalidInput, match=r"nothing\.toml'[\s\S]*catalogue"):
+    with refused_with(InvalidInput, "nothing.toml'", "catalogue"):
         load_robot(tmp_path / "nothing.toml")
-    with pytest.raises(InvalidInput, match=r"elastic=.*URDF.*'arm\.toml'"):
+    with refused_with(InvalidInput, "elastic=", "URDF", "'arm.toml'"):
         load_robot(write(GOOD), elastic=write(GOOD, "joints.toml"))
-    with pytest.raises(InvalidInput, match=r"joints.*locked.*URDF"):
+    with refused_with(InvalidInput, "joints", "locked", "URDF"):
         load_robot(write(GOOD), joints=["turn"])
 
 
@@ -198,7 +199,7 @@ def test_a_single_link_by_its_inertia_about_the_axis(write):
     plant = robot.plant()
     assert plant.states == ("link_position", "link_velocity", "motor_position", "motor_velocity")
     np.testing.assert_allclose(plant.derivative([0.1, 0, 0, 0], [0.2]), [0, -2.0, 0, (0.2 + 1.0) / 0.1])
-    with pytest.raises(InvalidInput, match=r"axis_inertia[\s\S]* 3 joints"):
+    with refused_with(InvalidInput, "axis_inertia", "3 joints"):
         load_robot(write(GOOD + text + "[joint.motor]\nmotor_inertia = 0.1\n"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 
@@ -69,5 +70,5 @@ def test_what_a_package_does_wrong_is_told(plug_in: Path, name: str, what: str) 
 
 def test_our_own_formats_stay_ours(plug_in: Path) -> None:
     (plug_in / "a.urdf").write_text("<robot name='a'/>")
-    with pytest.raises(fh.InvalidInput, match=r"a\.urdf[\s\S]*elastic="):
+    with refused_with(fh.InvalidInput, "a.urdf", "elastic="):
         fh.load_robot(plug_in / "a.urdf")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot import load_robot
@@ -132,11 +133,11 @@ def test_what_cannot_be_used_is_refused_by_name(urdf, change, options, words):
 
 
 def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
-    with pytest.raises(InvalidInput, match=r"arm\.urdf[\s\S]*elastic="):
+    with refused_with(InvalidInput, "arm.urdf", "elastic="):
         load_robot(urdf)
-    with pytest.raises(InvalidInput, match=r"'elbow'.*arm\.urdf.*stiffness"):
+    with refused_with(InvalidInput, "'elbow'", "arm.urdf", "stiffness"):
         load_robot(urdf, elastic=elastic("shoulder"), joints=["shoulder", "elbow"])
-    with pytest.raises(InvalidInput, match=r"'elbw'.*arm\.urdf"):
+    with refused_with(InvalidInput, "'elbw'", "arm.urdf"):
         load_robot(urdf, elastic=elastic("shoulder", "elbw"), joints=["shoulder", "elbow"])
     twice = elastic("shoulder").read_text().replace("[joint.spring]", "axis = [0, 0, 1]\n[joint.spring]")
     path = elastic("shoulder")
@@ -145,7 +146,7 @@ def test_a_urdf_without_inertials_or_without_elastic_data(urdf, elastic):
         load_robot(urdf, elastic=path, joints=["shoulder"])
     urdf.write_text("<robot name='a'><link name='b'/><link name='c'/><joint name='j' type='revolute'>"
                     "<parent link='b'/><child link='c'/></joint></robot>", encoding="utf-8")  # fmt: skip
-    with pytest.raises(InvalidInput, match=r"'j'.*mass[\s\S]* 0 kg"):
+    with refused_with(InvalidInput, "'j'", "mass", "0 kg"):
         read_urdf(read_xml(urdf))
     urdf.write_text("<mujoco/>", encoding="utf-8")
     with pytest.raises(InvalidInput, match="<robot>"):
@@ -262,7 +263,7 @@ def test_masses_out_of_proportion_are_refused(tmp_path, mass):
 
 @pytest.mark.parametrize("value", [np.ma.masked, "far", 1e300, np.nan, 10**400])
 def test_a_joint_is_locked_at_a_number(urdf, value):
-    with pytest.raises(InvalidInput, match=r"'elbow'.*locked[\s\S]*finite"):
+    with refused_with(InvalidInput, "'elbow'", "locked", "finite"):
         read_urdf(read_xml(urdf), locked={"elbow": value, "follow": 0.0})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -52,9 +53,9 @@ def test_dry_friction_hides_no_more_than_is_told(robot: fh.Robot) -> None:
 
 
 def test_what_cannot_be_weighed_is_refused(robot: fh.Robot) -> None:
-    with pytest.raises(InvalidInput, match=r"'payload_mass_elbow'[\s\S]*\(0\.0, 0\.0\)"):
+    with refused_with(InvalidInput, "'payload_mass_elbow'", "(0.0, 0.0)"):
         weigh_payload(robot, (0.0, 0.0), held(robot))  # hanging
-    with pytest.raises(InvalidInput, match=r"'planar-two-link'[\s\S]*\[\[payload\]\]"):
+    with refused_with(InvalidInput, "'planar-two-link'", "[[payload]]"):
         weigh_payload(fh.load_robot("planar-two-link"), POSE, held(robot))
     for effort in ([1.0], [np.nan, 1.0], "heavy"):
         with pytest.raises(InvalidInput, match="joints"):

@@ -9,6 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from tests.refusals import refused_with
 
 from flexhinf import scalars
 from flexhinf.errors import InvalidInput
@@ -267,7 +268,7 @@ def test_coefficients_of_a_mixed_array():
     table = coefficients([[x, 3.0], [0, y]], 2, 1)
     np.testing.assert_array_equal(table, [[[1, 1, 0], [3, 0, 0]], [[0, 0, 0], [2, 0, 1]]])
     for wrong in ([x, "a"], [jets([1.0], 1)[0]], [jets([1.0, 2.0], 2)[0]], [symbols("s", 1)[0]]):
-        with pytest.raises(InvalidInput, match=r" 2 variables .*degree 1, "):
+        with refused_with(InvalidInput, "2 variables", "degree 1"):
             coefficients(wrong, 2, 1)
 
 
@@ -335,7 +336,7 @@ def test_piecewise_functions_of_several_arguments_are_refused_by_name():
 )  # fmt: skip
 def test_branches_and_conversions_are_refused(what):
     [x] = jets([0.5], 2)
-    with pytest.raises(InvalidInput, match=r"number.*`[\s\S]*Jet\(1 variables, degree 2, value 0\.5\)"):
+    with refused_with(InvalidInput, "number", "`", "Jet(1 variables, degree 2, value 0.5)"):
         what(x)
 
 
@@ -362,7 +363,7 @@ def test_jets_of_different_kinds_are_refused():
     [a], [b], c = jets([0.5], 2), jets([0.5], 3), jets([0.5, 1.0], 2)
     for other in (b, c[0]):
         for operation in ("__add__", "__sub__", "__mul__", "__truediv__", "__pow__", "arctan2", "hypot"):
-            with pytest.raises(InvalidInput, match=r"Jet\(1 variables, degree 2.* Jet\("):
+            with refused_with(InvalidInput, "Jet(1 variables, degree 2"):
                 getattr(a, operation)(other)
 
 
@@ -373,7 +374,7 @@ def test_a_jet_is_not_a_key():
 
 @pytest.mark.parametrize("point", [[np.nan], [np.inf, 0.0], [], [[1.0]], 3.0])
 def test_unusable_points_are_refused(point):
-    with pytest.raises(InvalidInput, match=r"point[\s\S]*finite"):
+    with refused_with(InvalidInput, "point", "finite"):
         jets(point, 2)
 
 

@@ -1,6 +1,7 @@
 import mpmath
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import clip, derivative, jets, series, trace
@@ -67,7 +68,7 @@ def test_what_is_not_listed_is_refused():
     (s,), (short,) = series([2.0], [3.0], [1.0]), series([2.0], [3.0])
     with pytest.raises(InvalidInput, match="lengths"):
         s + short
-    with pytest.raises(InvalidInput, match=r" clip .*smooth.*Series"):
+    with refused_with(InvalidInput, "clip", "smooth", "Series"):
         clip(s, 0.0, 1.0)
     with pytest.raises(TypeError):
         np.tanh(s)

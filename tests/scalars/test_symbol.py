@@ -6,6 +6,7 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import Symbol, symbols, trace
@@ -136,20 +137,20 @@ def branch(x):
     "code", [branch, bool, lambda x: max(x, 0.0), np.sign, lambda x: np.maximum(x, 0.0), lambda x: 0 < x < 1]
 )
 def test_branches_raise(code):
-    with pytest.raises(InvalidInput, match=r"truth[\s\S]*Symbol\(") as caught:
+    with refused_with(InvalidInput, "truth", "Symbol(") as caught:
         code(symbols("x", 1)[0])
     assert "flexhinf.scalars.where" in caught.value.advice
 
 
 @pytest.mark.parametrize("code", [float, math.sin, lambda x: np.array([x], dtype=float)])
 def test_asking_for_the_number_raises(code):
-    with pytest.raises(InvalidInput, match=r"float\(Symbol\(x\)\)"):
+    with refused_with(InvalidInput, "float(Symbol(x))"):
         code(symbols("x", 1)[0])
 
 
 def test_filling_a_float_array_raises():
     target = np.zeros(2)
-    with pytest.raises(InvalidInput, match=r"float\(Symbol\(x\)\)"):
+    with refused_with(InvalidInput, "float(Symbol(x))"):
         target[0] = symbols("x", 1)[0]
 
 

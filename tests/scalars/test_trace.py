@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from scipy.optimize import approx_fprime
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.scalars import Symbol, apply, drop_empty, jacobian, pack, symbols, trace, unpack
@@ -59,9 +60,9 @@ def test_no_argument_and_an_empty_one():
 
 
 def test_branching_code_is_refused():
-    with pytest.raises(InvalidInput, match=r"truth[\s\S]*Symbol\(\(0<i0\)\)"):
+    with refused_with(InvalidInput, "truth", "Symbol((0<i0))"):
         trace(lambda x: x if x[0] > 0 else -x, 1)
-    with pytest.raises(InvalidInput, match=r"float\(Symbol\(i0_0\)\)"):
+    with refused_with(InvalidInput, "float(Symbol(i0_0))"):
         trace(lambda x: np.asarray(x, dtype=float), 2)
 
 
@@ -95,7 +96,7 @@ def test_apply_on_numbers_and_on_symbols():
 
 
 def test_apply_with_too_few_arguments_is_refused():
-    with pytest.raises(InvalidInput, match=r" traced .*arguments[\s\S]*expected 3, got 1"):
+    with refused_with(InvalidInput, "traced", "arguments", 3, 1):
         apply(trace(model, 2, (2, 2), 2), POINT[0])
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import UnscentedKalmanFilter
@@ -129,7 +130,7 @@ def test_a_bad_sample_changes_nothing(made, y, r):
 def test_a_damaged_memory_is_told_and_reset_helps(controller):
     first = controller.step(0.1, 1.0)
     controller._history.memory[:] = -1.0
-    with pytest.raises(NumericalFailure, match=r"estimate.*finite[\s\S]* y=0\.1, reference=1\.0") as caught:
+    with refused_with(NumericalFailure, "estimate", "finite", "y=0.1, reference=1.0") as caught:
         controller.step(0.1, 1.0)
     assert "reset()" in caught.value.advice
     assert "y=0.1" in caught.value.found
@@ -179,7 +180,7 @@ def test_without_integrals_a_command_is_refused(made):
 
 
 def test_a_state_to_reset_to_needs_an_estimator(made):
-    with pytest.raises(InvalidInput, match=r"estimate[\s\S]*array\(\[0\., 0\., 0\., 0\.\]\)"):
+    with refused_with(InvalidInput, "estimate", "array([0., 0., 0., 0.])"):
         Controller(made.law, None).reset(np.zeros(4))
     for state in (np.zeros(5), [0, 0, 0, np.nan], "rest"):
         with pytest.raises(InvalidInput):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import UnscentedKalmanFilter
@@ -137,7 +138,7 @@ def test_the_command_of_the_last_good_sample_holds(made):
     r = np.array([1.2, 0.1, 1.3, 0.0, 5.0])
     for k in range(6):
         if k == 3:
-            with pytest.raises(NumericalFailure, match=r"command.*finite[\s\S]* reference=array\(\[nan"):
+            with refused_with(NumericalFailure, "command", "finite", "reference=array([nan"):
                 kept.step(0.0, np.full(5, np.nan))
         np.testing.assert_array_equal(said.step(0.01 * k, r), kept.step(0.01 * k, r if k == 0 else None))
     fresh = Controller(law, None, moving=True)
@@ -160,7 +161,7 @@ def test_a_law_without_integrals_follows_but_tracks_nothing(made):
         assert 0.0 < run.metrics()["tracking_rmse"] < 0.5
         assert run.metrics("b")["tracking_rmse"] != run.metrics("a")["tracking_rmse"]
         assert len(run.plot().axes[0].lines) == 3 * len(run.judged)
-    with pytest.raises(InvalidInput, match=r"'ua'[\s\S]*\['a', 'da', 'b', 'db'\]"):
+    with refused_with(InvalidInput, "'ua'", "['a', 'da', 'b', 'db']"):
         run.metrics("ua")
 
 
@@ -219,7 +220,7 @@ def test_codes_differ_and_fresh_keeps_the_mode(made):
 
 
 def test_misfits_are_refused(made):
-    with pytest.raises(InvalidInput, match=r"moving=True[\s\S]*'yes'") as caught:
+    with refused_with(InvalidInput, "moving=True", "'yes'") as caught:
         Controller(made.law, None, moving="yes")
     assert caught.value.advice
     moving = Controller(made.law, None, moving=True)
@@ -230,5 +231,5 @@ def test_misfits_are_refused(made):
     for r in (1.0, Sine(1.0, 1.0), np.zeros(4), {"elbow": 1.0}, lambda t: np.zeros(4)):
         with pytest.raises(InvalidInput, match="motor_voltage"):
             loop.run(r, duration=0.1)
-    with pytest.raises(InvalidInput, match=r"reference.*finite[\s\S]*\[nan\] .* 0\.05 s"):
+    with refused_with(InvalidInput, "reference", "finite", "[nan]", "0.05 s"):
         loop.run({"motor_voltage": lambda t: math.nan if t > 0.05 else 0.0}, duration=0.1)

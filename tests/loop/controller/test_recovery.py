@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 from flexhinf.errors import ControllerInUse, InvalidInput, NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, OutputInjectionObserver, UnscentedKalmanFilter
@@ -88,7 +89,7 @@ def test_a_missed_sample_costs_little_and_a_corrected_one_takes_over(made):
 def test_without_an_estimator_there_is_nothing_to_predict_with(made):
     controller = Controller(made.law, None)
     first = controller.step(np.zeros(4), 1.0)
-    with pytest.raises(InvalidInput, match=r"predict[\s\S]* None"):
+    with refused_with(InvalidInput, "predict", "None"):
         controller.step(None, 1.0)
     again = Controller(made.law, None)
     np.testing.assert_array_equal(again.step(np.zeros(4), 1.0), first)
@@ -102,9 +103,7 @@ def test_a_step_that_fails_changes_nothing(cubic, kind):
     spoiled, clean = (Controller(cubic, arm_filter(kind)) for _ in range(2))
     for k in range(10):
         if k == 5:
-            with pytest.raises(
-                NumericalFailure, match=r"estimate.*finite[\s\S]* y=1e\+200, reference=9\.0"
-            ) as caught:
+            with refused_with(NumericalFailure, "estimate", "finite", "y=1e+200, reference=9.0") as caught:
                 spoiled.step(1e200, 9.0)
             assert "step(None)" in caught.value.advice
             np.testing.assert_array_equal(spoiled.estimate, clean.estimate)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.baselines import (
@@ -161,7 +162,7 @@ def test_the_input_before_the_first_measurement_returns_and_a_file_without_it_ha
     assert_same_steps(plain, load_controller(tmp_path / "controller.npz"))
     for wrong in (np.full(1, np.nan), np.zeros(2), np.full(1, -1.0)):
         write_arrays(tmp_path / "controller.npz", "controller", arrays | {"windup.limit": wrong})
-        with pytest.raises(InvalidInput, match=r"\.npz: .*bound.*integrals.*'limit'"):
+        with refused_with(InvalidInput, ".npz", "bound", "integrals", "'limit'"):
             load_controller(tmp_path / "controller.npz")
 
 
@@ -183,18 +184,18 @@ def test_what_cannot_be_saved_is_refused_by_name_and_leaves_no_file(tmp_path: Pa
         pass
 
     law = LAWS["linear"]()
-    with pytest.raises(InvalidInput, match=r"Branching.*saved[\s\S]*symbols"):
+    with refused_with(InvalidInput, "Branching", "saved", "symbols"):
         fh.Controller(Branching(), None).save(tmp_path / "c.npz")
-    with pytest.raises(InvalidInput, match=r"Mine.*saved[\s\S]*flexhinf\.estimation"):
+    with refused_with(InvalidInput, "Mine", "saved", "flexhinf.estimation"):
         fh.Controller(law, Mine(ARM.plant(), 1e-3, *NOISES)).save(tmp_path / "c.npz")
-    with pytest.raises(InvalidInput, match=r"written[\s\S]*c\.npz"):
+    with refused_with(InvalidInput, "written", "c.npz"):
         fh.Controller(law, None).save(tmp_path / "missing" / "c.npz")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_no_controller_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c.npz"
-    with pytest.raises(InvalidInput, match=r"c\.npz'[\s\S]*Controller\.save"):
+    with refused_with(InvalidInput, "c.npz'", "Controller.save"):
         load_controller(path)
     fh.Controller(LAWS["linear"](), ESTIMATORS["ekf"](), 1e-3).save(path)
     whole = path.read_bytes()
@@ -240,7 +241,7 @@ def test_a_header_of_a_whole_file_that_says_something_else_is_refused(
     arrays, _ = read_arrays(path)
     header = json.loads(str(arrays["header"])) | change
     write_arrays(path, "controller", {**arrays, "header": np.array(json.dumps(header))})
-    with pytest.raises(InvalidInput, match=r"controller.*read[\s\S]*c\.npz: "):
+    with refused_with(InvalidInput, "controller", "read", "c.npz"):
         load_controller(path)
 
 
@@ -252,17 +253,17 @@ def test_a_changed_bit_a_missing_digest_or_a_pipe_is_refused(tmp_path: Path) -> 
         changed = bytearray(whole)
         changed[place] ^= 4
         path.write_bytes(changed)
-        with pytest.raises(InvalidInput, match=r"controller.*read[\s\S]*c\.npz: "):
+        with refused_with(InvalidInput, "controller", "read", "c.npz"):
             load_controller(path)
     path.write_bytes(whole)
     with np.load(path) as archive:
         arrays = {name: archive[name] for name in archive.files}
     np.savez(path, **arrays)
-    with pytest.raises(InvalidInput, match=r"c\.npz: .*digest.*missing"):
+    with refused_with(InvalidInput, "c.npz", "digest", "missing"):
         load_controller(path)
     path.unlink()
     os.mkfifo(path)
-    with pytest.raises(InvalidInput, match=r"c\.npz: .*pipe"):
+    with refused_with(InvalidInput, "c.npz", "pipe"):
         load_controller(path)
 
 

@@ -4,6 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 from numpy.polynomial import Polynomial
+from tests.refusals import refused_with
 
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Constant, Quintic, Samples, Sine, Spline, Step
@@ -122,7 +123,7 @@ def test_a_spline_of_many_dense_samples_keeps_a_smooth_signal():
 
 
 def test_interpolated_samples_have_no_derivatives():
-    with pytest.raises(InvalidInput, match=r"interpolation.* 4\b") as caught:
+    with refused_with(InvalidInput, "interpolation", 4) as caught:
         Samples([0.0, 1.0], [0.0, 1.0]).derivatives(0.5)
     assert "Spline" in caught.value.advice
     assert Samples([0.0, 1.0], [0.0, 1.0]).derivatives(0.5, 0) == [0.5]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from tests.interpreter import interpret
+from tests.refusals import refused_with
 
 from flexhinf.codegen.noise import normal_numbers
 from flexhinf.errors import InvalidInput, NumericalFailure
@@ -252,7 +253,7 @@ def test_without_integrals_there_is_no_command(made):
         loop.run(1.0)
     with pytest.raises(InvalidInput):
         loop.run(disturbance=1.0)
-    with pytest.raises(InvalidInput, match=r"tracked[\s\S]*integrate="):
+    with refused_with(InvalidInput, "tracked", "integrate="):
         run.metrics()
 
 
@@ -325,7 +326,7 @@ def test_limits_do_not_hide_an_input_that_is_no_number(saturation):
     assert run.status == "diverged"
     assert len(run.time) < 5
     assert controller.step(0.25) == -0.5
-    with pytest.raises(NumericalFailure, match=r"estimate.*finite[\s\S]* y=-0\.25"):
+    with refused_with(NumericalFailure, "estimate", "finite", "y=-0.25"):
         controller.step(-0.25)
 
 
@@ -355,15 +356,15 @@ def test_loops_that_do_not_fit_are_refused(made):
     ):
         with pytest.raises(InvalidInput, match=word):
             Loop(true_plant, controller)
-    with pytest.raises(InvalidInput, match=r" Controller, .*LinearLaw"):
+    with refused_with(InvalidInput, "Controller", "LinearLaw"):
         Loop(paper_arm().plant(), law)
     for count in (0, -1, 1.5, True, "4"):
         with pytest.raises(InvalidInput, match="sub-steps"):
             Loop(paper_arm().plant(), controller, sub_steps=count)
-    with pytest.raises(InvalidInput, match=r"plant[\s\S]*'motor_velocity'\].*\['a', 'da', 'b', 'db'\]"):
+    with refused_with(InvalidInput, "plant", "'motor_velocity']", "['a', 'da', 'b', 'db']"):
         Loop(plant, Controller(made.law, None))
     swapped = made.LinearLaw(law.state_names, ("ub", "ua"), law.gain)
-    with pytest.raises(InvalidInput, match=r"inputs[\s\S]*\['ub', 'ua'\].*\['ua', 'ub'\]"):
+    with refused_with(InvalidInput, "inputs", "['ub', 'ua']", "['ua', 'ub']"):
         Loop(plant, Controller(swapped, None))
 
 

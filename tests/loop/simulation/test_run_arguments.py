@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
@@ -73,7 +74,7 @@ def test_commands_beyond_a_joint_are_refused_with_joint_time_and_value(robot: fh
     assert f"{low:g} to {high:g}" in str(caught.value)
     wave = [0.0, fh.Sine(wide, 1.0)]
     moving: Any = fh.Moving(wave, robot.inverse_dynamics)
-    with pytest.raises(fh.InvalidInput, match=r"range.*'link_position_elbow'"):
+    with refused_with(fh.InvalidInput, "range", "'link_position_elbow'"):
         loop_of(robot, moving=True).run(moving, duration=1.0)
 
 
@@ -97,7 +98,7 @@ def test_the_limit_itself_and_states_without_limits_are_commanded(robot: fh.Robo
 )  # fmt: skip
 def test_degrees_are_asked_about(made: Any, command: Any) -> None:
     loop = Loop(paper_arm().plant(), Controller(made.law, None))
-    with pytest.raises(InvalidInput, match=r"'link_position'.*turn[\s\S]* 6\.283 rad") as caught:
+    with refused_with(InvalidInput, "'link_position'", "turn", "6.283 rad") as caught:
         loop.run(command, duration=0.5)
     assert "np.radians(" in str(caught.value)
 
