@@ -13,7 +13,7 @@ import pytest
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.problem.presets import channels
 from flexhinf.design.problem.weights import (
-    LEAST_FRACTION,
+    MIN_FRACTION,
     Channel,
     LinearFamily,
     LinearProblem,
@@ -176,7 +176,7 @@ def test_where_the_whole_tolerances_are_too_much_a_part_is_covered_and_told(
 ) -> None:
     case = case_of(name)
     share = case.game.fraction
-    assert LEAST_FRACTION <= share < 1.0
+    assert MIN_FRACTION <= share < 1.0
     highest = 1e4 * case.game.nominal.gamma_star()
     assert case.game.feasible(highest)
     assert not replace(case.game, fraction=1.0).feasible(highest)
