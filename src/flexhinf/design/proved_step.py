@@ -74,7 +74,7 @@ class BoxProof:
         return self.certificate.level / float(largest)
 
 
-Law = TypeVar("Law", bound=BoxProof)
+AnyBoxProof = TypeVar("AnyBoxProof", bound=BoxProof)
 
 
 def step_start(statement: Certificate, solution: HJISolution, step: float) -> claim.Start:
@@ -86,7 +86,7 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> cl
     return start
 
 
-def common_box(law: Law, ranges: Ranges) -> Law:
+def common_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
     """The linear law with the smallest γ for which a common quadratic V exists, and with that V."""
     common = box.common_value(box.tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if common is None:
@@ -94,7 +94,7 @@ def common_box(law: Law, ranges: Ranges) -> Law:
     return replace(law, gamma=common.smallest, p=common.p(max(QUADRATIC_MARGINS)), common=common)
 
 
-def sampled_box(law: Law, ranges: Ranges) -> Law:
+def sampled_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
     """The law with the γ for which a proof is tried, and its storage function.
 
     A linear law has the quadratic V of the smallest gain for all slopes of the plant's functions. Other laws, and a
@@ -120,7 +120,7 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
 
 def prove_box(
     robot: Robot,
-    law: Law,
+    law: AnyBoxProof,
     ranges: Ranges,
     *,
     margins: tuple[float, ...] | None = None,
@@ -128,7 +128,7 @@ def prove_box(
     most_cells: int = 100_000_000,
     threads: int = 1,
     progress: cells.Progress | None = None,
-) -> Law:
+) -> AnyBoxProof:
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
     `ranges`: see `flexhinf.certify.box.parameter_ranges`.

@@ -192,9 +192,7 @@ class RunMetrics:
     limits: JointLimits
     # Start and goal (n,) of a step, rad or m; None for a move
     ends: tuple[np.ndarray, np.ndarray] | None = None
-    required: tuple[np.ndarray, np.ndarray] | None = (
-        None  # Limits of a move: tracking error, and distance after the move, (n,)
-    )
+    required: tuple[np.ndarray, np.ndarray] | None = None  # (n,) each: tracking and final error of a move
 
     @cached_property
     def joint_metrics(self) -> dict[str, tuple[Sequence[str], Sequence[int]]]:
