@@ -139,7 +139,7 @@ def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignPr
             larger = problem_at(factor)
         except (
             FlexhinfError
-        ):  # no factor suffices: the page lists how many corners violate the first problem's inequality
+        ):  # no factor suffices: the page has the number of failing corners of the first problem
             break
         if not failing(larger):
             return larger

@@ -369,8 +369,8 @@ SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 #: Relative accuracy of the bandwidth; largest number of iterations of the inner search, and of the bisection.
 FITS, TURNS, HALVINGS = 0.01, 30, 6
 
-#: Rounds in which the ζ of single joints are lowered; smallest and largest factor of one change; and the powers of the
-#: ratio of required to present damping that are tried.
+#: Rounds in which the ζ of single joints are lowered; the largest factor of one reduction; the ratio of required to
+#: present damping below which a reduction is tried; and the powers of this ratio that are tried.
 ROUNDS, MOST_LOWERED, WORTH, POWERS = 2, 2.0, 0.9, (0.95, 0.5)
 
 #: Factors on the ζ of a search for another bandwidth or damping, tried in turn.
