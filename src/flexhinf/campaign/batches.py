@@ -39,29 +39,29 @@ from flexhinf.loop.simulation.inputs import sample_count, starting_state
 from flexhinf.plant import Plant
 from flexhinf.validation import is_integer, one_of, value_text
 
-#: Most samples: words of 32 bits count them, and a Sobol sequence has so many.
+#: Largest number of samples: the length of a Sobol sequence, and of a 32-bit counter.
 MOST_SAMPLES = 1 << 29
 
-#: Samples of a batch by default, and most of them.
+#: Samples of a batch, by default and at most.
 BATCH, LARGEST_BATCH = 256, 65_536
 
-#: Instants of the signals that are kept of a run, and how many runs, the first ones, they are kept of.
+#: Instants at which signals are kept, and the number of runs (the first ones) whose signals are kept.
 INSTANTS, TRACED = 200, 10_000
 
-#: How the columns of kept signals begin; columns that every campaign has.
+#: Prefix of the columns of kept signals; and the columns that every campaign has.
 TRACE = "trace."
 OWN = ("sample", "seed", "status", "diverged_at_s", "failure")
 
-#: The kind of columns with the metric of a part, as of one joint, of which another column has the worst.
+#: Kind of a column with the metric of a part, such as one joint; another column has the worst of all parts.
 PART = "part metric"
 
 #: The execution mode of samples that run one by one.
 ALONE = "alone"
 
-#: Options that a sample may have of its own in the lanes of an ensemble, besides parameters, noise and loads.
+#: Options in which the samples of one ensemble may differ, besides parameters, noise and loads.
 _BATCHABLE = frozenset({"initial_state", "initial_input"})
 
-#: Samples of the run that tells loops apart.
+#: Length, in samples, of the run that distinguishes loops.
 PROBE = 100
 
 
@@ -83,11 +83,11 @@ class Column:
 class Campaign:
     """Description of a campaign: everything that its samples depend on.
 
-    `batches`: How many there are. `instants`, `time`: Samples (T,), and their instants, s, at which signals are kept,
-    the first and the last of a run among them.
+    `batches`: their number. `instants`, `time`: samples (T,) at which signals are kept, and their times, s; the first
+    and the last of a run are among them.
 
-    Raises InvalidInput: before any work: for numbers out of range, metrics or signals that are not known, a draw that
-        does not fit the plant.
+    Raises InvalidInput, before any work: for numbers out of range, unknown metrics or signals, a draw that does not fit
+    the plant.
     """
 
     loop: Loop  # With the nominal true plant; controller and estimator stay as they are
@@ -98,10 +98,10 @@ class Campaign:
     # ``initial_input``, ``multi_turn``
     options: Mapping[str, Any] = field(default_factory=dict)
     metrics: Any = None  # See `chosen_metrics`
-    # States of which some instants are kept, for bands; by default those that are tracked
+    # States that are kept at some instants, for bands; by default the tracked ones
     signals: Sequence[str] | None = None
     batch: int = BATCH  # Samples of a batch. No sample depends on it
-    # Other statements that are compared when the campaign goes on: the specification of a design
+    # Further settings that are compared when the campaign continues, such as the specification of a design
     about: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -168,7 +168,7 @@ class Campaign:
         )
 
     def loop_of(self, sample: Sample) -> Loop:
-        """The loop of one sample: the campaign's sub-steps, so that all samples share a kernel."""
+        """The loop of one sample; it has the campaign's sub-steps, so that all samples share a kernel."""
         plant = self.loop.true_plant if sample.plant is None else sample.plant
         if sample.parameters:
             if not isinstance(plant, Plant):
@@ -228,7 +228,8 @@ class Campaign:
         }
 
     def _mode(self, sample: Sample) -> str:
-        """Execution mode of a sample: alone, or in a batch whose samples all have an initial input, or none has."""
+        """Execution mode of a sample: alone, or batched with samples that all have an initial input, or all have
+        none."""
         shared = isinstance(self.loop.true_plant, Plant) and sample.plant is None
         mode = "with input" if "initial_input" in sample.options else "lanes"
         return mode if shared and set(sample.options) <= _BATCHABLE else ALONE
@@ -282,7 +283,7 @@ class Campaign:
             "version": __version__, "samples": str(self.samples), "seed": str(self.seed), "batch": str(self.batch),
             **self.about, **self.draw.settings,
             **{name: option_text(value) for name, value in sorted(self.options.items())},
-            # it tells draws of the same code from each other
+            # this distinguishes draws with the same code
             "first sample": ", ".join(f"{name} {value:.{DIGITS}g}" for name, value in self._first.row().items()),
             "metrics": ", ".join(name for m in self.metrics for name in m.units),
             **{f"metric {', '.join(m.units)}": fingerprint(m.function) for m in own},
@@ -327,7 +328,7 @@ Rows = dict[str, np.ndarray]
 
 
 def run_batch(campaign: Campaign, batch: int) -> Rows:
-    """The rows of one batch: the same on every machine of one kind, whatever was run before or beside it.
+    """The rows of one batch. They are the same on every machine of one kind, whatever else runs.
 
     InvalidInput if there is no such batch, or a sample's run or metric is refused; the message names the sample.
     """
@@ -336,7 +337,7 @@ def run_batch(campaign: Campaign, batch: int) -> Rows:
 
 
 def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample] = ()) -> Rows:
-    """The rows of samples, drawn by the campaign or other ones, each with the noise of the sample of its index."""
+    """The rows of samples, from the campaign or others; sample k has the noise of the k-th index."""
     samples = samples or campaign.draw.samples(indices, campaign.samples, campaign.seed)
     count, names = len(indices), {column.name for column in campaign.columns if column.kind == "parameter"}
     columns = {
@@ -391,7 +392,7 @@ def _fill_reduced(campaign: Campaign, columns: Rows, places: np.ndarray, result:
         for name in metrics.units:
             columns[name][places] = np.where(result.completed, values[name], math.nan)
     kept = columns["sample"][places] < TRACED
-    with np.errstate(over="ignore"):  # of a run that diverges: 32 bits call it infinite
+    with np.errstate(over="ignore"):  # values of a diverging run become infinite in 32 bits
         for k, name in enumerate(campaign.signals or ()):
             columns[TRACE + name][places[kept]] = result.kept[kept, :, k]
 

@@ -1,13 +1,13 @@
-"""The i-th sample: its plant and circumstances, the same in any batch, order, worker or interruption.
+"""Draws: sample i has the same plant and circumstances in any batch, order and worker, and after any interruption.
 
-Nothing is drawn from a stream. A sample's numbers follow from the seed of the campaign and its own number alone: by the
-counter-based generator of `flexhinf.codegen.noise`, by a scrambled Sobol sequence, or by a Latin hypercube.
+A sample's numbers depend on the seed of the campaign and on the sample's index alone, not on a stream: they come from
+the counter-based generator of `flexhinf.codegen.noise`, a scrambled Sobol sequence or a Latin hypercube.
 
-A campaign goes on with the draw and the metrics that it was begun with. Names of functions do not identify them: a body
-that was changed has the same one. So the code is hashed as it was compiled (comments, line numbers and the function's
-docstring do not matter; another minor version of Python does), with constants, defaults, closures, globals that it
-reads, and functions and classes of the same package that it calls. Code and objects of other packages, flexhinf among
-them, go by their names: their effect on a draw is seen in its first sample.
+A campaign must continue with the draw and the metrics with which it began. A function's name does not identify it, as
+its body may change. So its compiled code is hashed, with constants, defaults, closures, globals that it reads, and
+functions and classes of the same package that it calls. Comments, line numbers and the docstring do not matter; another
+minor version of Python does. Code and objects of other packages, including flexhinf, are identified by name: the first
+sample shows their effect on a draw.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.plant import BlackBox, Plant
 from flexhinf.validation import checked_text, distinct, is_real, one_of, value_text
 
-#: Digits of computed numbers that count, as of a short run, and of those that a function reads: their last bits may
-#: differ from machine to machine.
+#: Significant digits of computed numbers (of a short run, or read by a function): last bits may differ between
+#: machines.
 DIGITS, READ_DIGITS = 6, 12
 
 
@@ -100,7 +100,7 @@ class _Reader:
 
     package: str
     known: dict[int, str] = field(default_factory=dict)
-    kept: list[Any] = field(default_factory=list)  # so that no other value gets the identity of a known one
+    kept: list[Any] = field(default_factory=list)  # keeps the value alive, so that its identity is not reused
 
     def text(self, value: Any) -> str:
         match value:
@@ -112,7 +112,7 @@ class _Reader:
                 return self.text(value.item())
         if id(value) not in self.known:
             self.kept.append(value)
-            self.known[id(value)] = f"inside {_name(type(value))}"  # where it holds itself
+            self.known[id(value)] = f"inside {_name(type(value))}"  # for an object that contains itself
             self.known[id(value)] = _hash(self._part(value))
         return self.known[id(value)]
 
@@ -180,22 +180,22 @@ def _globals(code: types.CodeType) -> list[str]:
     return sorted(names.union(*inner))
 
 
-#: How a number is distributed in its interval.
+#: Distributions of a number in its interval.
 DISTRIBUTIONS = ("uniform", "normal", "truncated-normal", "corners")
 
-#: How the samples are spread over all numbers at once.
+#: Sampling methods for all numbers together.
 METHODS = ("random", "latin-hypercube", "sobol")
 
 #: Half an interval in standard deviations of a normal distribution.
 SIGMAS = 3.0
 
-#: Farthest normal number that 53 bits give, in standard deviations.
+#: Largest normal number that 53 bits give, in standard deviations.
 FARTHEST = 8.3
 
-#: Last word of the generator's counter: noise has 0.
+#: Last word of the generator's counter; that of noise is 0.
 _NUMBERS, _SEEDS, _FUNCTIONS = 1, 2, 3
 
-#: Binary digits of a Sobol sequence, and most numbers of a Latin hypercube (0.4 GB).
+#: Binary digits of a Sobol sequence, and largest number of values of a Latin hypercube (0.4 GB).
 _SOBOL_BITS, _MOST_LATIN = 30, 50_000_000
 
 
@@ -203,8 +203,8 @@ _SOBOL_BITS, _MOST_LATIN = 30, 50_000_000
 class Variable:
     """A number that differs from sample to sample.
 
-    Raises InvalidInput: for an interval that is empty or not finite, an unknown distribution, or a normal one that is
-        not sure to keep the sign of the interval.
+    Raises InvalidInput: for an interval that is empty or not finite, an unknown distribution, or a normal one that may
+    leave the sign of the interval.
     """
 
     name: str
@@ -240,7 +240,7 @@ class Variable:
         return 0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) / SIGMAS * deviations
 
     def values(self, u: np.ndarray) -> np.ndarray:
-        """The quantiles (N,) of numbers u (N,) inside (0, 1)."""
+        """Quantiles (N,) of the distribution at probabilities u (N,) in (0, 1)."""
         if self.distribution == "corners":
             return np.where(u < 0.5, self.low, self.high)
         if self.distribution == "uniform":
@@ -253,7 +253,7 @@ class Variable:
         return np.clip(self.normal(inside), self.low, self.high)
 
     def text(self) -> str:
-        """The variable in a line, every digit of its interval in it."""
+        """The variable as one line, with every digit of its interval."""
         unit = f" {self.unit}" if self.unit else ""
         return f"{self.distribution} in [{self.low!r}, {self.high!r}]{unit}"
 
@@ -275,17 +275,17 @@ _VARIABLE = re.compile(rf"({'|'.join(DISTRIBUTIONS)}) in \[([^\s,]+), ([^\s\]]+)
 class Sample:
     """The plant and the circumstances of one sample."""
 
-    # Of the true plant, those that differ from the nominal ones (`Plant.with_parameters`)
+    # Parameters of the true plant that differ from the nominal ones (`Plant.with_parameters`)
     parameters: Mapping[str, Any] = field(default_factory=dict)
     # Of `Loop.run`: ``initial_state``, ``initial_input``, ``disturbance``, ``reference``, ``noise``; they win over
     # the campaign's
     options: Mapping[str, Any] = field(default_factory=dict)
-    # Of the sample's row; by default the parameters, arrays element by element
+    # Numbers in the sample's row; by default the parameters, arrays element by element
     numbers: Mapping[str, float] | None = None
     plant: Plant | BlackBox | None = None  # A true plant of its own, for plants without parameters
     # Factors of the campaign's disturbance, by channel; 1 where none is named
     loads: Mapping[str, float] = field(default_factory=dict)
-    # Why the sample cannot be run, as a robot that its motors cannot hold; then it is counted and not run
+    # Why the sample cannot be run, such as a robot that its motors cannot hold; it is then only counted
     failure: str = ""
 
     def row(self) -> dict[str, float]:
@@ -301,11 +301,11 @@ class Sample:
 
 
 class Draw(ABC):
-    """Interface of a draw, which gives the samples of a campaign by their numbers."""
+    """Interface of a draw, which returns the samples of a campaign by their indices."""
 
     @abstractmethod
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Samples of these numbers, of `count` in all; a sample does not depend on the others that are asked for."""
+        """Samples of these indices, of `count` in all; a sample does not depend on the other indices."""
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -315,7 +315,7 @@ class Draw(ABC):
     @property
     @abstractmethod
     def settings(self) -> Mapping[str, str]:
-        """Settings of the draw beside count and seed, as text by name: compared when a campaign goes on."""
+        """Settings of the draw besides count and seed, as text by name; they are compared when a campaign continues."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,10 +352,10 @@ class Tolerances(Draw):
     """
 
     variables: Sequence[Variable]
-    # One of `METHODS`. Random: independent samples. Latin hypercube: every number is evenly spread by itself. Sobol:
-    # all of them together are, and a campaign's samples are the first ones of a longer one
+    # One of `METHODS`. Random: independent samples. Latin hypercube: each number by itself is evenly spread. Sobol: all
+    # numbers together are, and a longer campaign begins with the same samples
     method: str = "random"
-    # Numbers by name → `Sample`; by default they are parameters of the true plant. A `FlexhinfError` is the sample's
+    # Numbers by name → `Sample`; by default parameters of the true plant. A `FlexhinfError` becomes the sample's
     # failure
     build: Callable[[Mapping[str, float]], Sample] | None = None
 
@@ -370,7 +370,7 @@ class Tolerances(Draw):
         distinct("variables", [variable.name for variable in self.variables])
 
     def samples(self, indices: Sequence[int], count: int, seed: int) -> list[Sample]:
-        """Samples of these numbers: the quantiles of each variable at the points of the method."""
+        """Samples of these indices: quantiles of each variable at the points of the method."""
         values = self.numbers(indices, count, seed)
         return [self.built(dict(zip(values, map(float, row), strict=True))) for row in zip(*values.values())]
 
@@ -383,7 +383,7 @@ class Tolerances(Draw):
     def stated(settings: Mapping[str, str], names: Sequence[str]) -> Tolerances | None:
         """Make the draw again from a campaign's settings; its variables have these names, in this order.
 
-        None where a function of a user makes the rows, which settings do not hold; InvalidInput for a wrong statement.
+        None for a user's function, which settings do not contain; InvalidInput for wrong settings.
         """
         variables = [Variable.read(name, settings.get(f"variable {name}", "")) for name in names]
         known = [variable for variable in variables if variable is not None]
@@ -458,6 +458,6 @@ def _sobol(indices: np.ndarray, dimensions: int, seed: int) -> np.ndarray:
             sequence = qmc.Sobol(dimensions, rng=seed, bits=_SOBOL_BITS)
             if indices[run[0]]:
                 sequence.fast_forward(int(indices[run[0]]))
-            # SciPy warns of other numbers than powers of 2 at the beginning
+            # SciPy warns unless the first run is a power of 2
             points[run] = sequence.random(1 << (len(run) - 1).bit_length())[: len(run)]
     return points

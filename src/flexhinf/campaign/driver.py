@@ -1,4 +1,5 @@
-"""Runs the missing batches of a campaign, here, in processes or on a cluster, and merges them; workers only compute."""
+"""Run the missing batches of a campaign in this process, in processes or on a cluster, and merge them; workers only
+compute."""
 
 from __future__ import annotations
 
@@ -31,13 +32,13 @@ if TYPE_CHECKING:
 
     from flexhinf.loop import Loop
 
-#: Runs batches of a campaign and gives them in any order, each once.
+#: An executor runs batches of a campaign and yields each once, in any order.
 Executor = Callable[[Campaign, Sequence[int]], Iterator[tuple[int, Rows]]]
 
-#: Batches on the way for each thread of the cluster; and how long a scheduler may take to answer, s.
+#: Submitted batches per thread of the cluster; and how long a scheduler may take to answer, s.
 AHEAD, PATIENCE = 2, 10.0
 
-#: How often in a row worker processes may die without a batch that is done.
+#: Number of worker deaths in a row, without a finished batch, after which the driver gives up.
 DEATHS = 5
 
 MOST_WORKERS = 10_000
@@ -51,8 +52,8 @@ _OPTIONS = (
 def in_cluster(address: str) -> Executor:
     """An executor on the workers of a scheduler of Dask's, ``tcp://host:8786``.
 
-    A worker that dies costs time: its batches go to the others. A scheduler that dies ends the campaign with what
-    is written; the same call goes on. The workers need flexhinf of the driver's version.
+    If a worker dies, others run its batches. If the scheduler dies, the campaign ends; finished batches are kept, and
+    the same call continues. The workers need flexhinf of the driver's version.
     InvalidInput for an address of another form, or where `distributed` is not installed.
     """
     if not isinstance(address, str) or "://" not in address:
@@ -114,14 +115,14 @@ def _as_done(
     most: Callable[[], int],
     pending: dict[Any, int],
 ) -> Iterator[tuple[int, Rows]]:
-    """Keep `most()` batches submitted, and yield each one when it is done; `pending` has the rest."""
+    """Keep `most()` batches submitted, and yield each when it is done; `pending` holds those submitted and not done."""
     remaining = iter(batches)
     while True:
         pending.update((submit(batch), batch) for batch in islice(remaining, max(most() - len(pending), 0)))
         if not pending:
             return
         for future in first_done():
-            rows = future.result()  # which stays pending where this raises
+            rows = future.result()  # a batch that raises here stays in `pending`
             yield pending.pop(future), rows
 
 
@@ -136,12 +137,13 @@ def remote_batch(sent: bytes, batch: int, version: str) -> Rows:
     return run_batch(_worker_campaign(sent), batch)
 
 
-_worker_campaign = lru_cache(2)(pickle.loads)  # compiled code is kept from batch to batch
+_worker_campaign = lru_cache(2)(pickle.loads)  # keeps compiled code from batch to batch
 
 
 @dataclass
 class Shard:
-    """Every n-th batch, for one of n jobs: `number` is 1 … `of`; `name` is in its lock file, "" for the campaign."""
+    """Every n-th batch, for one of n jobs: `number` is 1 … `of`. `name` is part of its lock file's name, "" without
+    shards."""
 
     number: int = 1
     of: int = 1
@@ -188,7 +190,7 @@ def drive(
 ) -> MergedTable | None:
     """Run the missing batches of a shard (default: all) with an executor (default: this process), and merge the table.
 
-    None where other shards are still to be run. InvalidInput if another driver is at work or a sample is refused;
+    Returns None while other shards are not done. InvalidInput if another driver is at work or a sample is refused;
     FlexhinfError if the disk is full, workers die, or a batch is not run.
     """
     shard = shard or Shard()
@@ -221,7 +223,7 @@ def in_this_process(campaign: Campaign, batches: Sequence[int]) -> Iterator[tupl
 
 
 def in_processes(workers: int, note: Callable[[str], None] = lambda text: None) -> Executor:
-    """An executor of so many worker processes: one that is killed costs time and no sample, and `note` is called.
+    """An executor of worker processes. If one is killed, its batches run again, and `note` is called with a message.
 
     InvalidInput for a number below 1.
     """
@@ -285,7 +287,7 @@ def _run(
 def _begin_worker() -> None:
     """Set up a worker: it ignores Ctrl-C, which the driver handles, and ends when the driver was killed.
 
-    Workers wait for work on a pipe that they hold open themselves: without the thread they would wait for ever.
+    Workers keep the pipe open on which they wait for work: without the thread they would wait for ever.
     """
 
     def end_with_the_driver() -> None:
@@ -329,11 +331,11 @@ def run_campaign(
     signals : sequence of str, optional
         States that are kept at some instants; the tracked ones by default.
     folder : path, optional
-        Of a journal: an interrupted campaign goes on with the same call.
+        Folder of a journal: the same call continues an interrupted campaign.
     workers : int
         Processes; 0: this one.
     batch : int
-        Samples of a file of the journal.
+        Samples per batch, which is one file of the journal.
     **options
         Of `Loop.run`, for all samples: reference, disturbance, noise, duration, initial_state, initial_input,
         multi_turn.

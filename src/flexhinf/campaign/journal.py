@@ -1,12 +1,12 @@
-"""The journal of a campaign: a folder with a manifest and one Parquet file for each batch that is done.
+"""The journal of a campaign: a folder with a manifest and one Parquet file for each finished batch.
 
-The files are the truth; there is no other record of what was run. Each is written under another name, forced to the
-disk, and renamed to one that holds the batch and the SHA-256 of its bytes: a file is whole, or it is found out and run
-again. A batch that is written twice gets the same name twice.
+The files are the only record of finished batches. Each is written under a temporary name, forced to the disk, and
+renamed to a name with the batch and the SHA-256 of its bytes. A damaged file is detected and its batch runs again. A
+batch that is written twice gets the same name twice.
 
-Files of a campaign's folder come from anywhere: whoever reads one refuses what no campaign writes, before any number
-in it is believed. The manifest has what the rows depend on, their columns, and information for reports, under one
-digest. The columns of the manifest say how rows are written, checked, read and merged.
+Files of a campaign's folder are not trusted: a reader checks that a campaign can have written a file before it uses a
+number. The manifest contains the settings that rows depend on, the columns and information for reports, under one
+digest. Its columns define how rows are written, checked, read and merged.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def read_columns(path: Any, names: Sequence[str] | None = None) -> Any:
     try:
         with parquet.ParquetFile(path) as file:
             return file.read(columns=None if names is None else list(names))
-    except MemoryError:  # Arrow's is one of its exceptions too
+    except MemoryError:  # an exception of Arrow is one of these too
         raise
     except (OSError, ValueError, KeyError, ArrowException) as error:
         raise InvalidInput(
@@ -78,21 +78,21 @@ def numpy_column(column: Any) -> np.ndarray:
     if pa.types.is_fixed_size_list(whole.type):
         return whole.values.to_numpy(zero_copy_only=False).reshape(-1, whole.type.list_size)
     if pa.types.is_string(whole.type):
-        coded = whole.dictionary_encode()  # a table has few texts: one object for each
+        coded = whole.dictionary_encode()  # a table has few different texts; equal ones share one object
         texts = np.array([*coded.dictionary.to_pylist(), None], dtype=object)
         return texts[coded.indices.fill_null(len(texts) - 1).to_numpy(zero_copy_only=False)]
     return np.array(whole.to_numpy(zero_copy_only=False))
 
 
 def write_whole(path: Path, content: bytes, prefix: str | None = None) -> None:
-    """Write a file under another name, force it to the disk, and rename it."""
+    """Write a file under a temporary name, force it to the disk, and rename it."""
     with part_file(path.parent, f".{path.name}." if prefix is None else prefix) as name:
         Path(name).write_bytes(content)
         publish_whole(name, path)
 
 
 def publish_whole(name: str, path: Path) -> None:
-    """Force a file to the disk, and rename it, and force that as well."""
+    """Force a file to the disk, rename it, and force the new name to the disk."""
     make_durable(name)
     os.replace(name, path)
     if hasattr(os, "O_DIRECTORY"):
@@ -117,16 +117,16 @@ def disk_refusals(folder: Path) -> Iterator[None]:
         ) from error
 
 
-#: What reading a file raises that is not what was written; FlexhinfError where a number is out of range.
+#: Errors of reading a damaged file; FlexhinfError for a number out of range.
 UNREADABLE = (
     OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, FlexhinfError,
 )  # fmt: skip
 
-#: What a manifest is, and its version: 2 binds columns, instants and everything else that a manifest says, and the
-#: batch of each part; and the entry with the digest of all others.
+#: Format and version of a manifest, and the entry with the digest of all others. Since version 2 the digests cover the
+#: whole manifest and the batch of each part.
 _KIND, _SEAL = {"what": "flexhinf campaign", "version": 2}, "sha256"
 
-#: Bytes of the largest text file and of the largest shard that are read; of a shard beyond its rows, and of one text.
+#: Largest size, bytes, of a text file and of a shard that is read; of a shard beyond its rows; and of one text.
 MOST_BYTES, _MOST_SHARD, _SPARE, _LONGEST_TEXT = 10_000_000, 4 << 30, 1_000_000, 16_384
 
 
@@ -186,18 +186,19 @@ MANIFEST, SHARDS, TABLE, LOCK = "campaign.json", "shards", "samples.parquet", ".
 _SHARD = re.compile(r"batch-(\d{8})-([0-9a-f]{16})\.parquet\Z")
 _PREFIX = ".batch-{:08d}."
 
-#: Relative distance of numbers that are drawn twice: kinds of processors differ in the last bits of a normal one.
+#: Relative tolerance for numbers that are drawn again: processors differ in the last bits of normal numbers.
 _SAME = 1e-9
 
-#: Rows of a group in the table, at least.
+#: Smallest number of rows of a group in the table.
 _GROUP = 65_536
 
-#: Changes of the settings, and batches, that a refusal lists.
+#: Largest number of changed settings, or of batches, that an error lists.
 _LISTED = 8
 
 
 def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
-    """Refuse a path that is a file or below one, or a folder with other names in it than these and hidden ones."""
+    """Refuse a path that is a file or below a file, or a folder that contains other names than these and hidden
+    ones."""
     nearest = next(path for path in (place, *place.parents) if path.exists())
     if not nearest.is_dir():
         raise InvalidInput(
@@ -218,20 +219,20 @@ def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
 class Journal:
     """The folder of one campaign with the entries of its manifest.
 
-    `samples`, `batches`: How many there are. `metrics`: Names of the columns with a metric, of a run or of a part.
+    `samples`, `batches`: their numbers. `metrics`: names of the columns with a metric, of a run or of a part.
     """
 
     folder: Path
     settings: Mapping[str, str]  # Everything that the rows depend on, as text by name
-    digest: str  # Of what the rows depend on, and of what they hold
+    digest: str  # Digest of the settings and of the columns
     columns: tuple[Column, ...]  # Of the shards
     time: np.ndarray  # (T,). Instants at which signals are kept, s
-    command: Sequence[str] = ()  # That made it, for the reports
-    about: Mapping[str, Any] = field(default_factory=dict)  # What else was stated when it was made
+    command: Sequence[str] = ()  # Command that made the campaign, for the reports
+    about: Mapping[str, Any] = field(default_factory=dict)  # Further information from when it was made
 
     @staticmethod
     def read(folder: str | os.PathLike[str], beside: Sequence[str] = ()) -> Journal | None:
-        """Read the journal in a folder; None where there is none yet, and no files but those named in `beside`.
+        """Read the journal in a folder; None if there is none yet, and no files except those named in `beside`.
 
         InvalidInput if the folder is a file, holds something else, or its manifest is damaged.
         """
@@ -263,8 +264,8 @@ class Journal:
         """Open the journal of a campaign in a folder: a new one, or the one there to continue.
 
         `command`: the command that runs the campaign, for the reports.
-        `about`: other information for reports and replays; it is not compared. Where it is given, other files of the
-            caller's may be there already.
+        `about`: further information for reports and replays; it is not compared. With it, the folder may already
+        contain other files of the caller.
 
         InvalidInput as `read`, or if the folder is that of another campaign.
         """
@@ -290,7 +291,7 @@ class Journal:
         return journal
 
     def refuse_campaign(self, other: Campaign | Journal) -> None:
-        """Refuse another campaign than this one; the message says what differs."""
+        """Refuse a campaign other than this one; the message names the differences."""
         self.refuse_other(other.settings)
         own, others = ({column.name for column in side.columns} for side in (self, other))
         strange = sorted(own ^ others)[:_LISTED]
@@ -323,9 +324,9 @@ class Journal:
 
     @contextmanager
     def driven(self, part: str = "") -> Iterator[None]:
-        """Keep other drivers of the same part, or of the whole, out for the block; InvalidInput if one is at work.
+        """Lock the part, or the whole campaign, against other drivers for the block; InvalidInput if one is at work.
 
-        The lock ends with its process, however that ends. Drivers of different parts work side by side.
+        The lock ends with its process, in any case. Drivers of different parts may work at the same time.
         """
         lock = self.folder / (f"{LOCK}-{part}" if part else LOCK)
         others = [p for p in self.folder.glob(f"{LOCK}*") if p != lock and (not part or p.name == LOCK)]
@@ -359,12 +360,12 @@ class Journal:
         return path
 
     def shards(self) -> tuple[dict[int, Path], list[tuple[Path, str]]]:
-        """Valid shards by batch, and the others with what is wrong.
+        """Valid shards by batch, and invalid ones with the reason.
 
-        Checked: the SHA-256 of every file; then the digest of the campaign, the batch, the columns, the numbers and
-        seeds of the samples, how runs ended, and the varied numbers where the manifest says how they are drawn. A
-        metric that was changed together with the file's name is not noticed. InvalidInput if a batch is there twice
-        with different rows, or a folder has the name of a shard.
+        It checks the SHA-256 of every file; then the campaign's digest, the batch, the columns, indices and seeds of
+        the samples, the status of the runs, and the varied numbers if the manifest defines the draw. It does not detect
+        a metric that was changed together with the file's name. InvalidInput if a batch exists twice with different
+        rows, or a folder has the name of a shard.
         """
         good: dict[int, Path] = {}
         bad: list[tuple[Path, str]] = []
@@ -391,11 +392,11 @@ class Journal:
         return good, bad
 
     def _wrong(self, path: Path, batch: int, digest: str) -> str:
-        """What is wrong with the file of a batch whose name has this digest; empty for a valid file.
+        """The defect of a batch's file whose name has this digest; empty for a valid file.
 
-        Checked: columns, metadata, sample numbers and seeds are those of the campaign; the file unpacks to no more
-        bytes than such rows take; the status of every run is a known one, and failure, time of divergence and metrics
-        agree with it; the varied numbers are those that the draw gives for these samples, where the draw is known.
+        In a valid file, columns, metadata, indices and seeds are those of the campaign, and the size is plausible when
+        unpacked. The status of every run is known, and failure, time of divergence and metrics agree with it. If the
+        draw is known, the varied numbers are those of the draw.
         """
         from pyarrow import ArrowException, parquet, types
 
@@ -418,7 +419,7 @@ class Journal:
                 )
                 lists = [entry.type.list_size for entry in schema if types.is_fixed_size_list(entry.type)]
                 texts = sum(types.is_string(entry.type) for entry in schema)
-                # most bytes of one row, twice what it takes; texts are sentences of an error
+                # largest size of one row: twice its need; texts are sentences of an error
                 size = 12 * sum(lists) + _LONGEST_TEXT * texts + 24 * (len(schema) - len(lists) - texts)
                 if wrong := _first({
                     "of another campaign, or another part of it":
@@ -449,7 +450,7 @@ class Journal:
             f"{span} of the seed {seed}": not np.array_equal(values["seed"], sample_seeds(seed, samples)),
             f"of a status that no run has: {value_text(strange[0] if strange else '')}": bool(strange),
             "without the column failure in each row": None in set(failure),
-            # only what was not run has a reason
+            # only a sample that was not run has a reason
             f"of runs with a failure, or without one, {misfit}":
                 not np.array_equal(failure != "", status == NOT_RUN),
             f"of runs with an instant of divergence, or without one, {misfit}":
@@ -490,7 +491,7 @@ class Journal:
         return {}
 
     def store(self, name: Path, content: Mapping[str, Any]) -> None:
-        """Write a sealed JSON file beside the rows, whole or not at all; numbers that JSON does not have as text.
+        """Write a sealed JSON file beside the rows, whole or not at all; infinite numbers and NaN become text.
 
         InvalidInput if another driver is at work; FlexhinfError if the disk is full.
         """
@@ -511,13 +512,14 @@ class Journal:
             write_whole(path, sealed(plain(content)))
 
     def stored(self, name: Path, kind: type[Stored], most: int = MOST_BYTES) -> Stored:
-        """A dataclass from a file of at most so many bytes that `store` wrote; one of `UNREADABLE` where it is none."""
+        """Read a dataclass from a file of `store`, with a limit of its size; raises one of `UNREADABLE` for another
+        file."""
         from pydantic import TypeAdapter
 
         return TypeAdapter(kind).validate_python(read_sealed(self.folder / name, most))
 
     def take(self, other: Journal) -> int:
-        """Copy the shards of another folder of the same campaign that are missing here; returns how many.
+        """Copy missing shards from another folder of the same campaign; returns their number.
 
         InvalidInput if it is another campaign, or a shard there is damaged.
         """
@@ -532,7 +534,7 @@ class Journal:
         return len(fresh)
 
     def merge(self, good: Mapping[int, Path]) -> Path:
-        """Write the table of all samples from every batch's shard, the same bytes for the same shards.
+        """Write the table of all samples from the shards of all batches; the same shards give the same bytes.
 
         InvalidInput if a batch is missing.
         """

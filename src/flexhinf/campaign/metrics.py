@@ -2,17 +2,17 @@
 
 A run comes to its end, is unstable, diverges, or is not run.
 
-A loop whose input is limited, or whose time is short, need not diverge to numbers that are not finite to be unstable.
-So the time from which on command and disturbance stand still is cut into thirds. A tracked state is unstable where its
-swing (largest less smallest value) in the last third
+With a limited input or in a short run, an unstable loop need not reach infinite numbers. So the time after the last
+change of command and disturbance is divided into thirds. A tracked state is unstable if its swing (largest minus
+smallest value) in the last third
 
 - is wider than the settling band of ±2 % of its step,
 - is at least `UNDAMPED` of that in the second third,
 - and goes over the same values in both (it oscillates without end), or is further from the command than in the second
   third: all of the time, or by more than the step.
 
-A state that makes no step has the band of the largest step. Nothing is said of a run without a step, or whose command
-or disturbance moves in its last tenth: there the motion is asked for.
+A state that makes no step has the band of the largest step. A run without a step, or whose command or disturbance
+changes in its last tenth, is not judged.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ COMPLETED, UNSTABLE, DIVERGED, NOT_RUN = "completed", "unstable", "diverged", "n
 #: An oscillation whose swing falls to less than this fraction from one third of the run to the next one is damped.
 UNDAMPED = 0.9
 
-#: Memory of a state: its first value, then the smallest and the largest one in each window, less the command.
+#: Initial memory of a state: its first value, then smallest and largest value minus the command in each window.
 _EMPTY = (0.0, np.inf, -np.inf, np.inf, -np.inf)
 
 
 def stability_reduction(ensemble: Ensemble) -> Reduction:
-    """Reduction to ``unstable`` (N,), 0 or 1, of N runs side by side: bit by bit the result of `is_unstable`."""
+    """Reduction to ``unstable`` (N,), 0 or 1, of N runs at once; its bits are those of `is_unstable`."""
     command, plant, controller = ensemble.command, ensemble.plant, ensemble.controller
     places = tuple(tracked_place(plant, controller, name) for name in controller.judged)
     signals = [ensemble.commands]
@@ -75,8 +75,8 @@ def is_unstable(run: Trajectory) -> bool:
 
 
 def _windows(signals: Sequence[np.ndarray], samples: int) -> tuple[int, int]:
-    """First samples of the last two thirds of the time in which these signals (N, …) stand still; both `samples` where
-    that is less than the last tenth."""
+    """First samples of the last two thirds of the time in which these signals (N, …) are constant; both are `samples`
+    if that time is less than the last tenth."""
     moving = [np.flatnonzero(np.any(values != values[-1], axis=1)) for values in signals]
     still = max((int(places[-1]) + 1 for places in moving if len(places)), default=0)
     steady = samples - still
@@ -129,20 +129,20 @@ class Metrics:
     """Metrics of a run: a function with the names and units of its values."""
 
     units: Mapping[str, str]  # Unit of each metric by name, "" where it has none
-    # Trajectory → numbers by name, or the number itself where there is one name. It is called for runs that came to
-    # their end only. Infinity is a number: of a run that never settles. None, or NaN: the run has no such number.
-    # None instead of it: runs are made in lanes only
+    # Trajectory → numbers by name, or one number if there is one name; called for completed runs only. A value may be
+    # infinite (of a run that never settles); None or NaN: the run has no such number.
+    # None: the metrics exist in lanes only
     function: Callable[[Trajectory], Any] | None
-    # The same numbers, (N,) by name, of N runs in lanes, of which nothing else is kept. Without it signals of every
-    # run are stored, and runs are made one by one or a few at a time
+    # The same numbers, (N,) by name, of N runs in lanes, without their signals. Without this function runs are made a
+    # few at a time and their signals are stored
     reduced: Callable[[EnsembleResult], Mapping[str, np.ndarray]] | None = None
-    reductions: Sequence[Reduction] = ()  # That `reduced` needs beside those of `Loop.ensemble`
-    # Names among `units` that belong to a part of what another one is the worst of, as the overshoot of one joint.
-    # They are judged like others, and reports show them apart
+    reductions: Sequence[Reduction] = ()  # Reductions that `reduced` needs besides those of `Loop.ensemble`
+    # Names among `units` that belong to one part, such as one joint; another metric is the worst of all parts. They are
+    # judged like others, and reports list them separately
     parts: Sequence[str] = ()
 
     def __call__(self, run: Trajectory) -> dict[str, float]:
-        """The numbers of one run, NaN where it has none; InvalidInput if the function gives something else."""
+        """The numbers of one run, NaN where it has none; InvalidInput if the function returns something else."""
         if self.function is None:
             raise InvalidInput(
                 f"The metrics {list(self.units)} are computed in lanes only.",
@@ -202,7 +202,8 @@ def known_metric(name: str, known: Sequence[str]) -> str:
 
 
 def chosen_metrics(metrics: Any, tracked: bool) -> tuple[Metrics, ...]:
-    """A campaign's metrics, of names, `Metrics`, functions by name, or a sequence of these; None: the standard ones."""
+    """A campaign's metrics, from names, `Metrics`, functions by name, or a sequence of these; None: the standard
+    ones."""
     if metrics is None:
         return (STANDARD,) if tracked else ()
     parts = [metrics] if isinstance(metrics, (Metrics, Mapping, str)) else list(metrics)

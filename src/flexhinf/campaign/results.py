@@ -1,9 +1,9 @@
-"""The judgement of a campaign: samples that fail, the worst, success rate, and which number matters for a metric.
+"""The judgement of a campaign: failed samples, the worst one, success rate, and the numbers that matter for a metric.
 
-Two campaigns on the same samples: differences pair by pair, and their inference for all samples.
+Also the comparison of two campaigns on the same samples: differences of the pairs, and their statistics.
 
-The statistics were fixed before any result: of each metric the median of the differences with its exact interval by the
-sign test, the fraction of pairs in which either is better, and of success and failure the exact test of McNemar.
+The statistics were fixed before any result. A metric has the median of the differences, with its exact interval by the
+sign test, and the fraction of pairs in which either is better. Success and failure have the exact test of McNemar.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from flexhinf.validation import value_text
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Samples for each coefficient of a surrogate, at least; most coefficients, and most samples that it is fitted to.
+#: Smallest number of samples per coefficient of a surrogate; its largest numbers of coefficients and of samples.
 SAMPLES_A_TERM, MOST_TERMS, MOST_ROWS = 10, 600, 20_000
 
-#: Parts of the samples of which each in turn is left out to judge the surrogate.
+#: Number of parts for cross-validation of the surrogate: each part in turn is left out of the fit.
 FOLDS = 5
 
 #: Base samples of the Sobol indices of a surrogate.
 BASE = 1024
 
-#: Polynomials that are fitted: the one with most terms that the samples allow.
+#: Polynomials for the fit; the one with the most terms that the samples allow is used.
 SURROGATES = "a linear polynomial", "a quadratic polynomial without products", "a quadratic polynomial"
 
 
@@ -61,7 +61,7 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
     """Exact confidence interval of a probability, from the successes among `count` independent samples.
 
     Clopper & Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial", 1934.
-    With no failure in n samples and 95 % it ends at 1 and begins at (0.025)^(1/n): about 1 − 3.7/n.
+    Without failures in n samples, the 95 % interval is from (0.025)^(1/n), about 1 − 3.7/n, to 1.
 
     Raises InvalidInput: for a count below 1, or successes that are not among them.
     """
@@ -81,14 +81,14 @@ def success_interval(successes: int, count: int, confidence: float = 0.95) -> In
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Sobol indices of a polynomial that was fitted to the samples: of the polynomial, not of the loop."""
+    """Sobol indices of a polynomial that was fitted to the samples; they describe the polynomial, not the loop."""
 
     names: tuple[str, ...]  # Numbers that differ from sample to sample, the most important one first
     # first, total: (p,). Fraction of the polynomial's variance that a number causes alone, and with all others
     first: np.ndarray
     total: np.ndarray
-    # Fraction of the metric's variance in samples left out of the fit that the polynomial explains. What is left is
-    # of higher order, or noise
+    # Fraction of the metric's variance that the polynomial explains in samples left out of the fit; the remainder is of
+    # higher order, or noise
     r_squared: float
     terms: str  # What the polynomial has
     count: int  # Samples it was fitted to
@@ -162,7 +162,7 @@ def _indices(function, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return first, np.where(np.isfinite(total), total, math.nan)
 
 
-#: Columns of a file that are held in memory at once: what one figure or table compares.
+#: Largest number of columns of a file in memory, enough for one figure or table.
 CACHED = 6
 
 
@@ -206,7 +206,7 @@ def labelled(
     return xr.Dataset(variables, coordinates, dict(settings))
 
 
-#: Quantiles that are stated of every metric.
+#: Quantiles of every metric in tables.
 QUANTILES = (0.0, 0.05, 0.5, 0.95, 1.0)
 
 
@@ -258,12 +258,12 @@ def merged(journal: Journal, good: Mapping[int, Path]) -> MergedTable:
 
 
 def main_metric(names: Sequence[str]) -> str:
-    """The main metric of these: the overshoot, or else the first one; empty without any."""
+    """The main metric: the overshoot, else the first one; empty without any."""
     return "overshoot_percent" if "overshoot_percent" in names else names[0] if names else ""
 
 
 def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirement]) -> np.ndarray:
-    """Whether a sample (N) misses a requirement (R), by status and metrics; one that did not end well misses all."""
+    """Whether sample (N) fails requirement (R), by status and metrics; a run that did not complete fails all."""
     lost = values["status"] != COMPLETED
     return np.column_stack([lost, *(lost | ~rule.met(values[rule.metric]) for rule in requirements)])[:, 1:]
 
@@ -271,9 +271,9 @@ def violations(values: Mapping[str, np.ndarray], requirements: Sequence[Requirem
 class CampaignJudgement:
     """The rows of a campaign, judged by requirements.
 
-    `count`, `failures`: Numbers of samples, and of those that fail. `rate`: The fraction of successes. `success`: The
-    same with its interval; None for samples that are not independent, as those of a Sobol sequence and of a Latin
-    hypercube: of one campaign of these no interval is known. `failed`: (F,) indices of the samples that fail: first
+    `count`, `failures`: numbers of samples, and of failed ones. `rate`: fraction of successes. `success`: the same with
+    its interval; None for samples that are not independent, as of a Sobol sequence or a Latin hypercube, for which one
+    campaign gives no interval. `failed`: (F,) indices of the samples that fail: first
     those that did not come to their end, then by the main metric. `violations`: (N, R), see `violations`. `main`: The
     metric that ranks the samples, "" without any. `method`: One of `METHODS`; a draw that states none draws each sample
     independently. `nominal`: Nominal values of the numbers, where they are known.
@@ -322,7 +322,7 @@ class CampaignJudgement:
         return self.worst(self.main) if self.main else None
 
     def quantiles(self, metric: str) -> np.ndarray:
-        """`QUANTILES` of a metric over the samples that have it, each one of its values; NaN where none has."""
+        """`QUANTILES` of a metric over the samples that have it; each is one of the values. NaN if no sample has it."""
         values = self.column(metric)
         values = values[~np.isnan(values)]
         missing = np.full(len(QUANTILES), np.nan)
@@ -345,7 +345,7 @@ class CampaignJudgement:
 
 
 class Replayed:
-    """A sample that is run again, alone; InvalidInput if it is not there or could not be run.
+    """A sample that is run again, alone; InvalidInput if it does not exist or could not be run.
 
     `recorded`, `again`: its row in the journal (empty where it is not in it yet), and that of the `run`. `same`:
     whether both are the same, bit by bit.
@@ -362,15 +362,15 @@ class Replayed:
         )  # NaN is not itself
 
 
-#: Of every interval, each by itself.
+#: Confidence level of every single interval.
 CONFIDENCE = 0.95
 
-#: Values that agree to this fraction are equal: a difference of rounding would be significant in every pair, without a
-#: meaning. UKF and EKF of a linear arm are 2e-6 of the overshoot apart; a robot's differences are far larger.
+#: Values that agree to this fraction count as equal; otherwise rounding would be a significant difference in every
+#: pair. UKF and EKF of a linear arm differ by 2e-6 of the overshoot; differences of a robot are far larger.
 SAME = 1e-4
 
-#: Settings in which two campaigns on the same samples may differ: those of the law, and of the bookkeeping. A law
-#: without an integral takes no reference, its goal is its operating point.
+#: Settings in which two campaigns on the same samples may differ: the law's and administrative ones. A law without an
+#: integral has no reference; its goal is its operating point.
 _FREE = {
     "version", "batch", "metrics", "signals", "controller", "sub-steps", "short run", "reference", "multi_turn",
 }  # fmt: skip
@@ -379,8 +379,8 @@ _FREE = {
 class PairedMetric:
     """One metric of two campaigns, sample by sample.
 
-    A run that does not come to its end is worse than every run that does. A pair of two such runs, or of one that
-    has no such number, is left out. Smaller values are better, unless a requirement states a least value.
+    A run that does not complete is worse than every run that does. A pair of two such runs, or with a run without the
+    metric, is left out. Smaller values are better, unless a requirement has a lower limit.
 
     `a`, `b`: (N,) values; infinite, with the sign of what is worse, where only this run does not come to its end; NaN
     for none. `pairs`: (P,) indices of the samples that are compared. `differences`: (P,) b − a; infinite where one has
@@ -414,8 +414,8 @@ class PairedMetric:
     def interval(self) -> tuple[float, float]:
         """Confidence interval of the median difference, for independent samples.
 
-        By order statistics, that is, by inverting the sign test (`scipy.stats.quantile_test`): it holds for every
-        distribution, symmetric or not, and with infinite differences. NaN where the pairs are too few (six at least).
+        It inverts the sign test (`scipy.stats.quantile_test`), so it is valid for every distribution, also with
+        infinite differences. NaN for fewer than six pairs.
         """
         from scipy.stats import quantile_test
 
@@ -449,7 +449,7 @@ class McNemar:
 
     @property
     def p_value(self) -> float:
-        """Probability of counts at least as unequal as these if both fail equally often; 1 where none is unequal."""
+        """Probability of counts at least as unequal as these if both fail equally often; 1 if no pair differs."""
         from scipy.stats import binomtest
 
         unequal = self.only_a + self.only_b
@@ -472,7 +472,7 @@ class PairedCampaigns:
         self.requirements = tuple(Requirement.of(text, known) for text in requirements)
 
     def metric(self, name: str) -> PairedMetric:
-        """One metric of both campaigns; InvalidInput if not both have it."""
+        """One metric of both campaigns; InvalidInput unless both have it."""
         if name not in (*self.metrics, *self.parts):
             raise InvalidInput(
                 f"Not both campaigns have a metric {name!r}.",
@@ -502,10 +502,10 @@ def compare(
 ) -> PairedCampaigns:
     """Compare two campaigns on the same samples: any plant, any two laws.
 
-    `a`, `b`: of `run_campaign` with the same draw, samples, seed and circumstances, and another controller.
-    `requirements`: what a run must keep to count as a success, ``overshoot_percent<=5``, besides coming to its end.
+    `a`, `b`: results of `run_campaign` with the same draw, samples, seed and circumstances, but different controllers.
+    `requirements`: limits that a successful run keeps, such as ``overshoot_percent<=5``; it must also complete.
     Returns: differences b − a of each metric, success and failure.
-    Raises InvalidInput: if the samples are not the same: the message says what differs.
+    Raises InvalidInput: if the samples differ; the message names the difference.
     """
     own, other = _table(a), _table(b)
     bound = [

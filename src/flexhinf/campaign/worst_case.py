@@ -1,9 +1,9 @@
 """Search for the worst plant inside the box of the tolerances: the result is a lower bound of the worst metric.
 
-A metric is maximised over the intervals of the numbers that differ, ends included, with the noise of the sample that is
-the worst of the campaign: the search begins there, so it never ends below it, and what it finds differs from that
-sample by numbers and not by luck. It also begins at other bad samples, at the worst corners, and at random points of
-the box. Noise itself is not searched: it has no bounds. Each result is one file in the folder of its campaign.
+The search maximises a metric over the intervals of the varied numbers, ends included. All its runs have the noise of
+the worst sample of the campaign, so that plants differ by their numbers and not by luck. It starts at that sample, so
+its result is never less bad, and also at other bad samples, at the worst corners, and at random points of the box.
+Noise itself is not searched: it has no bounds. Each result is one file in the campaign's folder.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ from flexhinf.campaign.metrics import COMPLETED, known_metric
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Trajectory
 
-#: All corners are run where there are not more.
+#: All corners are run if there are at most so many.
 MOST_CORNERS = 1024
 
-#: Searches by default and at most, and runs that are made in one call.
+#: Number of searches, by default and at most; and runs in one call.
 STARTS, MOST_STARTS, CHUNK = 8, 1000, 256
 
-#: Stream of the random starts: the samples' own numbers have other keys.
+#: Key of the random starts; the samples' own numbers have other keys.
 _STREAM = 0x776F727374
 
-#: Folder of the files, inside a campaign's.
+#: Folder of the files, inside the campaign's folder.
 FOLDER = Path("worst-case")
 
 
 @dataclass(frozen=True)
 class EvaluatedPlant:
-    """One plant by its numbers, its value of the metric (NaN where the run has none) and the status of its run."""
+    """One plant: its numbers, its value of the metric (NaN where the run has none) and the status of its run."""
 
     numbers: Mapping[str, float]
     value: float
     status: str = COMPLETED
 
     def size(self, least: bool) -> float:
-        """The value by which plants are compared, large is bad: infinite where the run did not come to its end."""
+        """Badness of the plant, by which plants are compared: infinite where the run did not come to its end."""
         return float(_sizes(np.array(self.value), np.array(self.status, dtype=object), least))
 
 
@@ -72,9 +72,9 @@ class WorstCase:
     together: int
     all_corners: bool  # Whether every corner was run
     runs: int
-    # Samples outside the box, of a normal distribution that is not cut off; they are not compared
+    # Samples outside the box (a normal distribution is not cut off); they are not compared
     outside: int
-    settings: Mapping[str, str]  # What it depends on
+    settings: Mapping[str, str]  # The settings that the result depends on
 
     @property
     def factor(self) -> float:
@@ -100,7 +100,7 @@ class WorstCase:
         return next(campaign.trajectories([self.sample], [sample]))
 
     def again(self, campaign: Campaign) -> EvaluatedPlant:
-        """Run the plant found again, alone: the same bits as in the search."""
+        """Run the plant found once more, alone; the value has the same bits as in the search."""
         return _runs(campaign, [self.found.numbers], self.sample, self.metric)[0]
 
 
@@ -124,7 +124,7 @@ def worst_case(
     `starts`: searches: half of them begin at the worst samples, a quarter at the worst corners, the others at random.
     `seed`: of the random starts; by default the campaign's.
     `nominal`: nominal numbers; those that are not named are the middles of their intervals.
-    `journal`: in whose folder the result is kept; it is taken from there where it was searched with the same options.
+    `journal`: its folder keeps the result; a stored result of the same options is returned without a search.
     `progress`: called with the runs so far and the worst value.
     Returns: never better than the worst sample. The same bits for any number of threads or lanes.
     Raises InvalidInput: for a draw without intervals, an unknown metric, or one that no sample has; or if another
@@ -137,7 +137,7 @@ def worst_case(
     settings = {
         "campaign": campaign.digest, "metric": metric, "least": str(least), "starts": str(starts), "seed": str(seed),
     }  # fmt: skip
-    with suppress(InvalidInput):  # none, or damaged: it is searched
+    with suppress(InvalidInput):  # no file, or a damaged one: search
         if journal is not None and (stored := stored_worst(journal, metric)).settings == settings:
             return stored
     names = [variable.name for variable in box.variables]
@@ -278,6 +278,6 @@ def stored_worsts(journal: Journal) -> list[WorstCase]:
     """Every stored worst case that can be read, in the order of the metrics."""
     cases = []
     for metric in journal.metrics:
-        with suppress(InvalidInput):  # the command that searches says so and repairs it
+        with suppress(InvalidInput):  # the command that searches reports a damaged file and repairs it
             cases.append(stored_worst(journal, metric))
     return cases

@@ -1,10 +1,10 @@
 """Robust certificates: the claim for every robot within its tolerances, and bounds of r over a box of parameters.
 
 Law and V are the nominal ones, as functions of the deviation from each robot's own equilibrium at the goal. Parameters
-change the vector field, which the search bounds over the whole box, and the equilibrium. Where the latter moves by δ,
-the input in deviations x from it is u = k(x + δ) − k(δ); for a linear law this is k(x) again, whatever δ is, and where
-the plant is linear in the states that move, its vector field is the same too. So for a linear law (V of degree two)
-nothing more is needed at any goal; for a nonlinear one the equilibrium must not depend on the parameters: upright.
+change the vector field, which the search bounds over the whole box, and the equilibrium. If the equilibrium moves by δ,
+the input in deviations x from it is u = k(x + δ) − k(δ). For a linear law this equals k(x) for any δ; if the plant is
+linear in the states that move, its vector field does not change either. So a linear law (V of degree two) can be proved
+at any goal; for a nonlinear law the equilibrium must not depend on the parameters, as in the upright pose.
 
 Sampled estimate of the smallest gain of a law on a level set, over all vertices of a box of parameters.
 
@@ -12,19 +12,20 @@ With s V as the storage function, s > 0, the dissipation inequality at x reads
 
     s A(x) + Z(x) + s² G(x)/γ² ≤ 0,    A = max over vertices of V_x (f + g2 k),  Z = ½ |z|²,  G = ½ |g1ᵀV_xᵀ|².
 
-A, Z and G do not depend on s and γ, so one sample of points gives the smallest γ for every s. Points are random, and
-the worst are followed by smaller and smaller random steps. It proves nothing: it tells which γ is worth a proof.
+A, Z and G do not depend on s and γ, so one sample of points gives the smallest γ for every s. The search starts at
+random points and improves the worst ones by smaller and smaller random steps. The result is an estimate, not a proof:
+it shows for which γ a proof may succeed.
 
 A quadratic V for a given linear law and every robot of a box, by linear matrix inequalities.
 
-V = ½ xᵀPx need not be the V that the law was made from. With ẋ = A_v x + B_v d at a vertex v of the box and of the
+V = ½ xᵀPx may differ from the V of the law's synthesis. With ẋ = A_v x + B_v d at a vertex v of the box and of the
 slopes of the elementary functions, the law inside A_v, V̇ ≤ ½γ²|d|² − ½|z|² is
 
     [A_vᵀP + P A_v + Q   P B_v]
     [B_vᵀP               −γ² I] ≤ 0,    Q = hᵀh + kᵀR2 k,                                                       (17)
 
-which is linear in P and γ². The smallest γ², and then the P in the middle of those with a larger γ², are found by
-Newton's method with logarithmic barriers [boyd1994]. It proves nothing: P and γ are proved by the search afterwards.
+which is linear in P and γ². Newton's method with logarithmic barriers [boyd1994] finds the smallest γ², and then the
+analytic centre P for a larger γ². This proves nothing; the search proves P and γ afterwards.
 """
 
 from __future__ import annotations
@@ -125,8 +126,8 @@ def tolerance_statement(
 def _refuse_moved(statement: Certificate, problem: GeneralisedPlant) -> None:
     """Raise unless law and vector field in deviations from each robot's own equilibrium are those of this statement.
 
-    That is so where the equilibrium at the goal does not move with the parameters; otherwise the law must be linear,
-    and so must the plant in all states that move: those of functions and products are held by an integrator.
+    This holds if the equilibrium at the goal does not depend on the parameters. Otherwise the law must be linear, and
+    so must the plant in all states that move; states of functions and products are then held by an integrator.
     """
     table = problem.plant.parameters
     flat, nominal = flat_names(table), table.vector()
@@ -192,7 +193,8 @@ def power_product(group: Mapping[str, int], values: Mapping[str, Any], unity: An
 def group_ends(
     certificate: Certificate, number: Callable[[float], Any] = float
 ) -> list[list[dict[str, Any]]]:
-    """Values of the parameters in the box at which the product of each of `parameter_groups` is least, and largest."""
+    """Values of the parameters in the box at which the product of each of `parameter_groups` is smallest and
+    largest."""
     ranges, ends = {p.name: (number(p.low), number(p.high)) for p in certificate.parameters}, []
     for group in parameter_groups(certificate):
         corners = (dict(zip(group, part)) for part in itertools.product(*(ranges[name] for name in group)))
@@ -203,14 +205,15 @@ def group_ends(
 
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
-_AGAIN = 3  # local searches: after each, s is chosen anew
+_AGAIN = 3  # number of local searches; after each, s is chosen anew
 _SCALES = np.geomspace(
     0.2, 8.0, 30
-)  # of s, about the one at which the inputs of law and penalty cost the same
+)  # factors of s, relative to the s at which the inputs of law and penalty cost the same
 
 
 def sampled_gain(statement: Certificate, level: float, about: float, seed: int = 0) -> tuple[float, float]:
-    """The smallest γ with which s V satisfies the inequality at sampled points of {V ≤ level}, inf for none, and s.
+    """The smallest γ for which s V satisfies the inequality at sampled points of {V ≤ level} (infinite if none does),
+    and s.
 
     V is that of the statement, whose γ and level are ignored; the values of s that are tried lie around `about`.
     """
@@ -300,24 +303,24 @@ def _parts(statement: Certificate, vertices: list[dict[str, float]], x: np.ndarr
     return np.stack([(np.array(weights).T @ np.array(columns)).max(axis=0), z, g.max(axis=0)])
 
 
-_FAR, _SLOPES = 4.0 * np.pi, 2001  # how far, and in how many points, the slopes of a function are looked at
+_FAR, _SLOPES = 4.0 * np.pi, 2001  # range and number of points for the slopes of a function
 _NEWTON, _DECREMENT = 60, 1e-2  # steps for one barrier, and the squared decrement at which they end
-_GROWTH, _ACCURACY = 30.0, 0.01  # of the weight of the cost, and to what share γ² is found
+_GROWTH, _ACCURACY = 30.0, 0.01  # growth of the cost's weight, and relative accuracy of γ²
 
 
 @dataclass(frozen=True, eq=False)
 class CommonValue:
     """Quadratic storage functions V of a linear law, common to all robots of a box."""
 
-    smallest: float  # γ that any has
+    smallest: float  # smallest γ of all
     optimum: np.ndarray  # upper triangle of its P in the coordinates of the search, then γ²
     base: np.ndarray  # (17), see `_centred`
     parts: np.ndarray
     inverse: np.ndarray  # of the search's coordinates, (n, n)
 
     def p(self, larger: float) -> np.ndarray:
-        """P (n, n) of V = ½xᵀPx at the analytic centre of (17) for `larger` times the smallest γ, above 1: the larger,
-        the fewer cells a proof takes."""
+        """P (n, n) of V = ½xᵀPx at the analytic centre of (17) for `larger` (above 1) times the smallest γ; a larger γ
+        needs fewer cells in a proof."""
         base = self.base + larger**2 * self.optimum[-1] * self.parts[-1]
         y = _centred(base, self.parts[:-1], self.optimum[:-1], np.zeros(len(self.optimum) - 1))
         p = self.inverse.T @ _matrix(y, len(self.inverse)) @ self.inverse
@@ -325,7 +328,7 @@ class CommonValue:
 
 
 def common_value(statement: Certificate) -> CommonValue | None:
-    """Quadratic V with the smallest γ, and with larger ones; None where (17) has no solution.
+    """Quadratic V for the smallest γ and for larger ones; None if (17) has no solution.
 
     The statement has a linear law; its V scales the search, its γ and level are ignored. Terms of the plant of a
     higher degree are left out.
@@ -403,7 +406,7 @@ def _lowest(
     base: np.ndarray, parts: np.ndarray, y: np.ndarray, done: Callable[[np.ndarray, float], bool]
 ) -> np.ndarray:
     """Minimise the last entry of y by a path-following barrier method, from a feasible y whose last entry is positive,
-    until `done(y, gap)` is true; the gap bounds what is missing after the next step."""
+    until `done(y, gap)` is true; `gap` bounds the distance to the minimum after the next step."""
     weight, most = 1.0 / y[-1], base.shape[0] * base.shape[1]
     while not done(y, most / weight):
         y = _centred(base, parts, y, weight * np.eye(len(y))[-1])

@@ -12,19 +12,19 @@ M(ρ_b) = Σ_k ρ_b^(k−2) Σ|coefficients of degree k|: synthetic division mak
 makes (ρ_m + δ)^p = ρ_b^p of ρ^p. Each product passes at most K roundings, so the error is at most K u/(1 − K u) · M
 with u = 2⁻⁵³. K is counted in `roundings`; the allowance is 2 K u M. Dyadic t, h and ρ make the cells themselves exact.
 Nothing overflows or underflows unnoticed: sizes are checked once, with the tables, and 1e-300 times the largest factor
-is added for what underflows (1e6 operations lose at most 5e-324 each). A NaN is no bound that holds: all comparisons
+is added for what underflows (1e6 operations lose at most 5e-324 each). A NaN never counts as a bound: all comparisons
 are ordered, and max(a, 0) of NaN is NaN.
 
 The proof itself: branch and bound over cells that follow each other outwards along rays.
 
 Every bundle of rays (a box of directions on a face) starts at radius 0. A cell of it is accepted where V grows along
 every ray and r < 0 wherever V ≤ level; then the next cell of the bundle follows it outwards, twice as long. A bundle is
-finished where V > level on the inner end of its cell. A cell that is neither is halved, in radius or in the direction
-that adds most to the bound.
+finished if V > level on the inner end of its cell. A cell that is neither accepted nor finished is halved, in radius or
+in the direction that adds most to the bound.
 
-When all bundles are finished, every ray from 0 has one radius up to which V < level, and it depends continuously on
-the direction, because V grows along the ray. So these rays fill a compact set, the component of {V ≤ level} around 0,
-and on it V > 0 and r < 0 but at 0: what the theorem asks for.
+When all bundles are finished, every ray from 0 has one radius up to which V < level. The radius depends continuously on
+the direction, because V grows along the ray. So these rays fill a compact set, the component of {V ≤ level} around 0.
+On it V > 0 and r < 0 except at 0, as the theorem requires.
 """
 
 from __future__ import annotations
@@ -50,15 +50,17 @@ from flexhinf.codegen import machine
 from flexhinf.codegen.compiler import cached
 from flexhinf.errors import NumericalFailure
 
-#: A NumPy record array, whose fields no checker of types knows.
+#: A NumPy record array; type checkers do not know its fields.
 Records = Any
 
-_PARTS = 16  # a batch is cut into so many tasks for threads
+_PARTS = 16  # number of tasks of a batch, for threads
 _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
-_ORDER = 4  # least degree M of the polynomial in ℓ that stands for a quotient
+_ORDER = 4  # smallest degree M of the polynomial in ℓ that approximates a quotient
 _ENTRY = "flexhinf_cells"
-_ASYMMETRY = 1e-9  # largest share of terms of the wrong parity, for opposite faces to be treated together
+_ASYMMETRY = (
+    1e-9  # largest fraction of terms of the wrong parity for which opposite faces are treated together
+)
 
 
 def cells_of(face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, outer: np.ndarray) -> Records:
@@ -82,7 +84,7 @@ class CellBounds:
         self.box = BoxExcess(claim, reach) if any(p.low < p.high for p in claim.parameters) else None
         self.lines = inequality.forms(inequality.functions)
         signs = [*map(parity, inequality.functions)]
-        pairs = [  # of each its terms, and whether the even ones are kept; Φ odd: S even
+        pairs = [  # for each function its terms, and whether the even ones are kept; if Φ is odd, S is even
             (inequality.value, True),
             (inequality.polynomial, True),
             *((factor, sign == -1) for factor, sign in zip(inequality.factors, signs)),
@@ -155,7 +157,7 @@ class CellBounds:
 
     @property
     def roundings(self) -> int:
-        """K, an upper bound of the rounded operations through which a term passes on its way into a bound."""
+        """K, an upper bound of the number of rounded operations on a term of a bound."""
         shape = self.shape
         highest = shape.longest.degrees[-1]
         monomials, low = (len(monomials_of(shape.directions, k)) for k in (highest, min(LOW, highest)))
@@ -284,10 +286,10 @@ def _aligned(*shape: int) -> np.ndarray:
 Progress = Callable[[int, float], None]
 
 _TOGETHER = 4096  # cells bounded at a time
-_NARROW = 0.02  # a cell shorter than this times its width is split across, not along
+_NARROW = 0.02  # a cell whose length is below this times its width is split in a direction, not in radius
 _SHORTEST, _THINNEST = 1e-5, 1e-4  # cells below this length and width are given up
 _GROWTH = 2.0  # length of the next cell of a bundle over that of the accepted one
-_ALONG = 100  # points of a ray at which V is looked at before a violation inside the component is claimed
+_ALONG = 100  # points of a ray at which V is evaluated before a violation inside the component is reported
 
 
 class OutOfTime(Exception):
@@ -295,7 +297,7 @@ class OutOfTime(Exception):
 
 
 def time_limit(seconds: float) -> Progress:
-    """A progress callback that raises `OutOfTime` when this thread has used so many more seconds of CPU."""
+    """A progress callback that raises `OutOfTime` once this thread has used `seconds` more of CPU time."""
     end = time.thread_time() + seconds
 
     def watch(cells: int, share: float) -> None:
@@ -329,7 +331,7 @@ def search(
     threads: int = 1,
     progress: Progress | None = None,
 ) -> Outcome:
-    """Prove the inequality on the component of {V ≤ level} around 0, or say where that fails."""
+    """Prove the inequality on the component of {V ≤ level} around 0, or return the point at which that fails."""
     d, count = bounds.n - 1, len(bounds.faces)
     stack = [
         cells_of(np.arange(count), np.zeros((count, d)), np.ones((count, d)), np.zeros(count), np.ones(count))
@@ -382,7 +384,7 @@ def _outcome(
 
 
 def _disproved(bounds: CellBounds, cells: Records, results: Records, level: float) -> Outcome | None:
-    """A point of the region at which r > 0 or V decreases along the ray, if the middle of a cell is one."""
+    """A point of the region with r > 0 or with V decreasing along the ray, if the middle of a cell is such a point."""
     broken = (results.centre > results.allowance) & np.isfinite(results.allowance)
     stops = results.growth_at_centre < -bounds.rows(cells)[:, bounds.shape.inputs["growth_rounding"]]
     for place in np.flatnonzero((broken | stops) & (results.value < level * (1 - 1e-9))).tolist():

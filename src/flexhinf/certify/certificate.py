@@ -1,11 +1,13 @@
 """A certificate: a claim that is saved to a file, read from it, and proved again.
 
-A file has numbers in hexadecimal, so that they are read as they were written. Files are not trusted: size, depth, keys,
+Numbers in a file are hexadecimal, so that reading returns the bits that were written. Files are not trusted: size,
+depth, keys,
 types, lengths and magnitudes are checked before a number is used.
 
-A claim in doubles: its polynomials, terms and paths of starts at points, and its linear part. Proves nothing.
+This file also evaluates a claim in doubles: polynomials, terms and paths of starts at points, and the linear part. That
+proves nothing.
 
-The theorem of a certificate in plain English: what is proved with all hypotheses, and what is not.
+And it writes the theorem of a certificate in plain English: what is proved, all hypotheses, and what is not proved.
 """
 
 from __future__ import annotations
@@ -58,9 +60,9 @@ class Certificate(Summarised, Claim):
             Cells per face that are proved a second time, in rationals and balls; None: every cell, which takes a
             minute of CPU for degree 2 and hours for degree 6.
         by_cells : bool
-            Whether cells are looked at even where definite matrices decide, in rationals and without cells.
+            Whether to check cells even if definite matrices decide, which needs no cells.
         tick : callable
-            Gets the number of cells that were just looked at.
+            Called with the number of cells that were just checked.
         """
         return verify(self, threads=threads, sample=sample, by_cells=by_cells, tick=tick)
 
@@ -75,7 +77,7 @@ class Certificate(Summarised, Claim):
         return Verification(True, gradient_law=self.is_gradient_law, peaks=proved_peaks(self))
 
     def definite_corners(self) -> int:
-        """The number of corners at which r is a negative definite form, where that proves it without cells; else 0."""
+        """Number of corners at which r is a negative definite form, if that proves the claim without cells; else 0."""
         count, failed = look_at_corners(self, Residual(self))
         return 0 if failed else count
 
@@ -89,7 +91,7 @@ class Certificate(Summarised, Claim):
         return replace(self, starts=tuple(inside))
 
     def why_no_observer(self) -> str:
-        """The reason for which the stated observer is refused; empty where it is proved, or none is stated."""
+        """The reason why the stated observer is not proved; empty if it is proved, or none is stated."""
         try:
             if self.observer is not None:
                 check_observer(self, self.observer, True)
@@ -98,7 +100,7 @@ class Certificate(Summarised, Claim):
         return ""
 
     def summary(self) -> dict[str, str]:
-        """For ``repr``: what it claims. `check` proves it again."""
+        """The claim, for ``repr``; `check` proves it again."""
         return {
             "about": self.about,
             "gamma": number_text(self.gamma),
@@ -254,7 +256,7 @@ def path_start(claim: Claim, start: Start, amplitude: float) -> np.ndarray:
     return path_states(start, claim.middle, np.array([amplitude]))[0]
 
 
-#: Heading of what a file says and nothing checks.
+#: Heading of the entries of a file that nothing checks.
 AUTHOR = "In the author's words, not checked"
 
 _MAX_TERMS, _MAX_MONOMIALS = 12, 60  # terms of a sum; monomials of V and the law on a terminal
@@ -377,8 +379,7 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
 
 
 def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str]]:
-    """What is claimed, each statement under the name that it has in docs/certificate.md; the first four are numbered
-    there and here alike."""
+    """The claimed statements, under their names in docs/certificate.md; the first four have the same numbers there."""
     z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
     level, unit = _down(claim.level), common_unit(claim.disturbances)
     lasting = f"{_down(persistent_bound(claim))} {unit}".rstrip()
@@ -476,7 +477,7 @@ def verification_text(verification: Verification) -> str:
 
 
 def _down(value: float, rounding: str = ROUND_FLOOR) -> str:
-    """A number with six digits, rounded down so that the statement holds; with all of them where they are fewer."""
+    """A number with at most six digits, rounded down so that the statement holds."""
     if len(Decimal(repr(value)).as_tuple().digits) <= _DIGITS:
         return f"{value:.{_DIGITS}g}"
     return f"{Context(prec=_DIGITS, rounding=rounding).create_decimal(Decimal(value)):g}"
@@ -537,7 +538,7 @@ def _named(signal: Signal) -> str:
 
 
 def _row(polynomial: Polynomial, states: tuple[Signal, ...], most: int = _MAX_TERMS) -> str:
-    """A polynomial as text, with every digit; beyond so many terms, how many there are."""
+    """A polynomial as text, with every digit; with more than `most` terms, their number."""
     text = ""
     for powers, value in polynomial[:most]:
         factors = [s.name + (f"^{e}" if e > 1 else "") for s, e in zip(states, powers, strict=True) if e]

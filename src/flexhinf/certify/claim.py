@@ -1,4 +1,4 @@
-"""What a certificate claims: everything that the theorem of docs/certificate.md needs, and nothing else, exactly.
+"""The claim of a certificate: exactly the data that the theorem of docs/certificate.md needs.
 
 All numbers are doubles, which are rationals. The plant is ẋ = f(x, p) + g1(x, p) d + g2(x, p) u with u = k(x), in
 deviations x from the goal, and
@@ -6,7 +6,7 @@ deviations x from the goal, and
     f_i = Σ over terms: coefficient · Π_j p_j^e_j · Π_k x_k^a_k · [φ(o + ℓᵀx) − φ(o)],
 
 where the bracket is 1 for a term without a function. g1 and g2 are sums of such terms without functions. A value that
-is no double stands as a parameter with an interval around it.
+is not a double is a parameter with an interval around the value.
 
 The parts of a certificate: signals, parameters, elementary functions, terms of a vector field, paths of starts.
 """
@@ -66,12 +66,12 @@ Matrix = Annotated[
 ]
 
 
-#: Whether a part of a certificate fits, what was expected, and what was got.
+#: A check of a part of a certificate: whether it fits, expected text, received text.
 Check = tuple[bool, str, str]
 
 
 class Part:
-    """Base of the parts of a certificate. An unknown key is refused: it would stand in the file, and not in the
+    """Base of the parts of a certificate. An unknown key is refused, as it would be in the file but not in the
     theorem."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
@@ -215,14 +215,15 @@ class Observer(Part):
 
 
 def check_named(what: str, name: str, unit: str) -> None:
-    """Raise for a name of several words or a unit that is prose: both are printed among what is proved."""
+    """Raise for a name of several words or a unit that is prose, as both are printed in the theorem."""
     checked_name(f"a {what} of the certificate", name, without=",=", longest=2 * LONGEST_NAME)
     expected = f"a unit of at most 20 letters, digits and marks such as · / ^ ² ° for the {what} {name}"
     require((_UNIT.fullmatch(unit) is not None, expected, value_text(unit, 60)))
 
 
 def check_line(what: str, text: str) -> None:
-    """Raise unless a text is one short line. The theorem is printed line by line; none may imitate another part."""
+    """Raise unless a text is one short line: the theorem is printed line by line, and no text may imitate another
+    part."""
     checked_text(what, text)
     require(
         ("\n" not in text and len(text) <= _LONGEST_LINE, f"one short line as {what}", value_text(text, 60))
@@ -281,7 +282,7 @@ class Claim(Part):
     Attributes
     ----------
     about : str
-        What was certified, for readers: robot, goal, design. Nothing is derived from it.
+        The certified robot, goal and design, for readers; nothing is derived from this text.
     states, inputs, disturbances : tuple of Signal
         n ≤ 5 states, deviations from the goal.
     drift : tuple of Terms, (n,)

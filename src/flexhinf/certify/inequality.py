@@ -71,7 +71,7 @@ class Algebra:
         self.parameters = {parameter.name: rational(parameter.middle) for parameter in certificate.parameters}
 
     def in_x(self, polynomial: Polynomial) -> fmpq_mpoly:
-        """A polynomial of the certificate with exact coefficients, in x."""
+        """A polynomial of the certificate in x, with exact coefficients."""
         return self.x.from_dict({powers: rational(value) for powers, value in polynomial})
 
     def moved(self, polynomial: fmpq_mpoly) -> fmpq_mpoly:

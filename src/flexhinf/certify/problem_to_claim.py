@@ -1,9 +1,9 @@
-"""From a problem and its solution to the claim that is to be proved, every number exact.
+"""The conversion of a problem and its solution to the claim that is to be proved, in exact numbers.
 
 A model's code was traced once (`flexhinf.scalars.trace`). Here its instructions are run on polynomials over the
 rationals: every constant is the rational number that its double is, every parameter is a variable, and a function such
-as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. What has no such
-form is refused by name: functions of other forms, `where`, inputs that do not enter affinely.
+as sin of a linear form of the state is a variable too. So nothing is expanded and nothing is rounded. Other operations
+are refused by name: functions of other forms, `where`, inputs that do not enter affinely.
 
 A claim is about the nominal plant (`statement_of`) or about a box of its parameters (`tolerance_statement`).
 """
@@ -49,11 +49,11 @@ OPERATIONS: dict[int, Callable[[Any, Any], Any]] = {
 _HIGHEST_POWER = 10
 _MOST_HALVES = 64  # an offset that is the double nearest to k π/2 means k π/2 itself
 
-#: φ(o) where it is rational: of multiples of π/2, by their number.
+#: Rational values of φ(o) at multiples of π/2, by the number of multiples.
 _AT_ZERO = {"sin": (0, 1, 0, -1), "cos": (1, 0, -1, 0), "exp": (1,), "tanh": (0,), "arctan": (0,)}
 
 
-#: The least and the largest value of parameters, by name.
+#: The smallest and the largest value of parameters, by name.
 Ranges = Mapping[str, tuple[float, float]]
 
 
@@ -75,7 +75,7 @@ def terms_of(polynomial: fmpq_mpoly) -> dict[tuple[int, ...], fmpq]:
 def plant_fields(
     problem: Problem | None, penalty: Any = None, ranges: Ranges | None = None
 ) -> dict[str, Any]:
-    """The fields of a claim that say what f, g1, g2 and h of a problem are, in exact terms.
+    """The fields of a claim that contain f, g1, g2 and h of a problem, in exact terms.
 
     `penalty` is the checked h: from deviations (1, n) and the designed h (1, s) to (1, s). Default: the designed one.
     Parameters that are not among the `ranges` have their nominal values.
@@ -310,7 +310,7 @@ def _exact_double(value: fmpq, where: str) -> float:
 
 
 def require(condition: bool, what: str) -> None:
-    """Refuse a plant that the method cannot take."""
+    """Refuse a plant to which the method does not apply."""
     if not condition:
         raise InvalidInput(
             "The method cannot prove anything about this plant.",

@@ -1,11 +1,11 @@
-"""`certify`: the largest level that the search proves, as a certificate of the nominal plant or of a box of its
+"""`certify` returns a certificate with the largest level that the search proves, for the nominal plant or a box of
 parameters.
 
-With an observer: gain L, and M, X, γ_e that pay for the errors of an output-injection observer, in doubles with a
-margin, so that the strict inequalities hold in rationals; the checker decides.
+With an output-injection observer it also computes the gain L, and M, X, γ_e that bound the cost of the estimation
+errors, in doubles with a margin, so that the strict inequalities hold in rationals; the checker decides.
 
-A step starts at each robot's own equilibrium at −a, and where the input must not jump, with the integrator at which
-this robot's input is the one that held it: both are terms in a and in the robot's parameters.
+A step starts at each robot's own equilibrium at −a. If the input must not jump, the integrator starts where the law's
+input equals the robot's holding input. Both are terms in a and in the robot's parameters.
 """
 
 from __future__ import annotations
@@ -38,9 +38,12 @@ from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.validation import HUGE
 
-_DIRECTIONS = 20_000  # rays that are followed to see how far the region extends
+_DIRECTIONS = 20_000  # number of rays that estimate the extent of the region
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
-_ROOM, _LARGER = 1.1, 1.6  # reach over the largest radius that was seen, and over the one that was too small
+_ROOM, _LARGER = (
+    1.1,
+    1.6,
+)  # factors of the reach, over the largest radius on the rays, and over a reach that was too small
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
 #: Of the largest level over the one that a step needs: how large it may be, and the ratio at which its search ends.
 _MOST_LEVELS, _FINE = 1e6, 1.05
@@ -139,14 +142,14 @@ def prove(
     progress: Progress | None = None,
     most_cells: int = 100_000_000,
 ) -> tuple[Certificate, Outcome]:
-    """Search for a proof of a statement: first of a definite quadratic form, then by cells.
+    """Search for a proof of a statement: first by a definite quadratic form, then by cells.
 
-    Its `reach` is replaced, its starts are not looked at. The result does not depend on `threads`; `progress` gets the
-    number of cells done and the estimated share of the whole; `most_cells` = 0: a definite quadratic form or nothing.
-    Returns the statement with its reach, and how the search ended.
+    The statement's `reach` is replaced; its starts are ignored. The result does not depend on `threads`. `progress` is
+    called with the number of cells done and the estimated fraction of the whole. With `most_cells` = 0 only a definite
+    quadratic form is tried. Returns the statement with its reach, and the outcome of the search.
     """
     if progress is not None:
-        progress(0, 0.0)  # what limits the time may end it here
+        progress(0, 0.0)  # a time limit may end the search here
     if (wide := wide_statement(statement)) is not None and wide.definite_corners():
         return wide, Outcome(True, "proved", None, statement.level, 0.0, 0)
     if not most_cells:
@@ -187,8 +190,8 @@ def _rounded_up(value: float) -> float:
 
 
 def _extent(inequality: Inequality, level: float) -> tuple[float, np.ndarray]:
-    """The largest |z_j| of {V ≤ level} and the largest |ℓ| of each function, along random rays: not bounds, only
-    where to look."""
+    """Estimates along random rays, not bounds: the largest |z_j| of {V ≤ level}, and the largest |ℓ| of each
+    function."""
     n = inequality.n
     directions = np.random.default_rng(0).standard_normal((_DIRECTIONS, n))
     directions = np.concatenate([directions, np.eye(n), -np.eye(n)])
@@ -252,7 +255,7 @@ def certify_tolerances(
     statement = tolerance_statement(solution, problem, ranges, gamma, scale=scale, p=p, about=about)
     side = 1.0 if step is not None and step < 0.0 else -1.0
     if step is not None:
-        step = math.nextafter(abs(step), math.inf)  # π is no double, and half a turn is inside
+        step = math.nextafter(abs(step), math.inf)  # π is no double; half a turn must be inside
     start = robot_start(statement, side) or (
         None if step is None else tabled_start(solution, statement, step, side)
     )
@@ -305,7 +308,7 @@ def _largest(claim: Certificate) -> Certificate:
 def with_observer(
     solution: ValueFunction, certificate: Certificate, bandwidth: float, *, share: float = 0.1
 ) -> Certificate:
-    """The certificate with an observer of the plant's states, and the starts that are left inside.
+    """The certificate with an observer of the plant's states, and the starts that remain inside.
 
     The sensors are those of the plant of `solution`; its integrals are the controller's own. Every error decays faster
     than exp(−bandwidth · t), 1/s: L is the stationary Kalman gain for A + bandwidth. `share` is ε over the level,

@@ -1,17 +1,16 @@
 """Rest-to-rest steps inside a proved region: where they start, the largest one, and its run.
 
-A step of the moved state by a starts at the equilibrium at −a, seen from the goal. The equilibrium follows from the
-plant's own terms: a rate without input that holds one unknown state linearly gives that state. The start of the
-integrators is the controller's choice: where V is smallest, or where the input does not jump. The path of starts over
-a begins at 0, and V ≤ level along it, so its starts lie in the proved component and not in another one.
+A step of the moved state by a starts at the equilibrium at −a, relative to the goal. The equilibrium follows from the
+plant's terms: a rate without input in which one unknown state is linear determines that state. The start of the
+integrators is the controller's choice: where V is smallest, or where the input does not jump. The path of starts over a
+begins at 0 and V ≤ level along it, so its starts lie in the proved component.
 
-In a box of robots, a robot's step by a starts at its own equilibrium at −a, and with the integrator at which its input
-is the one that held it. For a linear law both are terms in a and in the robot's parameters. For another law the
-integrator is tabled over a, where the input of the nominal robot does not jump.
+In a box of robots, a robot's step by a starts at its own equilibrium at −a. Its integrator starts at the value at which
+the law's input equals the holding input. For a linear law both are terms in a and in the robot's parameters. For
+another law the integrator is a table over a, such that the input of the nominal robot does not jump.
 
-Data of a certificate's figures: slices of the region with r on them, and a step with the worst disturbance.
-
-None of this is part of the theorem; it shows what is in it.
+This file also computes the data of a certificate's figures: slices of the region with r on them, and a step with the
+worst disturbance. They illustrate the theorem and are not part of it.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ PATH_POINTS, PATH_SHARE = 400, 1 - 1e-3
 
 _KNOTS = 200  # of a table
 _FURTHEST = 3  # how far a path is followed, over the amplitude that its beginning predicts
-_ROUNDING = 1e-14  # terms below this, relative to the largest, are what rounding left of a sum that cancels
+_ROUNDING = 1e-14  # terms below this, relative to the largest, are rounding errors of a sum that cancels
 
 
 class _NoForm(Exception):
@@ -53,7 +52,7 @@ class _NoForm(Exception):
 
 
 def starts_of(solution: ValueFunction, statement: Certificate) -> tuple[Start, ...]:
-    """The path of starts for either rule, as far as V stays below the certificate's level."""
+    """The path of starts for each rule, up to the amplitude at which V reaches the certificate's level."""
     equilibrium = equilibrium_path(statement)
     if equilibrium is None:
         return ()
@@ -111,7 +110,7 @@ def equilibrium_path(statement: Certificate, side: float = -1.0) -> tuple[Start,
 def _solved(
     statement: Certificate, rate: int, path: dict[int, Terms], functions: list[Function]
 ) -> dict[int, Terms]:
-    """The one unknown state of a rate, where the others are known; {} where none is unknown."""
+    """The one unknown state of a rate whose other states are known; {} if all are known."""
     known, unknown = list[Term](), list[Term]()
     for term in statement.drift[rate]:
         slope = () if term.function is None else statement.functions[term.function].slope
@@ -130,7 +129,7 @@ def _solved(
 def term_along(
     term: Term, path: Mapping[int, Terms], statement: Certificate, functions: list[Function]
 ) -> list[Term]:
-    """A term of the drift on the path, in which only multiples of a may be multiplied or stand in functions."""
+    """A term of the drift along the path; only multiples of a may be multiplied or be arguments of functions."""
     if term.function is None and sum(term.powers) == 1:
         return [multiplied(part, term.coefficient, term.parameters) for part in path[term.powers.index(1)]]
     factor, power, index = term.coefficient, sum(term.powers), None
@@ -176,7 +175,7 @@ def divided(term: Term, divisor: Term) -> Term:
 
 # The integrators ----------------------------------------------------------------------------------
 def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) -> np.ndarray | None:
-    """States of the integrators with which the law's input keeps the start in equilibrium, by Newton's method."""
+    """Integrator states for which the law's input keeps the start in equilibrium, by Newton's method."""
     index, count = np.flatnonzero(free), int(free.sum())
     f, _, g2, _ = solution.exact_fields(x[None])
     input_at_goal = np.linalg.lstsq(g2[0][~free], -f[0][~free], rcond=None)[0]
@@ -199,7 +198,7 @@ def unchanged_input(solution: ValueFunction, x: np.ndarray, free: np.ndarray) ->
 
 # Boxes of robots ----------------------------------------------------------------------------------
 def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
-    """The path of starts without a jump of the input, for each robot its own; None where it has no such form.
+    """Each robot's own path of starts without a jump of the input; None if it is no sum of terms.
 
     Steps of an amplitude a start at −a, seen from the goal, or with `side` 1 at +a.
     """
@@ -241,7 +240,8 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
 def tabled_start(
     solution: ValueFunction, statement: Certificate, step: float, side: float = -1.0
 ) -> Start | None:
-    """The path of starts up to a step, the integrator tabled where the nominal input does not jump, or None."""
+    """The path of starts up to a step, with a table of the integrator for which the nominal input does not jump; or
+    None."""
     equilibrium = equilibrium_path(statement, side)
     if equilibrium is None:
         return None
@@ -260,7 +260,7 @@ def tabled_start(
 
 
 def _gathered(terms: Iterable[Term]) -> tuple[Term, ...]:
-    """Terms with like ones added: as separate terms they would cancel only up to the width of intervals."""
+    """Terms with equal powers added; separate intervals would not cancel."""
     sums: dict[tuple[Any, ...], list[float]] = {}
     for term in terms:
         key = term.powers, tuple(sorted(term.parameters)), term.function
@@ -392,7 +392,7 @@ POINTS, WIDTH_FACTOR = 121, 1.25
 #: A plane's second direction keeps this from the first (1 − cosine, V_2 as the metric); how far the plane is looked at.
 APART, FURTHEST = 0.1, 4.0
 
-#: A step with a disturbance has this share of the largest proved amplitude: the rest is for d. And so many samples.
+#: Amplitude of a step with a disturbance, as a fraction of the largest proved one (the rest is for d); and its samples.
 SHARE, SAMPLES = 0.8, 1000
 
 
@@ -412,7 +412,7 @@ class Slice:
         return np.where(positive, self.residual / np.where(positive, self.value, 1.0), np.nan)
 
     def worst(self, level: float) -> tuple[float, float, float]:
-        """Where r/V is largest among the points with V ≤ level: across, up, and r/V."""
+        """The point with the largest r/V among those with V ≤ level: across, up, and r/V."""
         inside = np.where(self.value <= level, self.rate, np.nan)
         place = np.unravel_index(int(np.nanargmax(inside)), inside.shape)
         return float(self.across[place[1]]), float(self.up[place[0]]), float(inside[place])
@@ -443,7 +443,7 @@ class LimitSlice(Slice):
 
 @dataclass(frozen=True, eq=False)
 class WorstStep:
-    """A step from rest with the disturbance that V says is worst, d = g1ᵀV_xᵀ/γ², for as long as the budget lasts."""
+    """A step from rest with the worst disturbance by V, d = g1ᵀV_xᵀ/γ², until the budget is used up."""
 
     rule: str
     amplitude: float

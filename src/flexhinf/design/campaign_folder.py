@@ -1,10 +1,10 @@
 """The folder of a design's campaign, and the comparison of two campaigns.
 
-In the folder are also gains: those that the worst finite-energy disturbances attain, for the robot and for the worst
-one within the tolerances. ∫|z|²/∫|d|² from rest at the goal is compared with γ² for z and d of the synthesis, and with
-the proved γ² for z and d of the proof and the robots that it covers; it is a lower bound of the gain, so it never
-exceeds a proved one. The loop is that of the law with the true state fed back, inputs held for a period; the same
-search with the estimator is made for the nominal robot, and no proof covers it.
+The folder also has gains: the largest ratios ∫|z|²/∫|d|², from rest at the goal, that a search over disturbances of
+finite energy attains, for the nominal robot and for the worst one within the tolerances. They are compared with γ² for
+z and d of the synthesis, and with the proved γ² for z and d of the proof and its robots. An attained ratio is a lower
+bound, so it never exceeds a proved one. The law has the true state fed back, and inputs are held for a period. For the
+nominal robot the search is repeated with the estimator, which no proof covers.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from flexhinf.plant import GeneralisedPlant, Penalty
 from flexhinf.report import unchanged
 from flexhinf.validation import checked_path, read_toml
 
-#: Folders of the two campaigns in that of their comparison.
+#: Folders of the two campaigns, inside the folder of their comparison.
 FOLDERS = ("a", "b")
 
-#: Fields of a specification that say on what robot, with which sensors and motors the law runs; all others say which
-#: law that is. Start, goal and limits are compared as numbers.
+#: Fields of a specification that define robot, sensors and motors; all others define the law. Start, goal and limits
+#: are compared as numbers.
 SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
 
 
 @dataclass(eq=False)
 class DesignPair:
-    """Two designs with the same options, robots, sensors, motors and step; InvalidInput says what differs.
+    """Two designs with the same options, robots, sensors, motors and step; otherwise InvalidInput names the difference.
 
-    `judged`, `paired`: once both were run on the same samples: each judged by the same requirements, and both compared.
+    `judged`, `paired`: results after both have run on the same samples: each against the requirements, and in pairs.
     """
 
     a: DesignCampaign
     b: DesignCampaign
-    folder: Path  # Of the comparison; the campaigns are in `FOLDERS` there
-    names: tuple[str, str]  # What the designs are called
+    folder: Path  # Folder of the comparison; the campaigns are in its `FOLDERS`
+    names: tuple[str, str]  # Names of the designs
     command: Sequence[str] = ()
     judged: tuple[CampaignJudgement, CampaignJudgement] = field(init=False)
     paired: PairedCampaigns = field(init=False)
@@ -101,10 +101,10 @@ def _circumstances(side: DesignCampaign) -> dict[str, str]:
 #: Folder of the design file and the controller inside a campaign's, and their names.
 SETUP, CONTROLLER = "setup", "controller"
 
-#: Held while a controller is designed and written.
+#: Lock file, held while a controller is designed and written.
 SETUP_LOCK = ".campaign-setup-lock"
 
-#: How long a driver waits for another one that designs the controller, s.
+#: Longest wait for another driver that designs the controller, s.
 PATIENCE = 3600.0
 
 
@@ -117,7 +117,7 @@ def open_campaign(
 ) -> tuple[Campaign, Journal]:
     """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
 
-    `designed`: for a new folder, controller and length of its runs (s) as of `designed_controller`.
+    `designed`: for a new folder, the controller and the length of its runs (s), as from `designed_controller`.
 
     InvalidInput before any work if the folder holds something else or a campaign with other settings; FlexhinfError as
     `flexhinf.design.design`.
@@ -160,7 +160,8 @@ def designed_controller(
 ) -> tuple[Controller, float]:
     """Controller and length of its runs, s: read from an unchanged report, or designed now.
 
-    A report's controller begins at the start of the step, so for a move a controller is designed that begins there.
+    A report's controller begins at the start of the step. For a move, a controller is designed that begins at its
+    start.
     """
     path, plan, robot, s = request.request.file, request.plan, request.request.robot, request.specification
     report = path if plan is None and path is not None and path.name == design_file.DESIGN_FILE else None
@@ -230,7 +231,7 @@ def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list
     with locked(pair.folder / SETUP_LOCK, PATIENCE):
         journals = [Journal.read(place, (SETUP,)) for _, place in places]
         for (side, _), journal in zip(places, journals):
-            if journal is not None:  # refused before the other one is designed
+            if journal is not None:  # refuse it before the other one is designed
                 journal.refuse_other(side.stated, partly=True)
         designed = [
             None if journal else designed_controller(side, progress)
@@ -244,7 +245,7 @@ def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list
         ]
 
 
-#: File of the results, in the campaign's folder, and its bytes at most.
+#: File of the gains in the campaign's folder, and its largest size, bytes.
 FILE, _MOST_FILE = Path("worst-case") / "disturbance.json", 100_000_000
 
 #: States of the problem of one joint.
@@ -253,10 +254,10 @@ STATES = 5
 #: Where no region was sampled: level of V of small disturbances, relative to V where the step starts.
 SMALL = 1e-4
 
-#: Random plants of the box at which the search begins beside the nominal one.
+#: Number of random plants at which the search begins, besides the nominal one.
 RANDOM = 3
 
-#: Ascents of the search with the estimator: each run has the loop's own period.
+#: Number of ascents of the search with the estimator, whose runs have the loop's own period.
 ESTIMATOR_TURNS = 6
 
 
@@ -266,11 +267,11 @@ class GainRow:
 
     robot: str  # {"nominal", "worst"}
     loop: str  # {"true state", "estimator"}
-    pair: str  # {"synthesis", "proof"}. Whose z and d are meant
-    # gain, gamma: Attained, and the level that it is compared with; √(∫|z|²/∫|d|²)
+    pair: str  # {"synthesis", "proof"}: the source of z and d
+    # gain, gamma: attained √(∫|z|²/∫|d|²), and the level that it is compared with
     gain: float
     gamma: float
-    claim: str  # What γ is: "designed", "proved", or "not claimed" for this robot and loop
+    claim: str  # Claim about γ for this robot and loop: "designed", "proved" or "not claimed"
     energy: float  # ∫|d|²
     numbers: Mapping[str, float]  # Of the robot
     names: tuple[str, ...]  # Of d
@@ -293,22 +294,23 @@ class GainResults:
 
 
 def searches_gain(request: DesignCampaign) -> bool:
-    """Whether a disturbance is searched for: not with so many states that one ascent takes minutes."""
+    """Whether a disturbance is searched for; with many states one ascent would take minutes."""
     return STATES * len(request.request.robot.joint_names) <= certification.MOST_SEARCHED
 
 
 class _Claim(NamedTuple):
     pair: str
-    problem: GeneralisedPlant  # whose gain is searched
-    level: float  # of V, that keeps the state
+    problem: GeneralisedPlant  # the problem whose gain is searched
+    level: float  # level of V that the state must not leave
     gamma: float
-    # what γ is for the nominal robot, and for the worst one
+    # claims about γ for the nominal and the worst robot
     nominal: str
     worst: str
 
 
 class GainSearch:
-    """Search for the gains of a design, for runs of `duration` (s); it is solved again, as no file stores z and V."""
+    """Search for the gains of a design, for runs of `duration` (s). The design is solved again, as no file stores z and
+    V."""
 
     def __init__(
         self, request: DesignCampaign, duration: float, progress: Callable[[str], None] = lambda text: None
@@ -340,7 +342,7 @@ class GainSearch:
 
     def results(self) -> GainResults:
         """Results of all searches: for γ of the synthesis, for the loop with its estimator, for γ of the proof."""
-        # the level of the sampled region, or for small disturbances where none was sampled
+        # the level of the sampled region, or a small one if none was sampled
         law, chosen, level = self.synthesis.solution, self.synthesis.chosen, self.synthesis.chosen.level
         if not (chosen.looked and 0.0 < level < math.inf):
             n, away = len(law.plant_states), np.zeros(len(law.state_names))
@@ -357,7 +359,8 @@ class GainSearch:
 
     @cached_property
     def proved(self) -> tuple[_Claim | None, str]:
-        """z, d and γ of the proof, its level in the law's V; or None and why: no proof, or z not linear in x."""
+        """z, d, γ and level (in the law's V) of the proof; or None and the reason: no proof, or z is not linear in
+        x."""
         robot, options = self.request.request.robot, self.request.options
         proof = certification.prove_design(
             robot, self.s, self.synthesis, math.nan, certification.Attenuation(None, ())
@@ -428,7 +431,7 @@ class GainSearch:
 def search_gain(
     request: DesignCampaign, journal: Journal, progress: Callable[[str], None] = lambda text: None
 ) -> GainResults:
-    """Results of `GainSearch`, stored in the campaign's folder; read from there if they are stored already."""
+    """Results of `GainSearch`; they are stored in the campaign's folder, and read from there if they exist."""
     refuse_if(
         not searches_gain(request),
         "The worst disturbance is not searched for robots of so many joints.",

@@ -1,10 +1,10 @@
 """Certificates of a design: regions of its laws, its step for all tolerances, and the proof within a design.
 
 `certify_design` proves the laws of all degrees that a design solves, without a limit of time. `prove_design`, as part
-of a design, has a limit of CPU time; where it proves nothing it gives the reason.
+of a design, has a limit of CPU time; if it proves nothing it returns the reason.
 
-`attenuation` compares the level γ with the running loop. The gain of a disturbance found by search is a lower
-bound. Sampling, delay, estimator and limits use up a part of the region's level (`flexhinf.analysis.dissipation`).
+`attenuation` compares the level γ with the running loop. The gain of a disturbance found by search is a lower bound of
+the true gain. Sampling, delay, estimator and limits use a part of the region's level (`flexhinf.analysis.dissipation`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from flexhinf.robot import Robot
 #: With more states no disturbance is searched for: one ascent takes minutes.
 MOST_SEARCHED = 15
 
-#: Length of the disturbances, in lengths of the step response, and at most, s.
+#: Length of the disturbances, in lengths of the step response, and the longest, s.
 STEPS, LONGEST_DISTURBANCE = 2.0, 20.0
 
 
@@ -43,12 +43,12 @@ STEPS, LONGEST_DISTURBANCE = 2.0, 20.0
 class Attenuation:
     """The worst disturbance that was found, and the dissipation budget of the step."""
 
-    # The worst disturbance found (a lower bound of the gain) with which V stays below the sampled level, or the one
-    # of the preset proved, with the true state fed back; None if none was searched for, or the search failed
+    # The worst disturbance found with the true state fed back (a lower bound of the gain), with which V stays below the
+    # sampled level, or below the proved one of the preset proved; None if none was searched for, or the search failed
     attained: Attained | None
-    # Of the step; the level is infinite where there is no region. Empty where the step diverges or starts outside the
-    # region, with more than `MOST_SEARCHED` states and no region (each term takes a compiled loop), and for the preset
-    # proved: where parameters are uncertain the proved V is not the one whose gradient is the law
+    # Budget of the step; its level is infinite without a region. It is empty where the step diverges or starts outside
+    # the region, with more than `MOST_SEARCHED` states and no region (each term takes a compiled loop), and for the
+    # preset proved: with uncertain parameters its law is not the gradient of the proved V
     budget: tuple[BudgetTerm, ...]
     failure: str = ""  # Why the search for a disturbance failed; empty where it did not
 
@@ -59,7 +59,7 @@ class Attenuation:
 
 
 def searches_disturbance(states: int, rays: int) -> bool:
-    """Whether a worst disturbance is searched for: with few enough states, and a sampled region."""
+    """Whether a worst disturbance is searched for: only with few states and a sampled region."""
     return states <= MOST_SEARCHED and rays > 0
 
 
@@ -73,7 +73,7 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     problem, attained, failure = synthesis.problem, None, ""
     if (
         proved is not None and proved.certificate is not None
-    ):  # the penalty whose gain is proved, and its region
+    ):  # the penalty whose gain is proved, and the proved region
         problem, level = proved.problem, proved.inner_level
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         attained, failure = _attained(problem, law, s, level, STEPS * duration)
@@ -118,10 +118,10 @@ SAMPLED_ADVICE = (
 
 
 class SeveralJoints(InvalidInput):
-    """A robot whose law has too many states for a proof."""
+    """The refusal of a robot whose law has too many states for a proof."""
 
 
-#: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
+#: Fields that only decide which degree is chosen by its step, and those that the search for weights uses too.
 STEPPED = ("shaping", "quantisation", "friction_model")
 SEARCHED = (
     "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
@@ -132,7 +132,7 @@ SEARCHED = (
 def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> tuple[str, ...]:
     """Fields on which the certificates of `certify_design` do not depend.
 
-    The step is run where several degrees are tried, where the preset judges laws by it, and for limits of the joints.
+    The step is run if several degrees are tried, if the preset judges laws by it, and for limits of the joints.
     """
     preset, limits = preset_of(robot, s), joint_limits(robot, s)
     searched = preset in ("damped", "robust", "proved")
@@ -144,7 +144,7 @@ def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> 
 
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
-    """The proof of the law of one degree of V, which is `used` by the design or not."""
+    """The proof of the law of one degree of V; `used` says whether the design uses this law."""
 
     choice: DegreeChoice
     used: bool
@@ -152,7 +152,7 @@ class CertifiedDegree:
     steps: tuple[starts.ProvedStep, ...]  # Runs from the largest proved starts
     reason: str
     cpu_seconds: float
-    # The subject of the certificate, where it is for all robots within the tolerances
+    # The proof for all robots within the tolerances; None for one of the nominal robot
     box: proved_step.BoxProof | None = None
 
 
@@ -173,8 +173,8 @@ def certify_design(
     `progress`, `share`: called with the name of each step before it begins; with the cells done and the estimated
         share of a proof.
     `decay`, `observer`: as `HJISolution.certify`.
-    `tolerances`: whether the design's step is proved for all robots within the tolerances, instead of a region of the
-        nominal one; so it is with the preset proved.
+    `tolerances`: whether to prove the design's step for all robots within the tolerances, instead of a region of the
+    nominal robot. The preset proved always does.
     """
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
@@ -214,9 +214,9 @@ def certify_design(
             else:
                 reason = margin.reason()
             steps = () if certificate is None else starts.proved_steps(choice.solution, certificate)
-        except (InvalidInput, NumericalFailure) as error:  # of this degree; another may be proved
+        except (InvalidInput, NumericalFailure) as error:  # this degree is not proved; another may be
             if (certificate is not None) if boxed else isinstance(error, InvalidInput):
-                raise  # a step that is proved settles
+                raise  # the length of a proved step, which settles
             reason = proved_step.reason_of(error) if boxed else error.found
         seconds, used = time.process_time() - began, choice is synthesis.chosen
         proofs.append(CertifiedDegree(choice, used, certificate, steps, reason, seconds, box))
@@ -259,10 +259,10 @@ def proved(
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """Pictures of a certificate, and a lower bound of the gain that it bounds."""
+    """The data of a certificate's figures, and a lower bound of the gain that the certificate bounds."""
 
     certificate: Certificate  # With the attained gain, where a disturbance was found
-    # surface, limit: V and r where steps start, and in a plane through the point that limits the sampled level
+    # surface, limit: V and r over the starts of steps, and over a plane through the point that limits the sampled level
     surface: starts.StartSurface | None
     limit: starts.LimitSlice | None
     # A smaller step with the worst disturbance, for each rule of the integrators' start
@@ -272,7 +272,7 @@ class Evidence:
 
 
 def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evidence:
-    """The pictures and the lower bound of the gain of one certificate."""
+    """Data of the figures, and the lower bound of the gain, for one certificate."""
     solution, certificate, box = certified.choice.solution, certified.certificate, certified.box
     problem = solution.problem if box is None else box.problem
     assert certificate is not None
@@ -281,7 +281,7 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
     attained, _ = _attained(problem, solution, s, level, starts.longest_run(solution))
     if attained is not None:
         certificate = replace(certificate, attained_gain=attained.gain)
-    if box is not None:  # its V is not that of the law, and its robots are many
+    if box is not None:  # the V of a box is not that of the law, and it covers many robots
         return Evidence(certificate, None, None, (), attained)
     weights = None if callable(s.checked_penalty) else checked_penalty(s, robot.plant())
     return Evidence(
@@ -293,8 +293,8 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
     )
 
 
-#: Shares of the sampled level that are proved, the first that is refused followed by the next; the level for the
-#: wanted step alone has this room above V where it starts.
+#: Fractions of the sampled level that are tried in turn until one is proved; and the factor of the level that is tried
+#: last over V at the start of the step.
 PROOF_SHARES, PROOF_ROOM = (0.999, 0.98, 0.9), 1.05
 
 
@@ -326,16 +326,18 @@ class DesignProof:
 
 
 class StepProof(NamedTuple):
-    """Whether the requested step is proved for the controller's start, for terminal, page, status and design.json."""
+    """Whether the requested step is proved for the controller's start; read by terminal, page, status and
+    design.json."""
 
-    proved: bool  # With the true state fed back, in continuous time; for which robots, `text` says
+    proved: bool  # Proved with the true state fed back, in continuous time, for the robots that `text` names
     text: str
-    # Failures of a proof or of the sampled check, for the status; empty where neither was made of it
+    # Failures of the proof or of the sampled check, for the status; empty if neither was made
     missing: tuple[str, ...]
 
 
 def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) -> StepProof:
-    """The proof of the requested step in words; `inside`: whether it starts in the sampled region, None without one."""
+    """The proof of the requested step as text. `inside`: whether the step starts in the sampled region, None without
+    one."""
     certificate, loop = proof.certificate, "the step with sampling, estimator and limits"
     if proof.box is not None or proof.inside:
         box = (
@@ -370,9 +372,10 @@ def step_proof(proof: DesignProof, chosen: DegreeChoice, inside: bool | None) ->
 def prove_design(
     robot: Robot, s: Specification, synthesis: Synthesis, start: float, worth: Attenuation
 ) -> DesignProof:
-    """Prove the sampled region of a design's law, or a smaller one that holds its step, in `proof_seconds` of CPU time.
+    """Prove the sampled region of a design's law, or a smaller region that contains its step, in `proof_seconds` of CPU
+    time.
 
-    `start`: V where the step starts. `worth`: whose budget is compared with the proved level.
+    `start`: V at the start of the step. `worth`: the attenuation whose budget is compared with the proved level.
     """
     chosen, proved, began = synthesis.chosen, synthesis.proved, time.thread_time()
     attained = None if worth.attained is None else worth.attained.gain
@@ -394,7 +397,7 @@ def prove_design(
             )  # fmt: skip
         except cells.OutOfTime:
             reasons.append(f"no proof was found within {s.proof_seconds:g} s of CPU time")
-            levels = levels[-1:]  # the smallest takes the least time
+            levels = levels[-1:]  # the smallest region takes the least time
         except FlexhinfError as error:
             reasons.append(" ".join((error.found or error.what).split()))
         else:
@@ -407,9 +410,9 @@ def prove_design(
 
 
 def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof: DesignProof) -> DesignProof:
-    """`proof`, with the step also proved for all robots within the tolerances where the remaining time is enough.
+    """`proof`, with the step also proved for all robots within the tolerances if the remaining time is enough.
 
-    It is tried for linear laws of robots of one joint, where a region is proved or sampled too.
+    This is tried for linear laws of robots of one joint that have a proved or sampled region.
     """
     degree = synthesis.solution.degree
     if synthesis.proved is not None or not robot.uncertain or _refused(s, synthesis):

@@ -1,18 +1,18 @@
 """Checks of the running loop beyond its step: impulses, a long run at rest, poses along a move, payloads.
 
-Impulse: it makes a link's velocity jump, by M⁻¹ at the goal. So a run begins at the goal with that velocity; neither
-law nor estimator knows of it. Without measurement noise, which would hide what is left of the decay.
+Impulse: an impulse changes the link velocities by M⁻¹ at the goal, so a run begins at the goal with these velocities,
+unknown to law and estimator. There is no measurement noise, which would hide the end of the decay.
 
-Limit cycle: no linear metric shows what dry friction does at rest, see docs/design.md. The remedy is a dead zone of the
-integrals as wide as the cycle.
+Limit cycle: linear metrics do not show the effect of dry friction at rest, see docs/design.md. The remedy is a dead
+zone of the integrals as wide as the cycle.
 
-Along a move: in error coordinates the law's gain is the same everywhere, and the robot is not: its inertia and the
-estimator's stationary gain change with the pose. At each pose the loop is that of a robot at rest there: velocities
-along the move, and the change from one law to another, are not in it.
+Along a move: in error coordinates the law's gain is the same at every pose, but the robot's inertia and the estimator's
+stationary gain change with it. At each pose the loop is linearised at rest; velocities along the move, and the switch
+from one law to another, are not covered.
 
-Payload: the true robot has the masses at the ends of their ranges, law and estimator the nominal ones. It makes the
-step in equilibrium with them, and, at rest at the goal, has a load step: the weight beyond the model's acts on all
-links at once (as constant torques; the inertia is in the step). Integral action compensates the unmodelled weight.
+Payload: the true robot has masses at the ends of their ranges; law and estimator have the nominal ones. The robot makes
+the step from equilibrium with the payload. In a second run, at rest at the goal, the weight beyond the model's acts on
+all links at once, as constant torques. Integral action compensates the unmodelled weight.
 """
 
 from __future__ import annotations
@@ -38,20 +38,21 @@ from flexhinf.robot import Robot, Weighing, arm, elastic, weigh_payload
 
 # An impulse on each joint of the resting loop ------------------------------------------------------------
 
-#: An impulse is this fraction of the default load, times the time in which the joint's vibration goes through one
-#: radian: it twists the spring by about 3 % of the motor's largest torque in the step, where the loop is nearly linear.
+#: An impulse is this fraction of the default load times 1/ω of the joint's vibration. The spring then carries about 3 %
+#: of the motor's largest torque in the step, where the loop is nearly linear.
 FRACTION = 0.3
 
-#: A motor may use this fraction of what its limit leaves it at rest; a larger impulse is made smaller, to the second.
+#: Largest fraction of the input that is left beside the holding input; an impulse that uses more is reduced to the
+#: second.
 ROOM, KEPT = 0.9, 0.7
 
-#: Runs last so many periods of the lowest vibration with held motors, and at most as long as the step.
+#: Length of a run, in periods of the lowest vibration with locked motors; at most that of the step.
 PERIODS = 10.0
 
-#: Most samples of a delay that the fit remembers.
+#: Largest number of past inputs in the fit, for loops with a delay.
 MOST_LAGS = 20
 
-#: The remaining velocity is measured after so many periods of the least damped oscillation.
+#: The remaining velocity is measured after this number of periods of the least damped oscillation.
 AFTER = 3.0
 
 
@@ -59,9 +60,9 @@ AFTER = 3.0
 class ImpulseRuns:
     """Impulse responses from rest at the goal: one run for each joint, its impulse at time 0."""
 
-    responses: tuple[Response, ...]  # Of each joint that with the impulse on its link
+    responses: tuple[Response, ...]  # For each joint, the run with the impulse on its link
     impulses: np.ndarray  # (n,), N·m·s or N·s
-    # Oscillations of each run, in velocities and input of its own joint; None where one diverged
+    # Oscillations of each run, in velocities and input of its own joint; None if a run diverged
     ring_down: metrics.RingDown | None
 
     @property
@@ -77,7 +78,7 @@ class ImpulseRuns:
         return next(k for k, response in enumerate(self.responses) if response.diverged_at is not None)
 
     def requirement(self, s: Specification, damping: float) -> required.Requirement:
-        """The requirement that the running loop after an impulse is as damped as every oscillation must be."""
+        """The requirement on the damping after an impulse: that of every oscillation of the running loop."""
         return required.REQUIREMENTS["ring_down"].judge(
             s,
             damping,
@@ -88,7 +89,7 @@ class ImpulseRuns:
 
     @property
     def exponential(self) -> bool:
-        """Whether the runs are decaying oscillations, as those of a linear loop."""
+        """Whether the runs consist of decaying oscillations, as in a linear loop."""
         return self.ring_down is not None and self.ring_down.error <= metrics.FITS
 
     def least_damped(self, joint: int) -> metrics.Oscillation | None:
@@ -121,8 +122,8 @@ class ImpulseRuns:
 def impulse_runs(
     setup: LoopSetup, peak: np.ndarray, most: float, sub_steps: int | None = None
 ) -> ImpulseRuns:
-    """A run for each joint, its impulse by the peak inputs (n,) of the step, smaller where a motor would come near its
-    limit.
+    """One run for each joint. The peak inputs (n,) of the step decide the impulse; it is reduced where a motor would
+    come near its limit.
 
     `most`: longest run, s. `sub_steps`: Runge–Kutta steps per period of the true plant.
     """
@@ -139,7 +140,8 @@ def impulse_runs(
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     if any(run.diverged_at is not None for run in runs):
         return ImpulseRuns(runs, impulses, None)
-    # The fit has all that the loop stores, as deviations from rest: state, estimate, last inputs, the newest last.
+    # The fit uses the whole state of the loop as deviations from rest: state, estimate and past inputs, the newest
+    # last.
     stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
     for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - holding_input
@@ -158,37 +160,38 @@ def impulse_runs(
 
 # A long run at rest with dry friction --------------------------------------------------------------------
 
-#: Length of the run, s, and in samples at most. A joint is held for as long as the integral needs to grow by twice the
-#: friction, which may be tens of seconds.
+#: Length of the run, s, and its largest number of samples. A joint sticks until the integral has grown by twice the
+#: friction, which may take tens of seconds.
 LENGTH, MOST_SAMPLES = 120.0, 240_000
 
 #: Most samples times sub-steps times disturbances.
 MOST_NUMBERS = 30_000_000
 
-#: Largest sub-step times the fastest mode, and fewest sub-steps per period: RK4 errs by 3e-6 per radian of its phase,
-#: and the time at which a joint turns round or sticks is known to a sub-step.
+#: Largest sub-step times the fastest mode, and smallest number of sub-steps per period. RK4 errs by 3e-6 per radian of
+#: phase; the time at which a joint reverses or sticks is known to one sub-step.
 RK4_STEP, MIN_PARTS = 0.2, 4
 
-#: An oscillation up to so many standard deviations of a measured position, or one step of its sensor, is no cycle.
+#: An oscillation up to this number of standard deviations of a measured position, or one sensor step, is no limit
+#: cycle.
 DEVIATIONS = 3.0
 
-#: A dead zone is at most this fraction of the joint's step (of the largest, where it makes none): half of the band in
-#: which a step counts as settled. It is widened so many times.
+#: Largest dead zone as a fraction of the joint's step (of the largest step for a joint that makes none): half of the
+#: settling band. The second number says how often the zone is widened.
 WIDEST, WIDENED = 0.01, 2
 
 
 @dataclass(frozen=True, eq=False)
 class LimitCycleCheck:
-    """A long run of the step without measurement noise, on a true plant with dry friction that sticks."""
+    """A long run of the step without measurement noise; the true plant has dry friction that sticks."""
 
     response: Response
-    # Of its true plant: those of the specification, and the dry friction that the robot states
+    # Extras of the true plant: those of the specification, and the dry friction that the robot states
     extras: tuple[str, ...]
     limit: float  # Largest amplitude that is no limit cycle, rad or m
-    # Whether dry friction holds a resting joint; smoothed, as with rigid joints, it creeps, and may hide a cycle
+    # Whether friction sticks; smoothed friction, as of rigid joints, creeps and may hide a cycle
     sharp: bool = True
-    dead_zone: np.ndarray | None = None  # (n,) or None. Of the integrals in this run, rad or m
-    # without, tried: The run without the dead zone, where that ended the cycle; that with the widest one, where none
+    dead_zone: np.ndarray | None = None  # (n,) or None. Dead zone of the integrals in this run, rad or m
+    # without, tried: the run without the dead zone, if a zone ended the cycle; the run with the widest zone, if none
     # did
     without: LimitCycleCheck | None = None
     tried: LimitCycleCheck | None = None
@@ -217,7 +220,7 @@ class LimitCycleCheck:
 
     @property
     def oscillating(self) -> tuple[int, ...]:
-        """Joints that move by more than the limit; all where the run diverged."""
+        """Joints whose amplitude exceeds the limit; all if the run diverged."""
         return tuple(np.flatnonzero(self.amplitudes > self.limit).tolist())
 
     def requirement(self, units: Sequence[str]) -> required.Requirement:
@@ -230,9 +233,9 @@ class LimitCycleCheck:
 
 
 def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None]:
-    """The loop, with a dead zone of its integrals where that ends a limit cycle, and the check of its run at rest.
+    """The loop, with a dead zone of its integrals if that ends a limit cycle, and the check of its run at rest.
 
-    The zone is as wide as the cycle of the joint, then twice that, and at most `WIDEST` of the step.
+    The zone of a joint is its cycle's amplitude, then twice that, and at most `WIDEST` of the step.
     """
     first = check_limit_cycle(setup)
     stated = setup.specification.integral_dead_zone is not None
@@ -263,7 +266,7 @@ def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     fastest = plant.fastest_mode(*setup.equilibrium(setup.goal))
     parts = max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
-    # without noise, which is a dither that may hide what sticks
+    # no noise: it acts as a dither that may hide sticking
     response = setup.without_noise.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
     zone, limit = setup.dead_zone if has_integrals(setup.law) else None, setup.position_resolution(DEVIATIONS)
     return LimitCycleCheck(response, extras, limit, plant.arrest is not None, zone)
@@ -271,13 +274,13 @@ def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
 
 # The running loop at poses along a stated move -----------------------------------------------------------
 
-#: Poses at which the loop is linearised, for up to so many states of the linear loop.
+#: Number of poses at which the loop is linearised, by the number of states of the linear loop.
 POSES = ((30, 13), (60, 7), (10_000, 5))
 
-#: Most laws of a schedule that is made without being asked for, the goal's included.
+#: Largest number of laws of an automatic schedule, the goal's included.
 MOST_LAWS = 4
 
-#: Instants by which the way is measured.
+#: Number of instants at which the path length of a move is summed.
 INSTANTS = 400
 
 
@@ -308,11 +311,11 @@ class AlongMove:
 
     times: np.ndarray  # (P,). When the move passes the poses, s
     poses: np.ndarray  # (P, n). Link positions, rad or m
-    laws: tuple[int, ...]  # Which law of a schedule acts at each pose; 0 is the goal's
+    laws: tuple[int, ...]  # Number of the law that acts at each pose; 0 is the goal's law
     margins: tuple[Margins, ...]  # Of the running loop, linearised at each pose
     limits: MarginLimits  # Of the margins
     count: int = 1  # How many laws there are
-    added: int = 0  # How many of them were added because the margins did not hold
+    added: int = 0  # Number of laws that were added because the margins did not hold
 
     @cached_property
     def shares(self) -> list[dict[str, float]]:
@@ -331,13 +334,13 @@ class AlongMove:
 
 
 def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMove:
-    """Margins of the running loop at poses that are evenly apart on the way of a move."""
+    """Margins of the running loop at poses at equal distances along a move."""
     size, times = setup.equilibrium_loop().states, np.linspace(0.0, plan.duration, INSTANTS)
     count = next(count for most, count in POSES if size <= most)
     q = np.reshape(plan(times), (INSTANTS, -1))
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1))])
     way += 1e-9 * max(float(way[-1]), 1e-9) * np.arange(INSTANTS)
-    times = np.interp(np.linspace(0.0, way[-1], count), way, times)  # equal parts of the way, ends included
+    times = np.interp(np.linspace(0.0, way[-1], count), way, times)  # equal parts of the path, ends included
     poses, s = np.reshape(plan(times), (len(times), -1)), setup.specification
     laws, places = (setup.law,), (0,) * len(poses)
     if isinstance(setup.law, Schedule):
@@ -386,7 +389,7 @@ def along_requirements(s: Specification, along: AlongMove) -> list[required.Requ
         "gain_margin": s.gain_margin_limit,
         "damping": along.limits.damping and along.limits.damping * (1.0 + TOLERANCE),
     }
-    # the pose at which each is nearest to its limit, or furthest beyond it
+    # for each margin, the pose at which it is nearest to its limit, or furthest beyond it
     worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}
     return [
         required.REQUIREMENTS[name].judge(
@@ -408,7 +411,7 @@ class PayloadEvaluation:
     robot: Robot  # The model's
     masses: Mapping[str, float]  # Of each payload, kg, by the robot's parameters
     step: Response  # From start to goal, with the payload
-    # The weight beyond the model's as constant torques; None where the model carries as much or more
+    # Step of the weight beyond the model's; None where the model has at least this payload
     load_step: LoadResponse | None
     margins: Margins  # Of the running loop about the goal, with the payload
 
@@ -419,7 +422,8 @@ class PayloadEvaluation:
 
     @cached_property
     def weighed(self) -> Weighing | None:
-        """Masses by the motors' torques at the end of the step; None where the pose does not show them."""
+        """Masses estimated from the motor torques at the end of the step; None where they cannot be observed at this
+        pose."""
         if self.step.diverged_at is not None:
             return None
         try:
@@ -429,7 +433,8 @@ class PayloadEvaluation:
 
 
 def evaluate_payloads(setup: LoopSetup, runs: Scenario) -> tuple[PayloadEvaluation, ...]:
-    """Evaluations with payloads at the ends of their ranges, the lower if the model carries more; empty without any."""
+    """Evaluations with payloads at the ends of their ranges, the lower end only if the model has a larger payload;
+    empty without a range."""
     return tuple(evaluate_payload(setup, runs, masses) for masses in arm.payload_ends(setup.robot.uncertain))
 
 

@@ -2,13 +2,13 @@
 
 A file is a design file by its table [design]: ``robot``, for a URDF ``elastic``, ``payload`` instead of that of the
 robot's file, and fields of `Specification` by name. Paths are relative to the file's folder. The table [result] has
-the outcome and is not read ([found] in older files). Fields are read before the robot, so numbers remember their units
+the results and is not read ([found] in older files). Fields are read before the robot, so numbers keep their units
 (`flexhinf.options.Stated`) until it is known which joints slide.
 
-Goals and waypoints of a point of the robot, x, y, z in the world, as positions of the joints.
+This file also converts goals and waypoints of a point of the robot, x, y, z in the world, to positions of the joints.
 
-`flexhinf.robot.kinematics` finds the joint positions first: everything after has joint positions only. Between two
-waypoints the joints move smoothly, and the point not in a straight line.
+`flexhinf.robot.kinematics` computes the joint positions first; all later steps use joint positions only. Between two
+waypoints the joints move smoothly; the point does not follow a straight line.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "
 
 
 def check_stated_units(robot: Robot, s: Specification) -> None:
-    """Refuse a length for a joint that turns, an angle for one that slides, and the same of speeds and sensors.
+    """Refuse a length for a joint that turns and an angle for one that slides; likewise for speeds and sensors.
 
     A number without a unit fits every joint. A wrong count of numbers is refused where they are used.
     """
@@ -106,7 +106,7 @@ def _parts(values: Any) -> tuple[Any, ...]:
 TABLES = ("design", "result", "found")
 PLACES = ("robot", "elastic", "payload")
 
-#: A table whose name is as similar as this to "design" was meant to be it.
+#: A table whose name is at least as similar to "design" counts as a misspelt [design].
 SIMILAR = 0.8
 
 #: In the folder of a report.
@@ -122,9 +122,9 @@ class DesignRequest:
     # source, elastic, payload: Where the robot came from and what it carries, as `load_robot` takes them
     source: str
     elastic: str | None = None
-    notes: tuple[str, ...] = ()  # What the user should know before the work
+    notes: tuple[str, ...] = ()  # Notes for the user, printed before the work
     payload: str | None = None
-    warnings: tuple[str, ...] = ()  # Of the robot's file; they belong into the report
+    warnings: tuple[str, ...] = ()  # Warnings of the robot's file, for the report
     file: Path | None = None  # The design file, beside which a controller may be
 
 
@@ -151,8 +151,8 @@ def read_request(
 
     `source`: as for `load_robot`, or a design file; `is_file` says which where that is known.
     `elastic`: with a URDF; wins over a design file's.
-    `settings`: fields of a specification; one that is None takes back what the file says. Weights in the file give way
-        to a preset, a bandwidth or a damping among them, and the other way round: `DesignRequest.notes` says so.
+    `settings`: fields of a specification; None restores the default instead of the file's value. A preset, bandwidth or
+    damping in `settings` replaces weights in the file, and the other way round, with an entry in `DesignRequest.notes`.
     `payload`: as for `load_robot`; wins over a design file's.
     Raises InvalidInput: for a file or a value that cannot be used.
     """
@@ -191,7 +191,7 @@ def read_request(
 
 
 def is_design_file(source: str | Path) -> bool:
-    """Whether this is a design file, or is meant as one; a robot's file and what cannot be read are not."""
+    """Whether this is a design file, or is meant as one; False for a robot's file and for an unreadable file."""
     if str(source) in catalogue() or Path(source).suffix.lower() != ".toml":
         return False
     try:
@@ -209,7 +209,7 @@ def meant_file(source: str) -> str:
     return source if named else str(folder / DESIGN_FILE)
 
 
-#: Other names that a field had or has: those of earlier versions, and --peak-effort by the kind of drive.
+#: Other names of fields: those of earlier versions, and of --peak-effort by the kind of drive.
 OPTIONS = {
     "goal": "pose", "from_pose": "start", "friction": "friction_model", "dead_zone": "integral_dead_zone",
     "peak_voltage": "peak_effort", "peak_current": "peak_effort", "peak_torque": "peak_effort",

@@ -21,11 +21,11 @@ from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
 from flexhinf.scalars import trace
 
-#: Ratios of R^v to R^n with which corners are computed, for up to so many states of the linear loop: with more, one is
-#: all that is affordable. Between two ratios `tolerance_corners` looks for the worst itself.
+#: Ratios of R^v to R^n for which corners are computed, by the number of states of the linear loop: large loops afford
+#: one. Between two ratios `tolerance_corners` searches for the worst one.
 RATIOS: tuple[tuple[float, tuple[float, ...]], ...] = ((40, (1e-4, 1.0, 1e4, 1e8)), (np.inf, (1e2,)))
 
-#: Coefficients up to which a polynomial law is traced to be counted; beyond, its sums and products are.
+#: Largest number of coefficients of a polynomial law whose operations are counted in its trace; beyond, by its terms.
 TRACED = 5_000
 
 #: Number of random deviations in ±1 at which the slopes of a law are computed.
@@ -41,10 +41,10 @@ class LawEvaluation:
 
     name: str
     setup: LoopSetup  # law, estimator, controller and true plant
-    # runs, the same for all laws; without one there are only linear metrics
+    # the runs, the same for all laws; without a scenario there are only linear metrics
     scenario: responses.Scenario | None = None
     parameters: Mapping[str, float] | None = None  # tuned values by name; empty for a design's own law
-    other_noise: bool = True  # corners with other R^v too, which takes most of an evaluation's time
+    other_noise: bool = True  # whether corners are computed with other R^v too, which takes most of the time
 
     def compute(self, *names: str) -> None:
         """Compute these attributes now, instead of when they are first read."""
@@ -59,18 +59,19 @@ class LawEvaluation:
 
     @cached_property
     def quiet(self) -> LawEvaluation:
-        """This evaluation with the nominal robot's runs free of measurement noise: they depend on no seed."""
+        """This evaluation without measurement noise in runs of the nominal robot, so that they depend on no seed."""
         return self if self.setup.quiet else replace(self, setup=self.setup.without_noise)
 
     # Runs of the nominal robot ----------------------------------------------------------------------------
     @cached_property
     def step(self) -> responses.Response:
-        """The step as the controller is deployed: without a jump of the input."""
+        """The step with the deployed controller: the input starts without a jump."""
         return self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
     def unlimited_step(self) -> responses.Response:
-        """The step without limits of the inputs: what the law demands; `step` itself if it reaches no limit."""
+        """The step without input limits, which shows the input that the law demands; `step` itself if it reaches no
+        limit."""
         limits, step = self.setup.limits.saturated, self.step
         if limits is None or (step.diverged_at is None and np.all(step.peak_inputs < limits)):
             return step
@@ -117,7 +118,7 @@ class LawEvaluation:
 
     @cached_property
     def linear_failure(self) -> str:
-        """Why the loop has no linear metrics: it has no equilibrium; empty where it has."""
+        """The reason why the loop has no equilibrium, and so no linear metrics; empty if it has one."""
         try:
             self.compute("margins")
         except FlexhinfError as error:
@@ -142,7 +143,7 @@ class LawEvaluation:
         if not robot.uncertain:
             return None
         noises = []
-        if self.other_noise and self.loop.tunable:  # the directions in which the estimator may be retuned
+        if self.other_noise and self.loop.tunable:  # the ratios between which R^v may be retuned
             variance = float(np.diag(self.loop.filter.measurement_noise).min())
             forms = dict.fromkeys(noise.form for noise in analysis.standard_noises(self.loop))
             ratios = next(ratios for most, ratios in RATIOS if self.loop.states <= most)
@@ -173,7 +174,7 @@ class LawEvaluation:
         """Modes of the estimation error, with the filter's stationary gain; none without estimator, or without noise.
 
         e(k + 1) = A (1 − L C) e(k) for the sampled A, with L from the stationary Riccati equation of R^v and R^n. With
-        the nominal plant the linearised loop has these modes beside those of the law.
+        the nominal plant the linearised loop has these modes and those of the law.
         """
         filter = self.loop.filter
         if filter is None or not self.setup.process_noise.largest:
@@ -204,7 +205,7 @@ class LawEvaluation:
 
     @cached_property
     def needed_states(self) -> tuple[str, ...]:
-        """States, and integrals, that the law depends on, at random deviations."""
+        """States and integrals on which the law depends, by its slopes at random deviations."""
         law = self.setup.linear_law
         _, slopes = sampled_controller.LawRows(law)(
             np.random.default_rng(0).uniform(-1.0, 1.0, (POINTS, len(law.state_names)))
@@ -284,15 +285,15 @@ class LawEvaluation:
 
 
 def _median(values: np.ndarray) -> float:
-    # the upper one: a run of the list, also where some are infinite
+    # the upper median, which is the value of one run even where some are infinite
     return float(np.sort(values)[len(values) // 2])
 
 
 def operations(law: Law) -> int:
     """Additions, multiplications and functions of one evaluation, estimator and integrals left out.
 
-    Of the law's trace with common subexpressions shared. A polynomial of many coefficients is evaluated monomial by
-    monomial: a product for each of degree two or more, a product and a sum for each coefficient.
+    They are counted in the law's trace, where common subexpressions are shared. A polynomial of many coefficients takes
+    a product for each monomial of degree two or more, and a product and a sum for each coefficient.
     """
     if np.size(law.law_data) > TRACED and (table := law.law_table) is not None:
         return int(table.coefficients.shape[1] - table.n + 2 * table.coefficients.size)

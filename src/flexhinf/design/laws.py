@@ -1,4 +1,4 @@
-"""The laws that can be compared, by name: what each is, which sensors it uses, what is tuned, and how it is made."""
+"""The laws that can be compared, by name: description, sensors, tuned parameters, and construction of each."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.validation import unknown_name
 
-#: The design's own law as `flexhinf design` makes it, by whose metrics the criterion divides. It is not tuned for the
-#: criterion, so it is no side of the comparison: that is the next one.
+#: The design's own law as `flexhinf design` makes it, the reference of the criterion. It is not tuned for the
+#: criterion, so it is not ranked; the next one is.
 DESIGN = "design"
 
 #: The nonlinear H∞ law, tuned for the criterion as every other law is.
 NL_HINF = "nl-hinf"
 
-#: Names of the parameters of a law's estimator, which the law itself does not have: factors of R^v, and beside that of
-#: its level on the velocities of the motors.
+#: Names of the parameters of a law's estimator: a factor of R^v, and another factor of its level on the velocities of
+#: the motors.
 ESTIMATOR_NOISE, MOTOR_NOISE = "estimator_noise", "motor_noise"
 
 #: Name of the parameter that is a whole number: the degree of V, up to the largest that the design tries.
@@ -34,17 +34,17 @@ DEGREE = "degree"
 #: Name of the parameter that is the size of the channels of the tolerances, of the preset robust: a fraction.
 CHANNELS = "tolerance_channels"
 
-#: The ends of three ranges: a γ/γ* from which on the disturbance is left out (γ = ∞: it has less than 1/400 of its
-#: weight at γ*), a size up to which there are no channels, and a weight up to which velocities have none of their own.
-#: So nonlinear H∞ contains the nonlinear LQR, and the design's own problem.
+#: Ends of three ranges: the γ/γ* from which the disturbance is left out (γ = ∞; its weight is then below 1/400 of that
+#: at γ*), the size below which there are no channels, and the weight below which velocities have no penalty. So
+#: nonlinear H∞ includes the nonlinear LQR and the design's own problem.
 INFINITE_GAMMA, NO_CHANNELS, NO_VELOCITY = 20.0, 0.01, 1e-4
 
-#: Values with which a law is one that lacks these parameters: the real rotor, hardly an integral, γ = ∞, no channels.
+#: Values at which a law equals one without these parameters: the real rotor, hardly an integral, γ = ∞, no channels.
 CONTAINED = {
     "rotor_inertia": 1.0, "integral_rate": 0.02, "gamma_ratio": INFINITE_GAMMA, CHANNELS: NO_CHANNELS,
 }  # fmt: skip
 
-#: Ends of ranges are met within this fraction.
+#: A value within this fraction of the end of its range counts as the end.
 ROUNDING = 1e-9
 
 #: Largest degree of V in a name such as ``nl-hinf-4``.
@@ -53,7 +53,7 @@ LARGEST_DEGREE = 12
 
 @dataclass(frozen=True)
 class TuningParameter:
-    """One number that is searched for, on a logarithmic scale."""
+    """One number that is tuned, on a logarithmic scale."""
 
     name: str
     label: str
@@ -90,7 +90,7 @@ _ESTIMATOR = (ESTIMATOR_NOISE, MOTOR_NOISE)
 _QUADRATIC = ("effort", "integral_weight", "velocity_weight", *_ESTIMATOR)
 _H_INFINITY = ("gamma_ratio", CHANNELS, *_QUADRATIC)
 
-#: Sensors, by those who propose a law: an encoder on each motor; one on each link too; a torque sensor in each joint.
+#: Sets of sensors that proponents of a law use: encoders on the motors; on the links too; torque sensors in the joints.
 _MOTOR, _BOTH = ("motor_position",), ("link_position", "motor_position")
 _TORQUE, _TORQUE_BOTH = (*_MOTOR, "joint_torque"), (*_BOTH, "joint_torque")
 
@@ -103,11 +103,13 @@ class LawKind:
     description: str
     group: str  # panel of the figure
     source: str  # key into docs/references.bib, or who proposes it
-    model: str  # what the law itself has to know of the robot; the estimator knows the whole model
+    model: str  # the part of the model that the law itself uses; the estimator has the whole model
     tuned: tuple[str, ...]  # names of all numbers that its gains are made from, and of R^v of its estimator
-    sensors: tuple[tuple[str, ...], ...] = ()  # sets, of which the best is kept; empty: those of the design
+    sensors: tuple[
+        tuple[str, ...], ...
+    ] = ()  # sets of sensors, of which the best is used; empty: the design's sensors
     integral: bool = True  # whether it integrates the error of the link positions
-    degree: int | None = None  # of V by the name; 0 for the design's, or the one that is tuned
+    degree: int | None = None  # degree of V in the name; 0 for the design's, or the tuned one
 
     @property
     def parameters(self) -> tuple[TuningParameter, ...]:
@@ -211,7 +213,7 @@ def law_names(names: Sequence[str] | None = None) -> tuple[str, ...]:
 
 
 def is_hinf(name: str) -> bool:
-    """Whether a law is the design's own, or nonlinear H∞ tuned; linear H∞ (hinf) is a rival of it."""
+    """Whether a law is the design's own or tuned nonlinear H∞; linear H∞ (hinf) counts as a rival."""
     return name in (DESIGN, NL_HINF) or name.startswith(f"{NL_HINF}-")
 
 
@@ -224,12 +226,12 @@ class LawFactory:
 
     @cached_property
     def gamma_ratio(self) -> float:
-        """γ of the design over the smallest γ of the problem as it is solved (with channels of the tolerances)."""
+        """γ of the design over the smallest γ of the solved problem (with channels of the tolerances)."""
         solved = self.synthesis.design_problem
         return float(solved.gamma / smallest_gamma(solved.problem))
 
     def start(self, kind: LawKind) -> dict[str, float]:
-        """Values of a law's parameters at which a search begins: for H∞ those of the design."""
+        """Initial values of a law's parameters in a search: for H∞ those of the design."""
         limits, degree = _PARAMETERS["gamma_ratio"], float(self.synthesis.chosen.degree)
         ratio = float(np.clip(self.gamma_ratio, limits.lower, limits.upper))
         own = {"bandwidth": self.bandwidth, "gamma_ratio": ratio, DEGREE: degree}
@@ -238,7 +240,7 @@ class LawFactory:
         return {p.name: own[p.name] if p.start is None else p.start for p in free}
 
     def own(self, kind: LawKind) -> dict[str, float] | None:
-        """Values of a law's parameters that stand for the design's own law; None for a law that is never that one."""
+        """Values of a law's parameters that reproduce the design's own law; None for a law that cannot."""
         at_goal = self.synthesis.law is self.synthesis.solution  # not a schedule of several poses
         same = kind.degree == 0 or (kind.degree == self.synthesis.chosen.degree and at_goal)
         return (
@@ -265,8 +267,8 @@ class LawFactory:
     def make(self, kind: LawKind, values: Mapping[str, float], degree: int | None = None) -> Law:
         """The law with these values of its parameters, see `start`, and V of another `degree` than its own.
 
-        Values of R^v change nothing here, and a degree among the values is rounded. Raises `FlexhinfError` if there is
-        no such law: a Riccati equation without a solution, a goal that it does not hold.
+        Values of R^v are ignored here, and a degree among the values is rounded. Raises `FlexhinfError` if the law does
+        not exist, because a Riccati equation has no solution, or it cannot hold the goal.
         """
         own = self.own(kind) if degree in (None, self.synthesis.chosen.degree) else None
         if kind.name == DESIGN or (
@@ -300,7 +302,7 @@ class LawFactory:
 
 
 def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:
-    """A problem with other weights: those that a linear-quadratic designer tunes. Its penalty is the matrix ∂h/∂x.
+    """A problem with the weights that a linear-quadratic designer tunes. Its penalty is the matrix ∂h/∂x.
 
     `effort` and `integral` are factors of R2 and of the columns of h(x) that belong to integrals. `velocity`, s, adds a
     row for each joint, this times the weight of its link position times its link velocity; none up to `NO_VELOCITY`.

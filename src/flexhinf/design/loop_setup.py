@@ -40,10 +40,10 @@ from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
 
-#: Initial variance where no process noise is assumed: each state is known to a milliradian (mm), and to 1 mrad/s.
+#: Initial variance where no process noise is assumed: standard deviations of 1 mrad (mm) and 1 mrad/s (mm/s).
 INITIAL_VARIANCE = 1e-6
 
-#: A measured velocity is as noisy as a position differentiated at this rate, 1/s.
+#: A measured velocity has the noise of a position that is differentiated at this rate, 1/s.
 VELOCITY_RATE = 100.0
 
 #: Estimators by name.
@@ -65,7 +65,7 @@ Levels = float | tuple[float, ...]
 class EstimatorNoise:
     """R^v of the estimator, a diagonal: variances per sample in the states' units squared.
 
-    What a model misses are torques: the levels of the velocities are added to that of all states.
+    Model errors act as torques, so the levels of the velocities are added to the level of all states.
     """
 
     all_states: float = 0.0
@@ -89,7 +89,8 @@ class EstimatorNoise:
         return float(max(map(np.max, (self.all_states, self.link_velocities, self.motor_velocities))))
 
     def scaled(self, factor: float, motors: float, source: str) -> EstimatorNoise:
-        """All levels times a factor, a faster estimator above 1; those on the motors' velocities times `motors` too."""
+        """All levels times a factor (above 1: a faster estimator); those of the motor velocities also times
+        `motors`."""
         links, own = (_times(factor, levels) for levels in (self.link_velocities, self.motor_velocities))
         return EstimatorNoise(factor * self.all_states, links, _times(motors, own), source)
 
@@ -97,7 +98,7 @@ class EstimatorNoise:
         """R^v (n, n) for a plant with these states."""
         values, layout = np.full(len(states), self.all_states), elastic.Layout.of(states)
         links, motors = self.link_velocities, self.motor_velocities
-        if layout.rigid and layout.elastic:  # an unknown torque of a rigid joint's motor is one on its link
+        if layout.rigid and layout.elastic:  # an unknown motor torque of a rigid joint acts on its link
             every = np.broadcast_to(motors, layout.n)
             links = layout.motors(every, np.broadcast_to(links, layout.n)[layout.elastic])
             motors = every[layout.elastic]
@@ -113,8 +114,8 @@ def _times(factor: float, levels: Levels) -> Levels:
 def noise_variances(plant: Plant, position: float) -> np.ndarray:
     """Diagonal (p,) of R^n for each measured signal.
 
-    `position` (rad² or m²) is the variance of a position; a velocity's is that at `VELOCITY_RATE`, a joint torque's
-    that of the spring's deflection times its stiffness squared.
+    `position` (rad² or m²) is the variance of a position. The variance of a velocity is `position` times
+    `VELOCITY_RATE` squared, that of a joint torque is `position` times the stiffness squared.
     """
     p, motor = plant.parameters.named(plant.parameters.vector()), "motor_position"
     joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
@@ -126,10 +127,10 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
 
 
 def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
-    """Quantisation step (p,) of each measured signal; of the whole state, (), where that is fed back.
+    """Quantisation step (p,) of each measured signal; one number, shape (), where the true state is fed back.
 
-    Raises `SpecificationError` unless there is one for all, one for each name of what is measured, or one for each
-    signal; for one that is far beyond what the signal is.
+    Raises `SpecificationError` unless there is one step for all, one for each name in `measured`, or one for each
+    signal; and for a step larger than `COARSEST`.
     """
     each, signals = per_signal(robot, measured, quantisation)
     units = units_of(robot.joint_names, robot.links.slides)
@@ -158,10 +159,10 @@ def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estim
 def other_quantisation(
     robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str, sensors: Sequence[str]
 ) -> Any:
-    """The quantisation of other sensors. One per signal is kept for signals that stay; another signal has the step of
-    one in the same unit, of the same joint if there is one, and no step without any."""
+    """The quantisation for other `sensors`. Signals that stay keep their step. A new signal takes the step of a signal
+    with the same unit, of the same joint if possible, and has none if there is no such signal."""
     if isinstance(quantisation, float) or estimator == "none":
-        # Without units, which the other sensors may not have.
+        # A plain number: the other sensors may have other units.
         return np.asarray(quantisation, dtype=float).tolist()
 
     def kind(name: str) -> tuple[str, str]:
@@ -179,14 +180,13 @@ def other_quantisation(
 
 
 # The loop ------------------------------------------------------------------------------------------------
-#: Extras whose linearisation at standstill holds for more than the smallest motion. Dry friction and backlash are
-#: left out of the linear loop: their slope at standstill holds only below the smoothing velocity, and there it would
-#: count as damping that the moving robot does not have.
+#: Extras whose linearisation at standstill holds beyond the smallest motions. Dry friction and backlash are left out of
+#: the linear loop: their slope holds only below the smoothing velocity, as damping that a moving robot lacks.
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 
 
 def with_derived(known: Any, **changes: Any) -> Any:
-    """The object with other fields that keeps its computed properties, which are valid for it too."""
+    """A copy with changed fields that keeps the computed properties; they must be valid for the copy too."""
     same = replace(known, **changes)
     vars(same).update({name: value for name, value in vars(known).items() if name not in vars(same)})
     return same
@@ -216,13 +216,13 @@ class LoopPlants:
 
     @cached_property
     def estimator_model(self) -> Plant:
-        """The model of the running estimator: on request with dry friction, smoothed. At standstill its slope would
-        count as damping, so linear metrics are those of `model`."""
+        """The model of the deployed estimator: on request with smoothed dry friction. Its slope at standstill would
+        count as damping, so linear metrics use `model`."""
         s = self.specification
         known = s.friction_model and s.estimator in (
             "ukf",
             "ekf",
-        )  # the observer's gain is of a model without
+        )  # the observer's gain is computed without friction
         return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
 
     @cached_property
@@ -280,11 +280,11 @@ class LoopPlants:
         deployed: bool = False,
         linear: bool = False,
     ) -> Any:
-        """The estimator, its initial mean the robot in equilibrium at a pose (n,); None for "none".
+        """The estimator; its initial mean is the equilibrium at a pose (n,). None for "none".
 
-        It has the `estimator_model` as it runs (`deployed`), otherwise `model`; with `linear` the linearisation of that
-        at the goal (n,): a linear Kalman filter. Raises `NotDetectable` if the sensors do not show a mode at the goal
-        that does not decay, with the state it is in.
+        With `deployed` its model is `estimator_model`, otherwise `model`. With `linear` it is a linear Kalman filter
+        with the linearisation at the goal (n,). Raises `NotDetectable`, with the state, if at the goal the sensors do
+        not observe a mode that does not decay.
         """
         s, model = self.specification, self.model
         if s.estimator == "none":
@@ -301,8 +301,8 @@ class LoopPlants:
             kalman.check_detectable(a, c, model.states)
             model = self.estimator_model if deployed else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
-        # Of a filter that has run at the goal for long, so that its gain is constant from the start; without process
-        # noise such a filter would be certain of its state.
+        # Stationary covariance at the goal, so that the gain is constant from the start. Without process noise it would
+        # be zero.
         covariance = INITIAL_VARIANCE * np.eye(len(a))
         if process.any():
             covariance = stationary_covariance((expm(a * s.period), c), process, np.diag(measurement))
@@ -312,9 +312,9 @@ class LoopPlants:
 
 @dataclass(frozen=True, eq=False)
 class LoopSetup(LoopPlants):
-    """One law with its estimator and controller, round one true plant.
+    """One law with its estimator and controller, in closed loop with one true plant.
 
-    `dataclasses.replace` gives another law, sensors or noise levels; everything derived is made anew.
+    `dataclasses.replace` changes law, sensors or noise levels; all derived properties are then computed anew.
     """
 
     law: Law  # or a schedule of laws, that at the goal first
@@ -323,12 +323,12 @@ class LoopSetup(LoopPlants):
     estimator_noise: EstimatorNoise | None = None  # R^v; by default what the specification states
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
     chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
-    quiet: bool = False  # no measurement noise in runs of the nominal robot; sampled ones have it
+    quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
     def linear_law(self) -> Law:
-        """The law that is linearised at the goal."""
+        """The law whose linearisation at the goal is used."""
         return self.law.laws[0] if isinstance(self.law, Schedule) else self.law
 
     @property
@@ -347,7 +347,7 @@ class LoopSetup(LoopPlants):
         return self.robot.operating_point(self.goal)
 
     def estimator(self, at: np.ndarray, deployed: bool = False) -> Any:
-        """The estimator, see `LoopPlants.estimator_at`; linear metrics have the one that is not `deployed`."""
+        """The estimator, see `LoopPlants.estimator_at`. Linear metrics use it without `deployed`."""
         return self.estimator_at(at, self.goal, self.process_noise, deployed, self.linear_model)
 
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
@@ -364,7 +364,8 @@ class LoopSetup(LoopPlants):
         )  # fmt: skip
 
     def position_resolution(self, deviations: float = 1.0) -> float:
-        """Smallest visible change of position: so many deviations of its noise, or a step of its sensor, rad or m."""
+        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
+        or m."""
         names = self.model.outputs
         steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
         positions = [step for name, step in zip(names, steps) if "position" in name]
@@ -382,7 +383,7 @@ class LoopSetup(LoopPlants):
         sub_steps: int | None = None,
         values: Mapping[str, Any] | None = None,
     ) -> Loop:
-        """A loop round the true plant, with these parameters, or round another one; with delay and quantisation."""
+        """A loop with the true plant and these parameters, or with another plant; with delay and quantisation."""
         plant = _with_values(self.true_plant, values) if plant is None or values is not None else plant
         return Loop(
             plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.delay
@@ -397,11 +398,10 @@ class LoopSetup(LoopPlants):
     def equilibrium_loop(
         self, estimated: bool = True, values: Mapping[str, Any] | None = None
     ) -> EquilibriumLoop:
-        """The sampled loop about the goal, as it is linearised: with `smooth_plant`, and commanded as the law is.
+        """The sampled loop about the goal for linearisation: its plant is `smooth_plant`, its command that of the law.
 
-        A command enters through the integrals of a law that has some; a law without follows x_d(q) and u_d(q). With the
-        estimator, or with the true state fed back; with other parameters of the plant, which the estimator does not
-        know.
+        The command enters through the integrals of the law; a law without integrals follows x_d(q) and u_d(q). The loop
+        has the estimator or feeds back the true state; the estimator does not know changed plant parameters (`values`).
         """
         s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
         return EquilibriumLoop(
@@ -454,10 +454,11 @@ class LoopSetup(LoopPlants):
         sub_steps: int | None = None,
         **options: Any,
     ) -> Response:
-        """A run of so many s from equilibrium at a pose (n,); the controller has the input that holds the model there.
+        """A run of `duration` s from equilibrium at a pose (n,); the controller starts with the input that holds the
+        model there.
 
-        The true plant has the parameters `values`, or is another `plant` (MuJoCo's). `seed` is added to the
-        specification's; `sub_steps` are Runge–Kutta steps per period; the options are those of `Loop.run`.
+        The true plant has the parameters `values`, or is another `plant` (of MuJoCo). `seed` is added to the
+        specification's seed; `sub_steps` are Runge–Kutta steps per period; further options as for `Loop.run`.
         """
         x, _ = self.equilibrium(at, values)
         run = self.loop(controller, plant, sub_steps, values).run(
@@ -475,9 +476,9 @@ class LoopSetup(LoopPlants):
         duration: float,
         **options: Any,
     ) -> EnsembleResult:
-        """The same run of each robot, by its parameters, each with noise of its own; options of `Loop.ensemble`.
+        """The same run for each robot, by its parameters, each with its own noise; options of `Loop.ensemble`.
 
-        `sub_steps` are the nominal plant's, so that all runs share one kernel.
+        All runs have the `sub_steps` of the nominal plant, so that they share one kernel.
         """
         loop, seed = self.loop(controller, None, sub_steps), 1 + self.specification.seed
         return loop.ensemble(noise=self.noise, duration=duration, **options).run(
@@ -487,9 +488,9 @@ class LoopSetup(LoopPlants):
         )
 
     def step(self, duration: float, values: Mapping[str, Any] | None = None, **options: Any) -> Response:
-        """The step from start to goal as the controller is deployed, without a jump of the input, by `command`.
+        """The step from start to goal along `command`, as deployed: the input starts without a jump.
 
-        The arguments are those of `run`.
+        Arguments as for `run`.
         """
         return self.run(
             self.bumpless_controller, self.start, duration, values, reference=self.command, **options
@@ -508,8 +509,8 @@ class LoopSetup(LoopPlants):
     def impulse_responses(
         self, impulses: np.ndarray, duration: float, sub_steps: int | None = None
     ) -> Iterator[Response]:
-        """Runs from equilibrium at the goal with an impulse (n,), N·m·s or N·s, on one link each: a jump of the
-        velocities, of which law and estimator do not know. Without measurement noise where `quiet`."""
+        """Runs from equilibrium at the goal, each with an impulse, N·m·s or N·s, of `impulses` (n,) on one link: the
+        velocities jump, unknown to law and estimator. There is no measurement noise where `quiet`."""
         x, u = self.equilibrium(self.goal)
         enter = self.true_plant.linearise(x, u)[2][:, : len(self.goal)]
         loop = self.loop(self.controller(self.goal, moving=True), sub_steps=sub_steps)
@@ -519,8 +520,8 @@ class LoopSetup(LoopPlants):
             yield Response(run, self.goal, self.goal, self.joints)
 
     def move(self, plan: Plan, dwell: float | None = None, **options: Any) -> Move:
-        """A planned move with feedforward in error coordinates, and `dwell` seconds (half its time) at its end; the
-        options are those of `run`."""
+        """A planned move with feedforward in error coordinates, then `dwell` seconds at its end (default: half its
+        duration); options as for `run`."""
         return Move.along(plan, self.run(**self.along(plan, dwell), **options))
 
     def along(self, plan: Plan, dwell: float | None = None) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""The pipelines from a robot and a specification to a design, and to a comparison of laws: what they compute, how it is
-judged (not met, not proved, risky), and the results; one call per step."""
+"""The pipelines from a robot and a specification to a design and to a comparison of laws, one call per step:
+computation, judgement (not met, not proved, risky), results."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from flexhinf.validation import checked_kind
 
 Progress = Callable[[str], None]
 
-#: The rigid law has the design's degree with up to so many states, and degree 2 with more: solving takes minutes.
+#: Largest number of states for which the rigid law has the design's degree; with more it has degree 2.
 RIGID_STATES = 15
 
 #: An estimation error that oscillates with a smaller damping ratio than this is a risk.
 HARDLY_DAMPED = 0.05
 
-#: A loop that tolerates less extra delay than so many periods is at risk from a late computation and a slow bus.
+#: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
 FEW_PERIODS = 3.0
 
-#: Sensor noise that moves a motor by more than this fraction of the step's peak input, rms, wears it out.
+#: Largest RMS input noise, as a fraction of the step's peak input: more wears the motors.
 NOISE_FRACTION = 0.05
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
@@ -53,17 +53,17 @@ PAGES = "flexhinf.pages"
 class Status:
     """The first lines of a report."""
 
-    # not_met, not_proved: Requirements that the loop misses; claims that were only sampled, or found by search
+    # not_met: requirements that the loop fails; not_proved: claims that were only sampled or searched
     not_met: tuple[str, ...] = ()
     not_proved: tuple[str, ...] = ()
     risky: tuple[str, ...] = ()  # Dangers for the loop that no requirement covers
-    # Limits that are met within the tolerance only, and the robots of the judgement, where those are less than all
-    # within the tolerances; else empty
+    # Limits that are met only within the tolerance of the judgement, and the robots that were judged, unless these are
+    # all robots within the tolerances; else empty
     scope: str = ""
 
     @property
     def line(self) -> str:
-        """One line: what is not met, not proved or risky."""
+        """The status as one line: requirements not met, claims not proved, risks."""
         met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
         rows = {"Not met": self.not_met, "Risky": self.risky, "Not proved": self.not_proved}
         parts = [f"{name}: " + "; ".join(texts) for name, texts in rows.items() if texts]
@@ -85,7 +85,7 @@ def status_of(
     """The status of a design."""
     setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
-    missed: dict[str, None] = {}  # each text once
+    missed: dict[str, None] = {}  # no text twice
     for line in (line.converted(degrees) for line in lines if not line.met):
         sign, unit, joint = (
             "≤" if line.at_most else "≥",
@@ -157,7 +157,7 @@ class Design(Summarised):
     )  # The worst disturbance found, and the dissipation budget of the step
     # Whether the step starts inside the sampled region of the solution; None if no region was sampled
     inside: bool | None
-    proof: certification.DesignProof  # Of the law that is used, and of the step
+    proof: certification.DesignProof  # Proof of the law that is used, and of the step
     mujoco: responses.Response | None  # The step on MuJoCo's plant, if requested
     rigid: RigidComparison | None  # The rigid design on the same robot, fed the true state
     # The long run at rest with dry friction; None for a robot that states none
@@ -224,7 +224,7 @@ class ComparedLaw:
     kind: LawKind
     # The law, its parameters and its evaluation; None for a law that could not be made, or tuned within the limits
     tuned: tuning.TunedLaw | None = None
-    # What the specification requires of margins, step, corners and sampled robots, judged as `design` judges it
+    # Requirements of the specification on margins, step, corners and sampled robots, judged as by `design`
     requirements: tuple[Requirement, ...] = ()
     failure: str = ""  # Why there is no evaluation
 
@@ -243,12 +243,12 @@ class ComparedLaw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison(Summarised):
-    """Several laws, each tuned for the same criterion and evaluated in the same scenario as `flexhinf.design`'s."""
+    """Several laws, each tuned for the same criterion and evaluated in the scenario of `flexhinf.design`."""
 
     robot: Robot
     specification: Specification
     synthesis: steps.Synthesis  # Of the design's own law
-    criterion: tuning.Criterion  # What every law is tuned for, and the limits that it keeps
+    criterion: tuning.Criterion  # The criterion that every law is tuned for, and the limits that it keeps
     rows: tuple[ComparedLaw, ...]  # The design as it is first, then nonlinear H∞ tuned as the others are
     scenario: responses.Scenario
 
@@ -349,7 +349,9 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     progress("compile the closed loop, and run the step")
     evaluation = _in_scenario(linear, synthesis, responses.SAMPLES)
     duration = evaluation.runs.step_duration
-    evaluation.compute("margins")  # before a second thread: filters of warnings are the whole process's
+    evaluation.compute(
+        "margins"
+    )  # before a second thread starts: warning filters belong to the whole process
 
     def runs() -> RigidComparison | None:
         evaluation.compute("load_response", "ring_down", "move", "step_samples")
@@ -358,7 +360,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
         degree = synthesis.chosen.degree if len(synthesis.problem.state_names) <= RIGID_STATES else 2
         return compare_rigid(evaluation, synthesis.problem, degree)
 
-    with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which lets the other thread go on
+    with ThreadPoolExecutor(1) as beside:  # runs are compiled code, which releases the other thread
         on_rigid = beside.submit(runs)
         progress("corners of the tolerances, while load, move and sampled robots are run")
         evaluation.compute("corners", "frequency_response")
@@ -373,7 +375,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     progress("payloads at the ends of their ranges")
     payloads = checks.evaluate_payloads(setup, evaluation.runs)
     lines = _requirements(s, evaluation, synthesis, on_mujoco, limit_cycle, payloads)
-    start = float("nan")  # V where the step starts, with the integrals that the controller chooses
+    start = float("nan")  # V at the start of the step, for the initial integrals of the controller
     if synthesis.sampled or synthesis.proved is not None:
         start = float((synthesis.proved or synthesis.solution).value(setup.departure(synthesis.solution)))
     inside = start <= synthesis.chosen.level if synthesis.sampled else None
@@ -406,8 +408,8 @@ def step_duration(linear: LawEvaluation, synthesis: steps.Synthesis) -> float:
 def _in_scenario(
     linear: LawEvaluation, synthesis: steps.Synthesis, samples: Sequence[tuple[int, int]]
 ) -> LawEvaluation:
-    """The evaluation in the runs that all laws are compared in, with its step, whose peak without noise sets the load;
-    linear metrics that were computed are kept."""
+    """The evaluation with the scenario of all laws and with its step, whose peak input without noise sets the load;
+    linear metrics computed before are kept."""
     setup, s, robot = linear.setup, linear.setup.specification, linear.setup.robot
     duration = step_duration(linear, synthesis)
     step, scales = setup.step(duration), modes.JointScales.of(setup.model, setup.goal_equilibrium)
@@ -436,7 +438,7 @@ def _in_scenario(
 
 
 def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
-    """Finite bandwidth (n,), rad/s, by which the move is planned: that of the law fed the true state."""
+    """Finite bandwidth (n,), rad/s, for which the move is planned: that of the law with the true state fed back."""
     own, target = np.asarray(linear.state_margins.bandwidth, dtype=float), synthesis.design_problem.target
     fallback = np.full(len(own), 1.0) if target is None else target.bandwidth
     return np.where(np.isfinite(own) & (own > 0.0), own, fallback)
@@ -450,7 +452,7 @@ def _requirements(
     limit_cycle: checks.LimitCycleCheck | None,
     payloads: tuple[checks.PayloadEvaluation, ...],
 ) -> tuple[Requirement, ...]:
-    """The specification line by line: the running loop first, then runs, then tolerances."""
+    """All requirements: first on the running loop, then on the runs, then on the tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
     damping = None if target is None else presets.required_damping(stated, target)
@@ -474,7 +476,7 @@ def _requirements(
 
 
 def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...]:
-    """Requirements on a law by `design` and `compare`: margins; the nominal step; corners and sampled robots."""
+    """Requirements on a law in `design` and `compare`: on margins, the nominal step, corners and sampled robots."""
     setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     margins = required.margin_requirements(s, evaluation.margins, setup.joints) if linear else []
@@ -486,7 +488,7 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
 
 
 def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
-    """About how many steps of work a design has, or a comparison of so many laws, for a progress bar."""
+    """Approximate number of work steps of a design, or of a comparison of laws, for a progress bar."""
     s, states = specification, 5 * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
@@ -562,7 +564,7 @@ def compare(
     criterion = tuning.criterion_for(
         tune, tuning.reference_metrics(own), own.runs.step_duration, limits, unit, resolution
     )
-    # where searches over bandwidths begin
+    # initial value of searches over bandwidths
     bandwidth = float(np.exp(np.mean(np.log(_followed(linear, synthesis)))))
     tuner = tuning.Tuner(LawFactory(synthesis, bandwidth), own, criterion, same_sensors)
     tuned = tuner.tune_all(kinds, laws or (), progress)

@@ -20,26 +20,27 @@ from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
 
-#: Time of a quintic times the bandwidth: then it keeps the limits below.
+#: Duration of a quintic times the bandwidth, such that the quintic keeps the limits below.
 QUINTIC_TIME = 4.7
 
 #: A spline through waypoints may go beyond two neighbouring ones by this fraction of the joint's way.
 BEYOND = 0.02
 
-#: A move takes so many sampling periods at least: a loop does not follow a shorter one.
+#: Shortest move, in sampling periods: a loop does not follow a shorter one.
 MOVE_SAMPLES = 10
 
 #: Most instants at which a stated move is checked.
 INSTANTS = 20_000
 
-#: Limits of the move's velocity, acceleration and jerk, over the way times ω, ω², ω³ for a bandwidth ω.
+#: Limits of the move's velocity, acceleration and jerk, as multiples of the travel times ω, ω², ω³ for a bandwidth ω.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
 
-#: Largest fraction of what an effort limit leaves beside the weight that the feedforward may use; the rest is left for
-#: feedback. The move is slowed down by the second factor until it does, at most so many times.
+#: Largest fraction of the effort limit, after the holding input, that feedforward may use; the rest is left for
+#: feedback. The second factor slows the move until it keeps this, at most as often as the third number says.
 EFFORT_FRACTION, STRETCH, STRETCHES = 0.7, 1.15, 25
 
-#: A joint that does not move still needs limits of its plan: those of this fraction of the largest way.
+#: Smallest travel of a joint for the limits of its plan, as a fraction of the largest travel: also a resting joint
+#: needs limits.
 MIN_TRAVEL = 1e-3
 
 
@@ -53,8 +54,8 @@ def step_command(
 ) -> Plan | None:
     """The command of the step from start to goal by the shaping; None for a jump, or where the law does not take one.
 
-    Otherwise it does not depend on the law, so that laws are compared with the same command: it is made for the
-    stated bandwidth, or for its default.
+    The command does not depend on the law, so that laws are compared with the same command. It is planned for the
+    stated or default bandwidth.
     """
     if s.shaping == "jump" or not np.any(goal != start) or (law is not None and not has_integrals(law)):
         return None
@@ -73,12 +74,13 @@ def plan_move(
     slowest_vibration: float,
     holding_inputs: Sequence[np.ndarray],
 ) -> Plan:
-    """The move from start to goal as fast as the loop follows, slower until it keeps the joints' speeds and efforts.
+    """The move from start to goal for this bandwidth, slowed down until it keeps the joints' limits of speed and
+    effort.
 
     `robot`, `s`: limits of effort and speed are the specification's, or the robot's.
     `start`, `goal`, `bandwidth`: (n,), Link positions, rad or m, and rad/s.
     `slowest_vibration`: its period smooths the plan, rad/s.
-    `holding_inputs`: inputs that hold the robot at start and goal, beside which the limit leaves room.
+    `holding_inputs`: inputs that hold the robot at start and goal; feedforward may use a part of the remaining limit.
     """
     limits, limit = joint_limits(robot, s), None
     if limits.limits_effort:  # the largest input (n,) that the feedforward may use of each motor
@@ -111,7 +113,7 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
         return None
     try:
         plan = _through(robot, s, 1.0)
-    except InvalidInput as error:  # what a signal is told about its profile is the shaping of a specification
+    except InvalidInput as error:  # the profile of a signal is the field `shaping` of a specification
         advice = error.advice.replace("profile='spline'", "shaping='jump'")
         raise WaypointError(error.what, error.found, advice) from None
     long = 1.5 * plan.duration / s.period > RUN_SAMPLES
@@ -138,7 +140,8 @@ def run_ends(robot: Robot, s: Specification) -> tuple[Plan | None, np.ndarray, n
 
 
 def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Moving:
-    """A planned move with the feedforward of the elastic inverse dynamics, which knows these kinds of dry friction."""
+    """A planned move with feedforward by inverse dynamics of the elastic robot, including these kinds of dry
+    friction."""
     return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
 
 
@@ -171,7 +174,7 @@ def _check(robot: Robot, s: Specification, plan: Plan, limits: JointLimits, inst
 
 
 def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
-    """Advice with the least factor of `STRETCH` to some power by which a slower move keeps all limits; "" for none."""
+    """Advice with the smallest power of `STRETCH` by which a slower move keeps all limits; "" if none does."""
     if not isinstance(s.move, WaypointTable):
         return ""
     for factor in (STRETCH**k for k in range(1, STRETCHES)):

@@ -1,9 +1,10 @@
-"""The proved step as a criterion of a design: weights and degree for the largest one, or for the smallest proved gain.
+"""The proved step as the criterion of a design: a search for the largest proved step, or for the smallest proved gain.
 
-`search_proved_step` tries candidates as docs/design.md, "The preset `proved`", says; for the nominal robot those of the
-preset damped too. `prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances
-to the z of `measured_problem`, the same for all laws of a robot. The storage function of a linear law is a common
-quadratic V (`flexhinf.certify.box`), of others a multiple of the law's own; its level holds the step of every robot.
+`search_proved_step` tries the candidates of docs/design.md, "The preset `proved`"; for the nominal robot also those of
+the preset damped. `prove_box` proves one law for every robot within its tolerances. The gain is from the disturbances
+to the z of `measured_problem`, which is the same for all laws of a robot. The storage function is a common quadratic V
+(`flexhinf.certify.box`) for a linear law, otherwise a multiple of the law's own V; its level set contains the step of
+every robot.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ from flexhinf.robot import Robot
 
 Ranges = Mapping[str, tuple[float, float]]
 
-#: A level is taken so much above the largest V of the starts; γ so much above what sampling finds, in turn.
+#: Factor of the level over the largest V of the starts; factors of γ over the sampled one, tried in turn.
 ROOM, MARGINS = 1.003, (1.05, 1.15, 1.4)
 
-#: γ over the smallest one of a common quadratic V, in turn: room for enclosures, where definite matrices prove it.
-#: Cells are looked at with the last one alone: they become fewer with the margin.
+#: Factors of γ over the smallest one of a common quadratic V, tried in turn: definite matrices need room for
+#: enclosures. A proof by cells uses the last factor only, as fewer cells are needed with a larger margin.
 QUADRATIC_MARGINS = (1.02, 1.05, 1.1, 1.6)
 
 
 class NotWithinTolerances(InvalidInput):
-    """A law that cannot be proved for all robots within the tolerances."""
+    """The refusal of a law that cannot be proved for all robots within the tolerances."""
 
     def __init__(self, found: str, advice: str = "preset='proved', which searches a law that can") -> None:
         super().__init__("The law is not proved for all robots within the tolerances.", found, advice)
@@ -45,17 +46,17 @@ class NotWithinTolerances(InvalidInput):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BoxProof:
-    """A law with the step that is proved for all robots within the tolerances."""
+    """A law with its step that is proved for all robots within the tolerances."""
 
     solution: HJISolution
-    problem: GeneralisedPlant  # Whose disturbance and penalty the gain is of
-    step: float  # Rest to rest, to the goal; rad or m, negative from above it
-    gamma: float = np.inf  # Proved; before the proof, what sampling found
+    problem: GeneralisedPlant  # The problem whose disturbance and penalty define the gain
+    step: float  # Step from rest to rest at the goal, rad or m; negative from above the goal
+    gamma: float = np.inf  # The proved γ; before the proof, the sampled one
     scale: float = 1.0  # The storage function is scale · V, with V of the law
-    p: np.ndarray | None = None  # (n, n); of a linear law it is ½ xᵀPx with this P instead
-    common: box.CommonValue | None = None  # Where P is from
+    p: np.ndarray | None = None  # (n, n); the storage function of a linear law is ½ xᵀPx with this P instead
+    common: box.CommonValue | None = None  # Source of P
     certificate: Certificate | None = None  # None before the proof
-    cpu_seconds: float = 0.0  # That the proof took
+    cpu_seconds: float = 0.0  # CPU time of the proof, s
 
     def value(self, x: np.ndarray) -> Any:
         """The storage function at deviations (n,) or (N, n) from the goal."""
@@ -73,7 +74,7 @@ class BoxProof:
         return self.certificate.level / float(largest)
 
 
-Law = TypeVar("Law", bound=BoxProof)
+AnyBoxProof = TypeVar("AnyBoxProof", bound=BoxProof)
 
 
 def step_start(statement: Certificate, solution: HJISolution, step: float) -> claim.Start:
@@ -85,7 +86,7 @@ def step_start(statement: Certificate, solution: HJISolution, step: float) -> cl
     return start
 
 
-def common_box(law: Law, ranges: Ranges) -> Law:
+def common_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
     """The linear law with the smallest γ for which a common quadratic V exists, and with that V."""
     common = box.common_value(box.tolerance_statement(law.solution, law.problem, ranges, 1.0))
     if common is None:
@@ -93,14 +94,15 @@ def common_box(law: Law, ranges: Ranges) -> Law:
     return replace(law, gamma=common.smallest, p=common.p(max(QUADRATIC_MARGINS)), common=common)
 
 
-def sampled_box(law: Law, ranges: Ranges) -> Law:
-    """The law with the γ that a proof is tried for, and its storage function.
+def sampled_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
+    """The law with the γ for which a proof is tried, and its storage function.
 
-    For a linear law the quadratic V of the smallest gain for all slopes of the plant's functions; otherwise, and where
-    there is none, a multiple of the law's own V, with the smallest γ that no sample of the region refuses.
+    A linear law has the quadratic V of the smallest gain for all slopes of the plant's functions. Other laws, and a
+    linear one without such a V, have a multiple of their own V, with the smallest γ that no sample of the region
+    refuses.
     """
     if law.solution.degree == 2:
-        with suppress(NotWithinTolerances):  # on a region, where the slopes are smaller, there may be one
+        with suppress(NotWithinTolerances):  # on a region the slopes are smaller, so a V may exist there
             return common_box(law, ranges)
     statement = box.tolerance_statement(law.solution, law.problem, ranges, 1.0)
     values = starts.largest_values(
@@ -118,7 +120,7 @@ def sampled_box(law: Law, ranges: Ranges) -> Law:
 
 def prove_box(
     robot: Robot,
-    law: Law,
+    law: AnyBoxProof,
     ranges: Ranges,
     *,
     margins: tuple[float, ...] | None = None,
@@ -126,13 +128,14 @@ def prove_box(
     most_cells: int = 100_000_000,
     threads: int = 1,
     progress: cells.Progress | None = None,
-) -> Law:
+) -> AnyBoxProof:
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
     `ranges`: see `flexhinf.certify.box.parameter_ranges`.
-    `margins`: γ over that of `sampled_box`, in turn; by default those of its storage function.
-    `seconds`: CPU time of this thread for all of them; each may take half of what is left, the last one all.
-    `most_cells`: of one proof.
+    `margins`: factors of γ over that of `sampled_box`, tried in turn; by default those of its storage function.
+    `seconds`: CPU time of this thread for all factors; each may take half of the remaining time, the last one all of
+    it.
+    `most_cells`: largest number of cells of one proof.
     `progress`: as of `certify_tolerances`.
     """
     about = about_text(robot, np.asarray(law.problem.operating_point)[:1], law.solution.degree)
@@ -185,10 +188,10 @@ def about_text(robot: Robot, goal: np.ndarray, degree: int) -> str:
 #: Factors of the preset's bandwidth, dampings (None: the preset's), and γ/γ* of the candidates.
 BANDWIDTHS, DAMPINGS, RATIOS = (0.8, 1.0, 1.3), (None, 0.4), (1.3, 1.5, 2.0)
 
-#: The longest step that is looked for, rad or m, and the number of halvings that find the largest one.
+#: The longest step that is tried, rad or m, and the number of bisections for the largest one.
 LONGEST, HALVINGS = np.pi, 7
 
-#: A step is run for this many times the inverse bandwidth.
+#: Length of a step, as a multiple of the inverse bandwidth.
 LENGTH = 12.0
 
 #: Reasons that are shown where nothing is proved.
@@ -207,11 +210,11 @@ class ProvedLaw(BoxProof):
     """Result of a search for a law that can be proved, with the proof."""
 
     bandwidth: np.ndarray  # rad/s
-    damping: float  # Ratio that the weights were searched for
+    damping: float  # Damping ratio for which the weights were searched
     ratio: float  # γ/γ* of the law's own design
-    design_problem: DesignProblem  # Whose solution the law is; its γ is the law's
-    peak_effort: float = np.inf  # Largest |u| of the step on the nominal robot
-    candidates: int = 1  # Laws within the limit whose inequality no sample refused
+    design_problem: DesignProblem  # The problem that the law solves, at the law's γ
+    peak_effort: float = np.inf  # Largest |u| of the step of the nominal robot, V or N·m
+    candidates: int = 1  # Number of laws within the input limit whose inequality no sample refused
 
 
 def _check(robot: Robot, s: Specification) -> None:
@@ -257,17 +260,17 @@ def search_proved_step(
 
     `robot`: with one joint.
     `goal`: (1,), rad or m.
-    `step`: wanted, negative from above the goal: the smallest proved γ is looked for. Default: the largest step from
-        below, up to π.
+    `step`: the wanted step, negative from above the goal, for which the smallest γ is proved. Default: the largest step
+    from below, up to π, is searched for.
     `effort_limit`: largest |u| of the step on the nominal robot, V or N·m.
-    `tolerances`: of which the proof holds, over those that the robot states: 1 for all, 0 for the nominal robot.
+    `tolerances`: fraction of the stated tolerances for which the proof holds: 1 for all, 0 for the nominal robot.
     `degrees`, `bandwidths`, `dampings`, `ratios`: degrees of V, factors of the preset's bandwidth, dampings (None:
         the preset's), γ/γ*. A degree above 2 needs an equilibrium that stays, or `tolerances` 0.
-    `most_seconds`: of one proof, CPU time.
-    `specification`: its bandwidth is what the factors are of; its disturbances, checked penalty, period and others
-        are those of the candidates.
-    `admits`: called with each law before it is proved, the best first: why it is left out, with all that are as fast,
-        or "".
+    `most_seconds`: largest CPU time of one proof.
+    `specification`: the candidates have its disturbances, checked penalty, period and so on; `bandwidths` are factors
+    of its bandwidth.
+    `admits`: called with each law before its proof, the best first. It returns "", or the reason to skip this law and
+    all that are as fast.
     `progress`: called with what comes next.
     Raises InvalidInput: no candidate is within the limit, or none can be proved.
     """
@@ -298,7 +301,7 @@ def search_proved_step(
                 )
                 for ratio in ratios for degree in degrees
             ]  # fmt: skip
-        except FlexhinfError as error:  # no weights for this bandwidth and damping
+        except FlexhinfError as error:  # there are no weights for this bandwidth and damping
             reasons.append(reason_of(error))
             continue
         for law in laws:
@@ -307,7 +310,7 @@ def search_proved_step(
             except FlexhinfError as error:
                 reasons.append(reason_of(error))
     candidates.sort(key=lambda c: (-round(abs(c.step), 3), c.gamma) if step is None else (0.0, c.gamma))
-    slow_enough = np.inf  # rad/s: what is as fast as a law that was left out is left out too
+    slow_enough = np.inf  # rad/s: laws as fast as a skipped one are skipped too
     for candidate in candidates:
         if float(np.min(candidate.bandwidth)) >= slow_enough:
             continue
@@ -347,7 +350,7 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
         return _peak_effort(solution, measured, path_start(statement, start, amplitude), duration)
 
     low, largest = 0.0, abs(wanted)
-    if not peak(largest) <= limit:  # nor what is not a number
+    if not peak(largest) <= limit:  # this refuses NaN too
         for _ in range(HALVINGS if step is None else 0):
             middle = 0.5 * (low + largest)
             low, largest = (middle, largest) if peak(middle) <= limit else (low, middle)

@@ -1,10 +1,11 @@
-"""Requirements of a specification, metrics of many robots at once, and the one place that decides which are met.
+"""Requirements of a specification, the only place that decides which are met, and metrics of many robots at once.
 
-Metrics of a step or a move of all joints on many robots are reductions, computed while each run goes on; the controller
-stays as it was designed.
+Metrics of a step or a move on many robots are reductions, which are computed during each run; the controller is the
+designed one.
 
-`REQUIREMENTS` has a row for each: what it is called, how it is measured, its unit, whether its limit is an upper one,
-and the field of the specification that states the limit. Bandwidth, damping, peak sensitivity and gain margin are
+`REQUIREMENTS` has a row for each requirement: its name, unit, kind of limit (upper or lower), the field of the
+specification that states the limit, and how the value is measured. Bandwidth, damping, peak sensitivity and gain margin
+are
 judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
 """
 
@@ -33,7 +34,7 @@ from flexhinf.loop.simulation.metrics import (
 )
 from flexhinf.robot.signals import signal_names
 
-#: At most so many instants of each run are kept.
+#: Largest number of instants of a run that are kept.
 KEPT = 400
 
 #: Metrics of the step of one joint that moves.
@@ -48,7 +49,7 @@ class MonteCarlo:
     overshoot: np.ndarray  # (N,). Largest of all joints, per cent; infinite where the run diverged
     settling: np.ndarray  # (N,). Slowest of all joints, s; infinite where one does not settle in the run
     peak: np.ndarray  # (N,). Largest input of all motors; infinite where the run diverged
-    # Of these worst values; "" where the run diverged, or no joint moves
+    # Joints of these worst values; "" where the run diverged, or no joint moves
     joints: Mapping[str, tuple[str, ...]]
     # inputs, speeds: (N, n). Largest input of each motor and speed of each link; infinite where the run diverged
     inputs: np.ndarray
@@ -71,21 +72,21 @@ class MonteCarlo:
 
     @property
     def worst(self) -> int:
-        """The robot with the largest overshoot; of equal ones, that which settles last."""
+        """The robot with the largest overshoot; among equal ones, the one that settles last."""
         return max(range(len(self)), key=lambda k: (self.overshoot[k], self.settling[k]))
 
     @property
     def slowest(self) -> int:
-        """The robot that settles last; of those that never do, the one with the largest overshoot."""
+        """The robot that settles last; among those that never settle, the one with the largest overshoot."""
         return max(range(len(self)), key=lambda k: (self.settling[k], self.overshoot[k]))
 
 
 def sampled_runs(
     setup: LoopSetup, robots: Sequence[Mapping[str, Any]], duration: float, sub_steps: int
 ) -> MonteCarlo:
-    """The step of each robot (its parameters) as the controller is deployed, with noise of its own.
+    """The step of each robot (by its parameters) with the deployed controller, each with its own noise.
 
-    `duration` in s; `sub_steps` of the true plants are the nominal one's, so that all runs share one kernel.
+    `duration`, s. `sub_steps` are those of the nominal plant, so that all runs share one kernel.
     """
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
@@ -97,7 +98,8 @@ def sampled_runs(
     moving = np.flatnonzero(setup.start != setup.goal).tolist()
 
     def worst(rows: Any, joints: Sequence[int]) -> tuple[np.ndarray, tuple[str, ...]]:
-        """The largest of joints' values (n, N) for each run, and its joint; as `worst_of` for a `Response`."""
+        """The largest value of all joints, of `values` (n, N), for each run, and its joint; as `worst_of` for a
+        `Response`."""
         if not joints:
             return np.where(runs.completed, 0.0, np.inf), ("",) * len(robots)
         names = [setup.joints[joints[k]] for k in np.argmax(rows, axis=0)]
@@ -133,19 +135,19 @@ def move_errors(
 
 
 def position_columns(commanded: Sequence[str], joints: Sequence[str]) -> tuple[int, ...]:
-    """Columns of a command in which the joints' link positions are."""
+    """Columns of the joints' link positions in a command."""
     return tuple(tuple(commanded).index(name) for name in signal_names("link_position", joints))
 
 
 def run_reductions(
     ends: tuple[np.ndarray, np.ndarray] | None, columns: tuple[int, ...] = (), pairs: Sequence[tuple[int, int]] = ()
 ) -> list[Reduction]:  # fmt: skip
-    """Reductions of a step of all joints between `ends` (n,), rad or m, or of a move (None), computed while it runs.
+    """Reductions of a step of all joints between `ends` (n,), rad or m, or of a move (`ends` is None).
 
-    Of each joint k that makes a step ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``, (N,);
-    of all joints of a move ``tracking_error``, the largest distance from it; of all joints ``late_error`` (in the last
-    tenth of the run, from the goal or from where the move then is), ``effort`` and ``speed``, the largest ones, (N, n);
-    and ``estimate``, the largest error of the estimates, (N,).
+    For each joint k that makes a step: ``"k overshoot_percent"``, ``"k settling_time_s"`` and ``"k rise_time_s"``,
+    (N,). For all joints, largest values (N, n): ``tracking_error`` (of a move), ``late_error`` (in the last tenth of
+    the run, from the goal or the planned position), ``effort`` and ``speed``. And ``estimate``, the largest estimation
+    error, (N,).
 
     `columns`: link positions in the command of a move (n,).
     `pairs`: columns of an estimated position, and of the true one.
@@ -190,19 +192,20 @@ def _named_sizes(
 
 @dataclass(frozen=True, eq=False)
 class RunMetrics:
-    """Metrics of a run of all joints, each the worst of them, and where there are several those of each joint."""
+    """Metrics of a run: the worst of all joints and, for several joints, the value of each."""
 
     limits: JointLimits
     # Start and goal (n,) of a step, rad or m; None for a move
     ends: tuple[np.ndarray, np.ndarray] | None = None
-    required: tuple[np.ndarray, np.ndarray] | None = None  # Of a move: tracking error, distance after it (n,)
+    required: tuple[np.ndarray, np.ndarray] | None = None  # (n,) each: tracking and final error of a move
 
     @cached_property
     def joint_metrics(self) -> dict[str, tuple[Sequence[str], Sequence[int]]]:
-        """Metrics that joints have: units for each joint, and the joints that have it; the first is the primary one.
+        """Metrics of single joints: for each its units by joint, and the joints that have it. The first metric is the
+        primary one.
 
-        Of a step of the joints that move, and where every joint ends; of a move largest distances from it and from its
-        end, also as fractions of those required; then peaks.
+        A step has its metrics for the joints that move, and the steady-state error of every joint. A move has the
+        tracking error and the final error, also as fractions of their limits. Both have peak input and peak speed.
         """
         limits, n = self.limits, len(self.limits.joints)
         positions, fractions = (limits.position_units, range(n)), ([""] * n, range(n))
@@ -221,7 +224,8 @@ class RunMetrics:
 
     @property
     def units(self) -> dict[str, str]:
-        """Units by name, empty where those of the joints differ; a fraction of a limit only where there is one."""
+        """Units by metric, empty where those of the joints differ; a limit's use is listed only where the limit
+        exists."""
         each = {name: units for name, (units, _) in self.joint_metrics.items()}
         each["estimation_error"] = self.limits.position_units
         common = {name: units[0] if len(set(units)) == 1 else "" for name, units in each.items()}
@@ -273,7 +277,7 @@ class RunMetrics:
 #: The requirement of the links' speeds.
 SPEED = "link speed"
 
-#: Where linear requirements are judged.
+#: The loop in which linear requirements are judged, as text.
 SAMPLED_LOOP = "running loop at the goal: sampled, with estimator and delay, nominal robot"
 
 
@@ -288,26 +292,26 @@ class Requirement:
     unit: str = ""
     at_most: bool = True  # Whether `limit` is an upper limit; otherwise a lower one
     where: str = ""  # The run or loop that was judged
-    criterion: str = ""  # How `found` is defined
+    criterion: str = ""  # Definition of `found`
     stated_by: str = "default"  # The option that states the limit, or "default"
-    joint: str = ""  # Of the worst value; empty where there is one joint, or where it has none
-    at: float | None = None  # When it occurs, s; None where it has no time
-    field: str = ""  # Of the specification, which states the limit; "" where none does
+    joint: str = ""  # Joint of the worst value; empty for a robot of one joint, or a value without a joint
+    at: float | None = None  # Time at which the value occurs, s; None for a value without a time
+    field: str = ""  # Field of the specification that states the limit; "" if none does
 
     @property
     def met(self) -> bool:
-        """Whether it is met, within `TOLERANCE`."""
+        """Whether the requirement is met, within `TOLERANCE`."""
         low, high = self.limit * (1.0 - TOLERANCE), self.limit * (1.0 + TOLERANCE)
         return bool(self.found <= high if self.at_most else self.found >= low)
 
     @property
     def within_tolerance(self) -> bool:
-        """Whether the limit itself is missed, by so little that it counts as met."""
+        """Whether the limit is exceeded by so little that the requirement counts as met."""
         return self.met and not (self.found <= self.limit if self.at_most else self.found >= self.limit)
 
     @property
     def judgement(self) -> str:
-        """``met``, ``NOT MET``, or what counts as met though the limit itself is missed: ``met within 2 %``."""
+        """``met``, ``NOT MET``, or, for a value slightly beyond the limit, ``met within 2 %``."""
         met = f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
         return met if self.met else "NOT MET"
 
@@ -326,7 +330,7 @@ class Requirement:
     def judge(
         self, s: Specification | None, limit: float, value: float, where: str, **more: Any
     ) -> Requirement:
-        """A row of `REQUIREMENTS` with its numbers; `more` are other fields, instead of those of the row."""
+        """A row of `REQUIREMENTS` with its numbers; `more` replaces fields of the row."""
         if s is not None and self.field and getattr(s, self.field) != FIELDS[self.field].default:
             more = {"stated_by": FIELDS[self.field].option} | more
         return replace(self, limit=float(limit), found=float(value), where=where, **more)
@@ -376,7 +380,7 @@ def peak_option(unit: str, source: str = "") -> str:
 
 
 def of_several(joints: Sequence[str], joint: str | int) -> str:
-    """The name of a joint where there are several; otherwise empty."""
+    """The name of a joint if there are several joints; otherwise empty."""
     return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
 
 
@@ -401,7 +405,7 @@ def behaviour_requirements(
     joints: Sequence[str],
     least_damped: str = "",
 ) -> list[Requirement]:
-    """Bandwidth (n,), rad/s, and damping of the running loop, where weights were searched for them.
+    """Requirements on bandwidth (n,), rad/s, and damping of the running loop, if weights were searched for these.
 
     `least_damped`: the joint of the smallest damping ratio.
     """
@@ -427,9 +431,9 @@ def corner_requirement(corners: ToleranceCorners) -> Requirement:
 def step_requirements(
     s: Specification, limits: JointLimits, response: Response, where: str, unlimited: Response | None = None
 ) -> list[Requirement]:
-    """Overshoot of one run, and how much it uses of the joints' limits.
+    """Requirements on one run: its overshoot, and its use of the joints' limits.
 
-    `unlimited`: the same run without limits of the inputs, for the peak that a limit would hide.
+    `unlimited`: the same run without input limits, for the peak input that a limit would hide.
     """
     joint, worst = of_several(response.joints, response.overshoot.joint), response.overshoot.value
     return [
@@ -445,11 +449,11 @@ def limit_requirements(
     unlimited: Response | None = None,
     always: bool = True,
 ) -> list[Requirement]:
-    """Peak input, link speed and ranges of one run, each of the joint that uses most of its own limit.
+    """Requirements on peak input, link speed and position range of one run, each for the joint with the largest use.
 
-    `unlimited`: the same run without limits of the inputs, whose inputs count.
-    `always`: also where a limit is kept; otherwise only what is exceeded. Ranges are always of the second kind, since
-        a run begins and ends within them.
+    `unlimited`: the same run without input limits; its inputs are judged.
+    `always`: list kept limits too, otherwise only exceeded ones. Ranges are listed only if exceeded, as a run begins
+    and ends within them.
     """
     how = "" if limits.saturated is None or unlimited is None else ", without limits of the inputs"
     inputs, speeds = limits.input_use(unlimited or response), limits.speed_use(response)
@@ -484,7 +488,7 @@ def _limit_line(
 
 
 def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCarlo) -> list[Requirement]:
-    """The worst of the robots sampled within their tolerances."""
+    """Requirements on the worst of the robots that were sampled within their tolerances."""
     where = f"the worst of {len(samples)} robots sampled within their tolerances"
     joint = of_several(limits.joints, samples.joints["overshoot"][int(np.argmax(samples.overshoot))])
     finite = bool(np.isfinite(samples.inputs).all() and np.isfinite(samples.speeds).all())  # no run diverged
@@ -497,20 +501,20 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
     ]
 
 
-#: Default limit of the tracking error, as a fraction of the joint's way along the move.
+#: Default limit of the tracking error, as a fraction of the joint's travel along the move.
 TRACKING_FRACTION = 0.05
 
-#: A joint that hardly moves has at least this fraction of the largest way of the joints of its kind.
+#: Smallest travel of a joint for its limits, as a fraction of the largest travel of joints with the same unit.
 MIN_TRAVEL = 0.1
 
-#: A way of less than this is none, but rounding, or what a search for poses leaves, rad or m.
+#: A travel below this is rounding, or the residue of a search for poses, rad or m.
 ROUNDING = 1e-9
 
 STATED, PLANNED = "the stated move, nominal robot", "the planned move"
 
 
 def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list[Requirement]:
-    """Requirements on the move; for one that is planned and not stated, only the limits that it exceeds."""
+    """Requirements on the move; of a move that is planned and not stated, only the exceeded limits."""
     if s.move is None:
         return limit_requirements(limits, move.response, PLANNED, always=False)
     rows, lines = move.metrics, []

@@ -1,9 +1,9 @@
 """Responses of a loop to a step, to a load torque and along a planned move, and their use of the joints' limits.
 
-The scenario is fixed once, by the design's own law: laws that are compared see the same command, load, move, robots and
+The design's own law fixes the scenario, so all laws of a comparison have the same command, load, move, robots and
 seeds.
 
-Limits of the inputs, speeds and positions of each joint, from the specification or the robot.
+The limits of inputs, speeds and positions of each joint come from the specification or the robot.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from flexhinf.robot import Robot, elastic, kinematics, signals
 #: Default step: rad for a joint that turns, m for one that slides.
 TURN, SLIDE = 0.1, 0.01
 
-#: A run lasts so many time constants of the slowest mode, and at least and at most so many seconds.
+#: Length of a run: in time constants of the slowest mode, and the shortest and longest run, s.
 TIME_CONSTANTS, SHORTEST, LONGEST = 8.0, 0.5, 20.0
 
-#: Default load: this fraction of the torque that the motors give at the peak input of the step.
+#: Default load, as a fraction of the motor torque at the peak input of the step.
 LOAD_FRACTION = 0.1
 
 #: The load begins at this fraction of its run.
@@ -37,7 +37,7 @@ LOAD_START = 0.1
 #: Robots sampled within the tolerances by default: (largest number of states, robots).
 SAMPLES = ((15, 200), (10_000, 20))
 
-#: The same of a comparison, for each of its laws.
+#: Robots sampled for each law of a comparison: (largest number of states, robots).
 COMPARED_SAMPLES = ((15, 50), (10_000, 20))
 
 
@@ -89,7 +89,7 @@ def run_length(slowest: float) -> float:
 def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
     """`LOAD_FRACTION` of the torques (n,) that the motors give at the peak inputs of a step, with the same signs.
 
-    `per_input`: torque per unit of input (n,). A motor that hardly acts counts with a tenth of the largest peak (n,).
+    `per_input`: torque per unit of input (n,). A motor's peak input (n,) counts as at least a tenth of the largest one.
     """
     return LOAD_FRACTION * per_input * np.maximum(peak, LOAD_FRACTION * peak.max())
 
@@ -97,7 +97,7 @@ def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
 def sample_count(
     robot: Robot, states: int, s: Specification, default: Sequence[tuple[int, int]] = SAMPLES
 ) -> int:
-    """How many robots are sampled: as stated, or by the number of states; none for a robot without tolerances."""
+    """Number of sampled robots: as stated, or by the number of states; zero for a robot without tolerances."""
     count = next(count for most, count in default if states <= most) if s.draws is None else s.draws
     return count if robot.uncertain else 0
 
@@ -120,9 +120,9 @@ class Worst:
 
 
 def worst_of(rows: list[dict[str, Any]], key: str) -> Worst:
-    """The largest value of `key` in rows of metrics; a value of None there is infinite, a missing one is not counted.
+    """The largest value of `key` in rows of metrics. None counts as infinite; a row without the key is not counted.
 
-    Infinite without any row, as of a run that diverged; zero where no joint has the metric.
+    Infinite without any row (the run diverged), zero where no joint has the metric.
     """
     counted = [row for row in rows if key in row]
     if not counted:
@@ -300,12 +300,12 @@ def plan_ends(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     return np.reshape(plan(0.0), -1), np.reshape(plan(plan.duration), -1)
 
 
-#: Who states a limit that no option does.
+#: Source of a limit that no option states.
 ROBOT = "the robot's file"
 
 
 class LimitUse(NamedTuple):
-    """Use of a limit by a run, in the joint and at the moment where it is largest."""
+    """Largest use of a limit in a run, with the joint and the time at which it occurs."""
 
     # value, limit: In `unit`; the value is infinite where the run diverged
     value: float
@@ -327,7 +327,7 @@ def limit_use(
     units: Sequence[str],
     time: np.ndarray | None = None,
 ) -> LimitUse:
-    """Use of limits (n,) by values (N, n) at times (N,); infinite without values, as of a run that diverged."""
+    """Use of limits (n,) by values (N, n) at times (N,); infinite without values (the run diverged)."""
     if values is None:
         tightest = int(np.argmin(limits))
         return LimitUse(np.inf, float(limits[tightest]), "", units[tightest])
@@ -345,7 +345,7 @@ class JointLimits:
     """Limits of inputs, speeds and positions, one number per joint; infinite where there is none."""
 
     joints: tuple[str, ...]
-    peak: np.ndarray  # (n,). Largest absolute input that is required, V, or N·m (N)
+    peak: np.ndarray  # (n,). Required limit of the absolute input, V, or N·m (N)
     saturation: np.ndarray  # (n,). Limits ± of controller and motors
     speed: np.ndarray  # (n,). Largest absolute velocity of the links, rad/s or m/s
     # lower, upper: (n,). Ranges of the link positions, rad or m
@@ -375,20 +375,22 @@ class JointLimits:
 
     @property
     def strongest(self) -> float:
-        """The largest limit of an input, by the required peak, or by saturation without one; infinite without any."""
+        """The largest input limit of all motors: of the required peaks if stated, else of the saturation; infinite
+        without any."""
         limits = self.peak if self.limits_peak else self.saturation
         finite = limits[np.isfinite(limits)]
         return float(finite.max()) if finite.size else np.inf
 
     def equivalent_peak(self, response: Response) -> float:
-        """Largest input of a run in terms of the `strongest` motor: the largest share of a limit times that one's."""
+        """Peak input of a run as one number, V or N·m: its largest limit use times the limit of the `strongest`
+        motor."""
         if not np.isfinite(self.strongest) or response.diverged_at is not None:
             return response.peak_input
         use = self.input_use(response, self.peak if self.limits_peak else self.saturation)
         return use.value if use.limit == self.strongest else use.share * self.strongest
 
     def input_use(self, response: Response, limits: np.ndarray | None = None) -> LimitUse:
-        """Use of the required peak input, or of other limits (n,) of the inputs."""
+        """Use of the required peak inputs, or of other input limits (n,)."""
         limits = self.peak if limits is None else limits
         return self._use(response, np.abs(response.inputs), limits, self.effort_units)
 
@@ -397,7 +399,7 @@ class JointLimits:
         return self._use(response, np.abs(response.velocities), self.speed, self.speed_units)
 
     def beyond_range(self, response: Response) -> LimitUse:
-        """Largest distance of a joint outside of its range (lower, upper), rad or m; the limit is 0."""
+        """Largest distance by which a joint leaves its range (lower, upper), rad or m; the limit is 0."""
         beyond = np.maximum(np.maximum(self.lower - response.positions, response.positions - self.upper), 0.0)
         return self._use(response, beyond, np.ones(len(self.joints)), self.position_units)._replace(limit=0.0)
 

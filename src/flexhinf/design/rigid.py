@@ -1,4 +1,4 @@
-"""The rigid design: the specification solved for infinitely stiff springs, and that law on the elastic robot."""
+"""The rigid design: a law for the robot with infinitely stiff springs, tested on the elastic robot."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from flexhinf.loop import Controller, Loop
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant, ProblemLaw
 from flexhinf.robot.elastic import Layout
 
-#: Which side's position and velocity the rigid law is fed: on a rigid robot they are the same.
+#: The side whose position and velocity are fed back; on a rigid robot both sides are the same.
 FEEDBACK_SIDES = ("link", "motor")
 
 
 def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
     """ẋ of (M(q) + J) q̈ + C q̇ + G + B q̇ = τ + d_link + d_motor, x = (q, q̇), of any element.
 
-    From the elastic robot's own equations with its springs unloaded: links and motors, side by side, accelerate by
-    a_link and a_motor, and the rigid joint makes them move together,
-    q̈ = a_motor + √J⁻¹ (1 + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor). A column of M⁻¹ is what one more N·m on a link does.
+    The elastic robot's equations with unloaded springs give the accelerations a_link and a_motor of links and motors.
+    The rigid joint makes both move together,
+    q̈ = a_motor + √J⁻¹ (1 + √J M⁻¹ √J)⁻¹ √J (a_link − a_motor). A column of M⁻¹ is the change of a_link by 1 N·m on a
+    link.
 
     `elastic`: the equations, without extras.
     """
@@ -42,7 +43,7 @@ def rigid_flow(elastic: Any, x: Any, u: Any, d: Any, p: Any) -> Any:
     columns = [rates(d + np.eye(2 * n)[j])[0] - link for j in range(n)]
     matrix = [[root[i] * columns[j][i] * root[j] + float(i == j) for j in range(n)] for i in range(n)]
     right = list(root * (link - motor))
-    for k in range(n):  # elimination without pivots: polynomials cannot be compared
+    for k in range(n):  # elimination without pivoting, as polynomials cannot be compared
         for i in range(k + 1, n):
             factor = matrix[i][k] / matrix[k][k]
             matrix[i] = [left - factor * above for left, above in zip(matrix[i], matrix[k])]
@@ -87,7 +88,7 @@ class RigidLaw(ProblemLaw):
         return f"rigid {self.side} {self.solution.law_key}"
 
     def evaluate_law(self, x: Any, data: Any) -> Any:
-        """The rigid law of the part that it is fed."""
+        """The rigid law of the states that are fed back."""
         return self.solution.evaluate_law(np.asarray(x)[self._places], data)
 
     @property
@@ -111,7 +112,7 @@ class RigidLaw(ProblemLaw):
 def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     """The problem for the rigid robot at the same pose; None for a penalty of code, or with rigid joints.
 
-    Weights of link and motor fall on one state: their squares add. Weights of the springs' torque fall away.
+    The squared weights of link and motor are added, as both are one state. Weights of spring torques are dropped.
     """
     plant, penalty = problem.plant, problem.penalty
     weights: Any = getattr(penalty.states, "states", None)  # of a penalty of states and torques of springs
@@ -164,8 +165,8 @@ def compare_rigid(
 ) -> RigidComparison | None:
     """Design the same specification on the rigid model, and close the loop round the elastic robot.
 
-    `evaluation`: of the design's own law, for its loop and its step. The rigid law is fed the true state of one side,
-    without estimator or noise: more than it would have. None where there is no `rigid_problem`.
+    `evaluation`: of the design's own law, for its loop and its step. The rigid law gets the true state of one side,
+    without estimator or noise, which favours it. Returns None if there is no `rigid_problem`.
     """
     rigid, setup, scenario = rigid_problem(problem), evaluation.setup, evaluation.scenario
     if rigid is None or scenario is None:

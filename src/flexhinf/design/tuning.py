@@ -1,13 +1,14 @@
-"""Laws of a comparison: the one criterion that all are tuned for and judged by, the limits that all keep, the search.
+"""The laws of a comparison: one criterion for tuning and judging all of them, the limits that all keep, and the search.
 
 docs/design.md, "Is it better than what I have?", has the criterion, the limits and the three rounds with their reasons.
-In short: the geometric mean of four ratios to the design as it is, of runs of the nominal robot without measurement
-noise, so that no seed has a part in it; each limit is that of the specification or what the design itself has,
-whichever is wider. A candidate whose loop cannot be linearised, diverges, or does not settle is not feasible.
+In short: the criterion is the geometric mean of four metrics of a law over those of the design, from runs of the
+nominal robot without measurement noise, so that it depends on no seed. Each limit is the specification's or the
+design's own value, whichever is wider. A candidate is infeasible if its loop cannot be linearised, diverges or does not
+settle.
 
-The rounds: each law for itself; then once more from the best of its own and of the laws that it contains, those with
-fewer parameters first; and from the values of the best other laws in all parameters that both have. Costs settle into
-several local minima: without the last round the order was that of luck.
+Round 1 tunes each law by itself. Round 2 starts from its best candidate and from the laws that it contains, in the
+order of their number of parameters. Round 3 starts from the best other laws' values of the shared parameters. The cost
+has several local minima: without round 3 the order of the laws was a matter of luck.
 """
 
 from __future__ import annotations
@@ -44,22 +45,22 @@ RUNS = {
     "move_error": "the planned move",
 }
 
-#: Of what the criterion takes ratios: attributes of `LawMetrics`, and what they are called.
+#: The metrics whose ratios make the criterion: attributes of `LawMetrics`, and their labels.
 RATIOS = {
     "load_deviation": "load deviation", "settling": "settling time", "move_error": "move error",
     "remaining_error": "remaining error",
 }  # fmt: skip
 
-#: What all laws share with the design, as `tune` of a comparison.
+#: The metric that all laws share with the design: values of `tune` of a comparison.
 MODES = ("peak", "bandwidth", "none")
 
-#: A candidate that exceeds a limit by more than this factor is judged without further runs: it is far off.
+#: A candidate that exceeds a limit by more than this factor is judged without further runs.
 FAR = 1.25
 
 #: Smallest damping ratio of the running loop where the specification states none: an oscillation halves in each period.
 MIN_DAMPING = 0.1
 
-#: A run that does not settle counts as so many times its length, in the order of candidates that keep no limit.
+#: Settling time of a run that does not settle, as a multiple of its length; it orders candidates that keep no limit.
 UNSETTLED = 2.0
 
 
@@ -87,10 +88,10 @@ def unstable_corners(evaluation: LawEvaluation) -> int:
 def metrics_of(
     evaluation: LawEvaluation, criterion: Criterion | None = None, linear: LawMetrics | None = None
 ) -> LawMetrics:
-    """Metrics of a law; with the metrics of the loop, `linear`, where it has none of its own.
+    """Metrics of a law. `linear` are metrics of the linear loop, used where the law has none of its own.
 
-    With a `criterion`, a loop that is far beyond its limits is not run, nor run further after the step. Raises
-    `FlexhinfError` if the loop cannot be linearised, or is unstable: then nothing is known in its favour.
+    With a `criterion`, a loop far beyond its limits is not run, or not beyond the step. Raises `FlexhinfError` if the
+    loop cannot be linearised or is unstable.
     """
     metrics = linear
     if metrics is None:
@@ -108,7 +109,7 @@ def metrics_of(
     if criterion is not None and criterion.is_far(metrics):
         return metrics
     quiet, limits = evaluation.quiet, evaluation.setup.limits
-    # Without a saturation that would hide a required peak.
+    # No saturation, which would hide the peak input that is required.
     peak = limits.equivalent_peak(quiet.unlimited_step if limits.limits_peak else quiet.step)
     metrics = replace(metrics, peak_input=peak, settling=quiet.step.settling.value)
     if criterion is not None and criterion.is_far(metrics):
@@ -123,7 +124,7 @@ def metrics_of(
 
 
 def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
-    """Metrics of the design's own law; of an unstable loop, or one without an equilibrium, with no margins at all."""
+    """Metrics of the design's own law; an unstable loop, or one without an equilibrium, has the worst margins."""
     try:
         return metrics_of(evaluation)
     except FlexhinfError:
@@ -131,7 +132,7 @@ def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
 
 
 def reference_metrics(evaluation: LawEvaluation) -> LawMetrics:
-    """Metrics of the design's own law, by which those of all laws are divided.
+    """Metrics of the design's own law: the reference by which the metrics of all laws are divided.
 
     Raises `InvalidInput` if its linear loop is unstable at the goal, or one of its runs diverges.
     """
@@ -161,7 +162,7 @@ class Limit:
     at_least: bool = False  # whether the metric is to be at least the value instead of at most
 
     def excess(self, metrics: LawMetrics) -> float:
-        """ln of the factor by which it is exceeded; 0 where it is kept."""
+        """ln of the factor by which the limit is exceeded; 0 where it is kept."""
         value = getattr(metrics, self.metric)
         if not self.at_least:
             return excess(value, self.value)
@@ -177,7 +178,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Criterion:
-    """The criterion that laws are tuned for, by the metrics of the design, and the limits that they keep."""
+    """The criterion that laws are tuned for, relative to the metrics of the design, with the limits that they keep."""
 
     mode: str  # one of `MODES`
     own: LawMetrics  # of the design's own law, by which deviation, settling time and errors are divided
@@ -231,7 +232,7 @@ class Criterion:
         return cost if math.isfinite(cost) else math.inf
 
     def is_far(self, metrics: LawMetrics) -> bool:
-        """Whether the metrics so far exceed a limit by more than `FAR`: further runs would change nothing."""
+        """Whether the metrics known so far exceed a limit by more than `FAR`; further runs are then not needed."""
         known = (x for x in self.limits if x.metric != "peak_input" or not math.isnan(metrics.peak_input))
         return any(limit.excess(metrics) > math.log(FAR) for limit in known)
 
@@ -321,8 +322,8 @@ def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str,
 
 
 def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[LawMetrics, ...]:
-    """Load deviation against peak input, by rising peak input: the candidates of a law that keep the limits of the
-    linear loop, and that no other one betters in both."""
+    """Pareto front of load deviation against peak input, by rising peak input, of the candidates that keep the limits
+    of the linear loop."""
     open_ended, front = replace(criterion, shared=()), []
     known = (m for m in metrics if math.isfinite(m.peak_input) and math.isfinite(m.load_deviation))
     for each in sorted(known, key=lambda m: (m.peak_input, m.load_deviation)):
@@ -336,14 +337,14 @@ def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[L
 #: Candidates per parameter: (largest number of states, samples of the first round, samples and simplex of the second).
 BUDGET = ((15, 16, 12, 4), (10_000, 3, 1, 1))
 
-#: In the last round a law tries the parameters of so many others, the cheapest.
+#: Number of the cheapest other laws whose parameters a law tries in the last round.
 EXCHANGED = 4
 
-#: Of so many of the cheapest candidates the corners of the tolerances are computed, until one has few enough.
+#: Number of the cheapest candidates whose tolerance corners are computed, until one has few enough unstable ones.
 LOOKED_AT = 8
 
-#: Beyond so many states a law of higher degree is searched by its linear part: each of its candidates would take
-#: seconds. The law itself is judged afterwards.
+#: With more states than this, a law of higher degree is tuned by its linear part, as each candidate would take seconds.
+#: The law itself is judged afterwards.
 MANY_STATES = 15
 
 
@@ -445,9 +446,10 @@ class Tuner:
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 
     def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
-        """A later round: the search continues from its best candidate and from the parameters of laws that it contains.
+        """A later round: the search continues from the law's best candidate and from the laws that it contains.
 
-        `exchange` is the last round: beside these, from the parameters that it shares with the cheapest others.
+        `exchange` marks the last round, which also starts from the cheapest other laws' values of the shared
+        parameters.
         """
         if law.kind.name == DESIGN:
             return law
@@ -462,9 +464,9 @@ class Tuner:
         return first, samples, simplex, 2 if states > MANY_STATES else None
 
     def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], tuning: Tuning) -> Candidate:
-        """The cheapest candidate that keeps every limit with no more unstable corners than the design: a law is not
-        left out for its corners while a candidate of it keeps them stable. Without one among `LOOKED_AT`, the
-        design's own law where the law is of that kind, else the cheapest."""
+        """The cheapest feasible candidate that has no more unstable corners than the design, so that corners exclude no
+        law that has such a candidate. Without one among the `LOOKED_AT` cheapest: the design's own parameters, if the
+        design has a law of this kind and it is feasible, else the cheapest candidate."""
         if not tuning.best.feasible or not self.own.setup.robot.uncertain:
             return tuning.best
         allowed = unstable_corners(self.own)
@@ -484,8 +486,8 @@ class Tuner:
         return (Candidate(values, self.criterion.judge(self.criterion.own)),)
 
     def _free(self, kind: LawKind) -> dict[str, float]:
-        """The parameters that are searched, with their starts: R^v only where there is an estimator, and the degree
-        only where it is searched."""
+        """The tuned parameters with their initial values: R^v only with an estimator, the degree only where it is
+        searched."""
         unused = [ESTIMATOR_NOISE, MOTOR_NOISE] if self.own.setup.specification.estimator == "none" else []
         unused += [] if self._budget[3] is None else [DEGREE]
         return {name: x for name, x in self.factory.start(kind).items() if name not in unused}
@@ -502,12 +504,12 @@ class Tuner:
         first, samples, simplex, degree = self._budget
         begin = start if before is None else dict(before.best.parameters)
         starts = []
-        for law in others:  # which law is this one with parameters that make no difference?
+        for law in others:  # the law that this one equals where the further parameters have no effect
             if law.parameters.keys() <= start.keys():
                 neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind)), **law.parameters}
                 starts.append({name: neutral.get(name, value) for name, value in start.items()})
         if exchange:
-            # Own parameters with those of the cheapest other laws where both have them, beside R^v.
+            # Own parameters with the values of the cheapest other laws where both have the parameter, except R^v.
             cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
             shared = [{name: x for name, x in law.parameters.items() if name in begin} for law in cheapest]
             shared = [both for both in shared if both.keys() - {ESTIMATOR_NOISE, MOTOR_NOISE}]
@@ -526,7 +528,7 @@ class Tuner:
         tuning = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
         best = self._robust_best(kind, sensors, tuning)
         if not best.feasible or (degree is not None and self.factory.degree(kind) > degree):
-            with contextlib.suppress(FlexhinfError):  # by the law itself with all its runs
+            with contextlib.suppress(FlexhinfError):  # the law itself, with all its runs
                 metrics = metrics_of(self.evaluation(kind, sensors, best.parameters))
                 best = Candidate(best.parameters, self.criterion.judge(metrics))
         best = min((best, *self._own_candidate(kind)), key=lambda candidate: candidate.order)
@@ -565,8 +567,8 @@ class Tuner:
 
 
 def ranked(laws: Sequence[TunedLaw]) -> list[TunedLaw]:
-    """Laws with no more unstable corners of the tolerances than the design, by the criterion; the design itself is no
-    side of the comparison."""
+    """Laws with no more unstable corners of the tolerances than the design, best first by the criterion; the design
+    itself is not ranked."""
     design = next((law for law in laws if law.name == DESIGN), None)
     allowed = 0 if design is None else unstable_corners(design.evaluation)
     rivals = (law for law in laws if law.name != DESIGN and law.feasible)

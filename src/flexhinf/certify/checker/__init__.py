@@ -1,26 +1,26 @@
-"""Proves a certificate again, from its data alone and by another program than the one that found it.
+"""The checker: it proves a certificate again from its data alone, independently of the search that found it.
 
 `verify` returns `proved` only where the theorem of docs/certificate.md holds (its parts 1. to 8. have the numbers that
 are used here): for every value of the parameters in the stated box (constant in time), for exact state feedback
 u = k(x) in continuous time without limits, S the component of {x: V(x) ≤ c} that contains 0, with the exact elementary
 functions and z = (h(x), R2^½ u).
 
-**How, and what to read.** These files decide, in this order; all of them fit on a few screens:
+**How, and what to read.** Read these files in this order; they decide, and fit on a few screens:
 
 1. `residual`: r = V_x (f + g2 k) + ½hᵀh + ½kᵀR2k + |V_x g1|²/(2γ²) + αV in exact rationals.
 2. There too: where r is a quadratic form for each value of the functions' quotients, definite matrices end the proof.
 3. `bounds`: elementary functions become Taylor polynomials with remainders from ball arithmetic; V, its growth along
    rays, and r on cells, with an a-priori bound of all rounding.
 4. `subdivision`: cells follow each other along rays from 0 until V exceeds the level.
-5. This file: what else is required (R2 ≻ 0, an invertible T, numbers within the doubles).
+5. This file: the other requirements (R2 ≻ 0, an invertible T, numbers within the doubles).
 
-`guidance` chooses what is looked at next and refuses; it cannot prove. `second_route` proves a random sample of cells
-again in rationals and balls, without 3.; or every cell: then 1., 2., 4., 5. and `second_route` are all that has to be
+`guidance` chooses the next cells and refuses claims; it cannot prove. `second_route` proves a random sample of cells
+again in rationals and balls, without 3. If it proves every cell, only 1., 2., 4., 5. and `second_route` need to be
 read. `statements` proves 6., 7. and 8. of the theorem, where they are claimed.
 docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
 
-What checker and search share is the form of a claim (`claim`). Nothing here imports the search, which takes no
-arithmetic from here: it calls the finished checker for its starts and its observer, so that what it states is proved.
+Checker and search share only the form of a claim (`claim`). Nothing here imports the search, and the search uses no
+arithmetic from here. It calls the checker for its starts and its observer, so that it states only proved ones.
 """
 
 from __future__ import annotations
@@ -69,10 +69,10 @@ def verify(
     by_cells: bool = False,
     tick: Callable[[int], None] = lambda cells: None,
 ) -> Verification:
-    """Prove a claim, or say why not; `tick` gets the number of cells that were just looked at.
+    """Prove a claim, or return the reason why not; `tick` is called with the number of cells that were just checked.
 
-    `sample` cells of each face are proved a second time, or every cell (None); with `by_cells` cells are looked at even
-    where a quadratic form decides.
+    `sample` cells of each face are proved a second time, or every cell (None). With `by_cells` cells are checked even
+    if a quadratic form decides.
     """
     began, corner = time.process_time(), ""
 
@@ -175,7 +175,7 @@ def _check_matrices(claim: Claim) -> None:
 
 
 def _face(proof: Proof, chosen: EveryCell | Sample, tick: Callable[[int], None]) -> Verification:
-    with np.errstate(all="ignore"):  # what is not finite is not accepted
+    with np.errstate(all="ignore"):  # NaN and infinity are not accepted
         return subdivide_face(Face(proof, chosen.face), chosen, tick=tick)
 
 

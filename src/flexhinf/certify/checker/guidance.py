@@ -1,8 +1,8 @@
 """Choice of the next cut of a cell, and refusals: nothing here can make a claim proved.
 
-Every way to cut a cell is sound, and so is every refusal. Where r is a quadratic form, a corner that fails is no
-refutation by itself, since the functions' quotients take their extreme values far from 0 only: so a point at which the
-claim is false is looked for.
+Every cut of a cell is sound, and so is every refusal. If r is a quadratic form, a failing corner is not yet a
+refutation, as the functions' quotients reach their extreme values far from 0 only. So the search looks for a point at
+which the claim is false.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def refuse(
 
 
 def axis_to_cut(table: TaylorTable, form: CentredForm, cells: np.ndarray) -> np.ndarray:
-    """The variable of each cell that adds most to its bound beyond the constant: 0 for ρ, i for the i-th of the t."""
+    """The variable of each cell that adds most to its bound, beyond the constant: 0 for ρ, i for t_i."""
     h, length, edge = cells[table.n - 1 : -2], cells[-1] - cells[-2], cells[-2] >= 1.0
     size = np.abs(form.low) + form.radius
     spread = np.c_[np.zeros(len(table.tail_powers)), table.tail_powers > 0].T.astype(float)

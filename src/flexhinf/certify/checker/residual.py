@@ -25,7 +25,7 @@ Exponents = tuple[tuple[str, int], ...]
 
 
 class Refusal(Exception):
-    """A claim that is not proved, and why; with the place z, and V there, where it is about one."""
+    """A claim is not proved: the reason and, if it concerns one point, z and V there."""
 
     def __init__(self, why: str, z: np.ndarray | None = None, value: float = float("nan")) -> None:
         super().__init__(why)
@@ -234,8 +234,8 @@ class Corner(NamedTuple):
 
 
 def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
-    """The number of corners, 0 where r is no quadratic form or the region is not within the reach; and of those that
-    fail the first few, the one with the smallest minor before the others."""
+    """Number of corners (0 if r is no quadratic form, or the region leaves the reach), and the first few failing
+    corners, the one with the smallest minor first."""
     parts: list[tuple[Any, ...]] = list(
         zip(exact.plain, *exact.factors, strict=True)
     )  # by product of parameters

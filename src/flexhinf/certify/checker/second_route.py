@@ -1,7 +1,8 @@
 """Single cells proved on another route: exact rational substitution, ball arithmetic, no table and no rounding.
 
-A random sample of the accepted cells is proved here again, or every one of them: then nothing of the bounds in doubles
-has to be believed. The variables of the polynomials are reused: the first becomes ρ and then s_0, the others t_i and
+A random sample of the accepted cells, or every one of them, is proved again here. With every cell, the bounds in
+doubles need not be trusted. The variables of the polynomials are reused: the first becomes ρ and then s_0, the others
+t_i and
 then s_i.
 """
 
@@ -19,7 +20,7 @@ from flexhinf.certify.checker.residual import as_rational, offset_of, require, s
 from flexhinf.certify.claim import Function
 
 _ORDER = 5  # of the Taylor polynomials of S: not that of the first route
-_PIECES = 32  # in which a bound of a derivative is looked for
+_PIECES = 32  # number of pieces on which a derivative is bounded
 
 
 @dataclass(frozen=True)

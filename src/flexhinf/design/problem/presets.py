@@ -13,14 +13,14 @@ Without a preset: `given` with weights; `damped` with a bandwidth or a damping, 
 its own; otherwise `paper`.
 
 Tolerances as disturbances [shen1995]: a parameter p in p0 ± δ changes the linear part, each robot at its own
-equilibrium, by torques w = Δ (T_x x + T_u u), |Δ| ≤ 1, at links and motors. Split into rank-one parts, each is a torque
-t w' driven by a signal z_Δ = c x or z_Δ = e u; for the stiffness t = δ^½ (−1, 1), z_Δ = δ^½ (q1 − q2). Where the change
-bends, as with 1/R, a part is as long as towards the end where more changes, so that |Δ| ≤ 1 holds at both. Constant
-terms, such as the weight of a payload, are left to the integral.
+equilibrium, by torques w = Δ (T_x x + T_u u), |Δ| ≤ 1, at links and motors. The change is split into rank-one parts;
+each is a torque t w' that depends on one signal z_Δ = c x or z_Δ = e u. For the stiffness t = δ^½ (−1, 1), z_Δ = δ^½
+(q1 − q2). For a change that is not linear in p, as of 1/R, the larger of both ends sizes the part, so that |Δ| ≤ 1
+holds at both. Constant terms, such as the weight of a payload, are compensated by integral action.
 
-A channel covers its tolerance alone, and at a corner products of them act, such as m·g·l and k_t/R. So the linear part
-of the dissipation inequality is checked at the corners themselves, and the tolerances of the channels are enlarged step
-by step until it holds there.
+A channel models one tolerance alone, but at a corner products such as m·g·l and k_t/R change together. So the linear
+part of the dissipation inequality is checked at the corners, and the channels are enlarged step by step until it holds
+there.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from flexhinf.plant import GeneralisedPlant, Penalty, Plant
 from flexhinf.robot import Robot
 
 # Tolerances as channels ---------------------------------------------------------------------------------
-#: Rank-one parts smaller than this fraction of a parameter's largest are left out.
+#: Rank-one parts smaller than this fraction of the parameter's largest part are left out.
 SMALL = 1e-3
 
 #: A change smaller than this, relative to the robot's own torques, is rounding.
@@ -87,7 +87,7 @@ def channels(robot: Robot, poses: Sequence[np.ndarray]) -> tuple[Channel, ...]:
         largest = max(changes, key=lambda ends: float(np.abs(ends).max()))
         joint = next((joint for joint in robot.joint_names if name.endswith(f"_{joint}")), "")
         quantity = name.removesuffix(f"_{joint}") if joint else name
-        # Singular parts of half the difference between the ends, each made as long as the end that it reaches less.
+        # Singular vectors of half the difference between the ends; the farther end sizes each part.
         for kind, (up, down) in zip(("state", "input"), np.split(largest, [plant.n], axis=2)):
             left, sizes, right = np.linalg.svd(0.5 * (up - down), full_matrices=False)
             for size, t, c in zip(sizes, left.T, right):
@@ -126,7 +126,8 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
 
 
 def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignProblem:
-    """The problem of the least of `ENLARGED` whose inequality holds at every corner; of the first if none does."""
+    """The problem with the smallest factor of `ENLARGED` whose inequality holds at every corner; with the first if none
+    does."""
 
     def failing(problem: DesignProblem) -> bool:
         assert problem.robustness is not None
@@ -136,7 +137,9 @@ def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignPr
     for factor in ENLARGED[1:] if failing(first) else ():
         try:
             larger = problem_at(factor)
-        except FlexhinfError:  # out of reach: the page says how many corners the first problem leaves
+        except (
+            FlexhinfError
+        ):  # no factor suffices: the page has the number of failing corners of the first problem
             break
         if not failing(larger):
             return larger
@@ -148,8 +151,8 @@ PREFIX = "tolerance"
 
 
 def uncertain_flow(flow: Any, torques: int, x: Any, u: Any, d: Any, p: Any) -> Any:
-    """The robot's ẋ, of any element, with torques L w at links and motors beside its own, the first `torques` of the
-    disturbances; L is a parameter."""
+    """The robot's ẋ, on any element, with additional torques L w at links and motors. The first `torques` disturbances
+    are the robot's own; L is a parameter."""
     return flow(x, u, d[:torques] + np.asarray(p.tolerance_channels) @ d[torques:], p)
 
 
@@ -171,7 +174,7 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
 
 
 def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
-    """A problem whose channels stand for a fraction `size` of the tolerances, as `RobustProblem.parts` has it.
+    """A problem whose channels stand for a fraction `size` of the tolerances, as in `RobustProblem.parts`.
 
     `problem` has the channels of the whole tolerances, `nominal` none.
     """
@@ -185,10 +188,10 @@ def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: f
 
 
 # The problem --------------------------------------------------------------------------------------------
-#: Most turns in which a default damping yields to what weights reach.
+#: How often a default damping is lowered to the damping that weights can reach.
 YIELDS = 4
 
-#: Default bandwidth over the lowest frequency at which the links vibrate while the motors are held; default damping.
+#: Default bandwidth, as a fraction of the lowest vibration of the links with locked motors; default damping.
 BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
 
 
@@ -206,10 +209,10 @@ def command_of(s: Specification) -> str | None:
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """Tolerances that the channels cover, and the cost in γ and gain.
+    """The fraction of the tolerances for which the channels stand, and its cost in γ and gain.
 
-    The inequality of the linear part is checked at corners of the tolerances, each at its own equilibrium. Where some
-    of them break it, each tolerance alone is covered, and not all of them together.
+    The inequality of the linear part is checked at corners of the tolerances, each at its own equilibrium. If it fails
+    at some of them, the law is robust to each tolerance alone, but not to all together.
     """
 
     fraction: float  # of the tolerances, that the channels stand for
@@ -217,9 +220,9 @@ class Robustness:
     gamma_star: float  # smallest level for every robot within that fraction
     nominal_gamma_star: float  # of the same penalty without tolerances
     nominal_gain: float  # level that the nominal robot attains (linear part) without channels
-    robust_gain: float  # the same with channels
+    robust_gain: float  # level that the nominal robot attains (linear part) with channels
     scalings: Mapping[str, tuple[float, float]]  # smallest and largest s of the channels of each quantity
-    enlarged: float  # factor on the tolerances, so that products of tolerances are covered too
+    enlarged: float  # factor on the tolerances, which accounts for products of tolerances
     corners: int  # corners that were checked
     failing_corners: int
     all_corners: bool  # whether these are all corners; otherwise they are sampled
@@ -227,7 +230,7 @@ class Robustness:
 
 @dataclass(frozen=True, eq=False)
 class DesignProblem:
-    """The problem that is solved about the goal, and who states it."""
+    """The problem that is solved about the goal, with the sources of its parts."""
 
     preset: str  # paper, damped, robust, proved or given
     penalty: Penalty  # in the robot's names
@@ -246,18 +249,19 @@ class DesignProblem:
 
 @dataclass(frozen=True, eq=False)
 class ToleranceChannels:
-    """The channels of the tolerances, from which the problem of any weights and any fraction of them is made."""
+    """The channels of the tolerances; they make the problem of any weights and any fraction of the tolerances."""
 
     s: Specification
     scales: modes.JointScales
     family: LinearFamily
     torques: np.ndarray | None  # (2 joints, k), which torques at links and motors are physical disturbances
-    first: RobustProblem  # of other weights, with the scalings and the largest fraction that the channels can cover
-    corners: LinearCorners  # at which the inequality of the linear part is checked
-    enlarged: float = 1.0  # factor of all tolerances, so that their products are covered too
+    first: RobustProblem  # problem of other weights, with the scalings and the largest possible fraction
+    corners: LinearCorners  # plants at which the inequality of the linear part is checked
+    enlarged: float = 1.0  # factor on all tolerances, which accounts for their products
 
     def linear(self, target_frequency: np.ndarray, damping: np.ndarray, fraction: float) -> RobustProblem:
-        """The linear problem of the weights for ω (n,) and ζ (n,), with a fraction of what the channels can cover."""
+        """The linear problem of the weights for ω (n,) and ζ (n,), with a fraction of the largest possible
+        tolerances."""
         rows = self.scales.rows(target_frequency, damping)
         nominal = LinearProblem.of(self.family, rows, command_of(self.s) is not None, self.torques)
         return replace(self.first, nominal=nominal, fraction=fraction * self.enlarged * self.first.fraction)
@@ -285,7 +289,8 @@ class ToleranceChannels:
         return DesignProblem("robust", base, "", "ours", problem, nominal, star, gamma, channels=self)
 
     def checked(self, problem: DesignProblem, result: SearchResult, fraction: float) -> DesignProblem:
-        """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
+        """The `problem` of the chosen weights and this fraction, with its inequality checked at corners of the
+        tolerances."""
         linear, law = (
             self.linear(*result.chosen.weights, fraction),
             linear_law(problem.problem, problem.gamma),
@@ -327,7 +332,7 @@ def preset_of(robot: Robot, s: Specification) -> str:
 
 
 def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
-    """Required damping ratio of every oscillation: the stated one, else `DAMPING`, or what the search lowered it to, at
+    """Required damping ratio of every oscillation: the stated one; else `DAMPING`, or the lower value of the search, at
     least `RINGS`; see `flexhinf.design.synthesis.steps`."""
     if s.damping is not None:
         return s.damping
@@ -337,17 +342,18 @@ def required_damping(s: Specification, target: TargetBehaviour | None = None) ->
 def choose(
     robot: Robot, goal: np.ndarray, start: np.ndarray, s: Specification, near: DesignProblem | None = None
 ) -> DesignProblem:
-    """The problem of a specification; a search begins at `near`, weights of this robot for another behaviour.
+    """The problem of a specification; a search begins at `near`, weights of this robot for another bandwidth or
+    damping.
 
-    A default damping that no weights reach yields to what they reach; the loop is judged by `required_damping`. Raises
-    `InvalidInput` for a contradiction, or a behaviour that cannot be met: which limit binds, and the best found;
-    otherwise as the synthesis does.
+    If no weights reach a default damping, it is lowered to the best one; the loop is judged by `required_damping`.
+    Raises `InvalidInput` for a contradiction, or for a requirement that cannot be met, with the active limit and the
+    best result; and the errors of the synthesis.
     """
     preset = preset_of(robot, s)
     if preset in ("damped", "robust", "proved"):
         family = (near and near.family) or LinearFamily.of(robot, goal, period=s.period)
         begun, tried = near and near.search, s
-        for turn in range(YIELDS + 1):  # a second search looks at more corners, and may ask for another turn
+        for turn in range(YIELDS + 1):  # a second search has more corners, and may need another turn
             try:
                 return replace(_searched(family, start, tried, preset, begun), family=family)
             except DampingOutOfReach as refused:
@@ -358,9 +364,9 @@ def choose(
 
 
 def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> GeneralisedPlant:
-    """The problem of which a gain is proved for all tolerances, the same for all laws.
+    """The problem whose gain is proved for all tolerances; it is the same for all laws.
 
-    Its penalty is the checked one; else the robot's own; else that of Eq. (11), scaled to the robot.
+    Its penalty is the `checked_penalty`, else the robot's own, else that of Eq. (11), scaled to the robot.
     """
     return nominal_problem(robot, goal, s, _stated(robot, goal, replace(s, penalty=s.checked_penalty))[0])
 
@@ -393,7 +399,7 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
 
 
 def required_bandwidth(s: Specification, scales: modes.JointScales, joints: int) -> np.ndarray:
-    """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with held motors."""
+    """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with locked motors."""
     stated = BANDWIDTH_FRACTION * scales.antiresonance if s.bandwidth is None else s.bandwidth
     bandwidth = np.atleast_1d(np.asarray(stated, dtype=float))
     if len(bandwidth) not in (1, joints):
@@ -424,7 +430,8 @@ def _searched(
         problem_of: Callable[..., LinearProblem | RobustProblem],
         begun: SearchResult | None,
     ) -> tuple[SearchResult, LinearFamily]:
-        """Search weights for a family, then for the family with the worst of many corners added; and that family."""
+        """Search weights for a family, then for that family with the worst of many corners; returns result and larger
+        family."""
 
         def synthesis(*weights: np.ndarray) -> tuple[HJISolution, float]:
             problem = problem_of(*weights)

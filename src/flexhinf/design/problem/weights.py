@@ -1,18 +1,18 @@
 """The linear part of a design at its goal: the nominal robot and its H∞ gain, and robots within the tolerances.
 
-A search asks for many gains. What does not change with the gain is computed once here: ẋ = A x + B u + G d of every
-member, the integrals of the tracking errors appended, deviations from each member's own equilibrium.
+A search evaluates many gains, so the linearisations are computed once: ẋ = A x + B u + G d of every member, with the
+integrals of the tracking errors as last states, in deviations from each member's own equilibrium.
 
-Weights for a behaviour come of two nested searches over ω and ζ, see docs/design.md. One ζ damps most vibrations more
-than required, the light links' above all, and the motors that do it amplify the estimator's noise; so at the end the ζ
-of each joint is lowered to what its own vibration needs. All members of the family count: the nominal robot and corners
-of its tolerances.
+Weights for a bandwidth and a damping come from two nested searches over ω and ζ, see docs/design.md. A common ζ damps
+most vibrations more than required, above all those of light links, and the motors then amplify the estimator's noise.
+So at the end the ζ of each joint is lowered to the value that its own vibration needs. All members of the family count:
+the nominal robot and corners of its tolerances.
 
 The preset `robust` covers tolerances with constant scalings s_i, by the inequality of docs/design.md [shen1995].
-Channel i enters with g_i/s_i and is seen through s_i z_i. The channels do not scale with γ: in a problem of one level γ
-they enter with γ g_i/s_i. The s_i are found on the linear part, one for each channel: what enters is balanced with what
-is seen, first in the nominal loop, then a few times in the loop that came of it; a simplex search over one factor for
-each quantity (all stiffnesses share one) ends it.
+Channel i has the input matrix g_i/s_i and the output s_i z_i. The channels do not scale with γ: in a problem of level γ
+they enter with γ g_i/s_i. The s_i, one for each channel, are found on the linear part: they balance input and output of
+the channel, first in the nominal loop, then a few times in the resulting loop. At the end a simplex search changes one
+factor for each quantity (all stiffnesses share one).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from flexhinf.loop.simulation.metrics import LASTING
 from flexhinf.plant import PolynomialPlant
 from flexhinf.robot import Robot
 
-#: Corners of the tolerances that a search looks at, beside the nominal robot; corners among which the worst for the
-#: first weights are looked for, to be members of the second search.
+#: Number of tolerance corners in a search, besides the nominal robot; and number of corners from which the worst ones
+#: for the first weights join the second search.
 MEMBERS, MANY = 32, 400
 
 #: Relative width at which the bisection for γ* ends during a search.
@@ -47,7 +47,7 @@ class LinearFamily:
     a: np.ndarray  # (N, n, n)
     b: np.ndarray  # (N, n, m)
     torques: np.ndarray  # (n, 2 joints), where torques at links and motors enter the nominal robot
-    energy: tuple[np.ndarray, np.ndarray]  # nominal stiffness and inertia: they tell vibrations apart
+    energy: tuple[np.ndarray, np.ndarray]  # nominal stiffness and inertia, by which vibrations are named
     robot: Robot
     goal: np.ndarray  # (n,), link positions, rad or m
     period: float = 0.0  # s, of the samples at which the law of the nominal robot acts; 0: always
@@ -59,15 +59,15 @@ class LinearFamily:
 
     @cached_property
     def many(self) -> LinearFamily:
-        """The family of `MANY` corners, among which the worst for the first weights are looked for."""
+        """The family with `MANY` corners, from which the worst ones for the first weights are taken."""
         return LinearFamily.of(self.robot, self.goal, MANY, seed=1)
 
     @staticmethod
     def of(
         robot: Robot, goal: np.ndarray, members: int = MEMBERS, seed: int = 0, period: float = 0.0
     ) -> LinearFamily:
-        """Family of a robot at a pose (n,), and at corners of its tolerances: all where there are no more than
-        `members`, else so many at random with this seed, whatever the parameters' order."""
+        """Family of a robot at a pose (n,), with corners of its tolerances: all corners if there are at most `members`,
+        else a random choice with this seed, which does not depend on the order of the parameters."""
         plant, equilibrium = robot.plant(), robot.operating_point(goal)
         joints, n = len(robot.joint_names), plant.n
         matrices = [plant.linearise(*equilibrium)]  # traced once, shared by all members
@@ -88,7 +88,7 @@ class LinearFamily:
         return LinearFamily(a, b, torques, stiffness_and_inertia(plant, equilibrium), robot, goal, period)
 
 
-#: Frequencies looked at, over the fastest and slowest mode of the loop, per decade.
+#: Range of the frequency grid beyond the fastest and the slowest mode of the loop, and points per decade.
 PER_DECADE = 60
 
 #: A sampled mode with a smaller multiplier is gone too soon to oscillate, see `LASTING`.
@@ -97,10 +97,10 @@ SMALLEST_MULTIPLIER = float(np.exp(-1.0 / LASTING))
 
 @dataclass(frozen=True, eq=False)
 class Behaviour:
-    """Bandwidth and damping of the loops of a family: those of its worst members."""
+    """Bandwidth and damping of a family of loops: the smallest of all members."""
 
     bandwidth: np.ndarray  # (n,), of each joint, rad/s
-    damping: float  # of an oscillation; infinite where nothing oscillates, −∞ for an unstable loop
+    damping: float  # smallest damping ratio; infinite where nothing oscillates, −∞ for an unstable loop
     nominal_damping: float  # of the nominal robot
     joint_damping: np.ndarray  # (n,), of the vibrations mainly in each spring; infinite without any
     worst: list[int]  # the members with the smallest damping, and the smallest bandwidth of each joint
@@ -194,7 +194,7 @@ class LinearProblem:
         )
 
     def attained(self, gain: np.ndarray) -> float:
-        """H∞ norm from d to z of the loop of a stabilising gain: the level that it attains, to `ROUGH`."""
+        """The level that a stabilising gain attains: the H∞ norm from d to z of its loop, to `ROUGH`."""
         a, nothing = self.a + self.b2 @ gain, np.zeros((len(self.a), 1))
         c = np.vstack([self.c, np.linalg.cholesky(self.r2).T @ gain])
         return linear_smallest_gamma(replace(self.linear_part(), a=a, b2=nothing, c=c), ROUGH)
@@ -203,7 +203,7 @@ class LinearProblem:
 # The H∞ gain of all robots within the tolerances -----------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A rank-one part of what a tolerance does; it is driven either by the state or by the input."""
+    """A rank-one part of the effect of a tolerance; its signal comes from either the state or the input."""
 
     #: The parameter without its joint, and "state" or "input"; a group shares a scaling.
     group: tuple[str, str]
@@ -219,10 +219,10 @@ class Channel:
 #: Largest level that is tried, relative to that of the nominal problem.
 LARGEST_LEVEL = 1e4
 
-#: Shares of the tolerances are found to this width; less than the smallest is none.
+#: Accuracy of a fraction of the tolerances, and the smallest fraction that counts.
 FRACTION_WIDTH, MIN_FRACTION = 0.02, 0.02
 
-#: Balances after the first; evaluations of the simplex search for each factor, and the most states it is made with.
+#: Number of balances after the first; evaluations of the simplex search per factor, and its largest number of states.
 BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
 
 
@@ -290,7 +290,8 @@ class RobustProblem:
         return self.scaled(gamma).design(gamma)
 
     def with_largest_fraction(self) -> RobustProblem:
-        """With the largest fraction of the tolerances for which some level has a solution, to `FRACTION_WIDTH`."""
+        """The problem with the largest fraction of the tolerances for which some level has a solution, to
+        `FRACTION_WIDTH`."""
         level, low, high = LARGEST_LEVEL * self.nominal.gamma_star, 0.0, 1.0
         if (whole := replace(self, fraction=high)).feasible(level):
             return whole
@@ -310,10 +311,10 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 def find_scalings(
     nominal: LinearProblem, torques: np.ndarray, channels: tuple[Channel, ...], ratio: float
 ) -> RobustProblem:
-    """The problem with scalings of its channels, found as the head of this file says.
+    """The problem with the scalings of its channels; the head of this file describes the search.
 
-    `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if not even
-    `MIN_FRACTION` of the tolerances can be covered.
+    `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if no solution exists
+    even for the fraction `MIN_FRACTION` of the tolerances.
     """
     from scipy.optimize import minimize
 
@@ -361,8 +362,8 @@ def find_scalings(
 
 
 def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
-    """With s⁴ = gᵀPXPg / zXzᵀ of each channel, X the motions of the loop under disturbances of equal cost; and with the
-    fraction of the tolerances that is covered so."""
+    """The problem with s⁴ = gᵀPXPg / zXzᵀ of each channel, where X is the covariance of the loop under disturbances of
+    equal cost, and with the largest fraction of the tolerances for these s."""
     from scipy.linalg import solve_continuous_lyapunov
 
     gain, p = design.gain, design.P
@@ -380,18 +381,18 @@ def _balanced(problem: RobustProblem, design: HJISolution) -> RobustProblem:
 #: The damping weight ζ: its first value beyond 0, its growth, and the largest that is tried.
 SMALLEST, GROWTH, LARGEST = 0.02, 1.7, 30.0
 
-#: Relative width of a bandwidth that fits; turns of the inner search, and of the bisection.
+#: Relative accuracy of the bandwidth; largest number of iterations of the inner search, and of the bisection.
 FITS, TURNS, HALVINGS = 0.01, 30, 6
 
-#: Rounds in which the ζ of single joints are lowered, by this factor at most at once, and by no less than the second;
-#: the powers of the ratio of the required to the found damping that are tried.
+#: Rounds in which the ζ of single joints are lowered; the largest factor of one reduction; the ratio of required to
+#: present damping below which a reduction is tried; and the powers of this ratio that are tried.
 ROUNDS, MOST_LOWERED, WORTH, POWERS = 2, 2.0, 0.9, (0.95, 0.5)
 
-#: Factors on the ζ of another behaviour that are tried one after the other.
+#: Factors on the ζ of a search for another bandwidth or damping, tried in turn.
 PROPORTIONS = (1.0, 1.1, 1.25, 1.5, 2.0)
 
-#: A target frequency is multiplied by this power of the ratio (with 1, coupled joints would swing); and the
-#: largest target frequency that is tried, over the lowest vibration with held motors.
+#: A target frequency is multiplied by this power of required over present bandwidth (with 1, coupled joints would not
+#: converge); and the largest target frequency, over the lowest vibration with locked motors.
 CAUTION, FASTEST = 0.6, 30.0
 
 
@@ -403,7 +404,7 @@ class DampingOutOfReach(InvalidInput):
 
 @dataclass(frozen=True, eq=False)
 class TargetBehaviour:
-    """The behaviour that weights are searched for."""
+    """The bandwidth and the damping for which weights are searched."""
 
     bandwidth: np.ndarray  # (n,), of each joint at least, rad/s
     damping: float  # of every oscillation at least
@@ -451,12 +452,12 @@ def search(
     each: bool = True,
     near: Candidate | None = None,
 ) -> SearchResult:
-    """The weights with which the linear part behaves as required.
+    """Search the weights with which the linear loop has the required bandwidth and damping.
 
-    `synthesis` makes the design of ω (n,) and ζ (n,), with its smallest level; `antiresonance` the lowest with held
-    motors, rad/s. The ζ of single joints are lowered at the end (`each`). From weights `near`, for another bandwidth or
-    damping, the search begins at their ω and ζ in proportion, which saves most of it. Raises `InvalidInput` if the
-    behaviour cannot be met: which limit binds, and the best that was found.
+    `synthesis` solves the problem for ω (n,) and ζ (n,), and returns solution and γ*. `antiresonance` is the lowest
+    frequency with locked motors, rad/s. With `each`, the ζ of single joints are lowered at the end. With `near`,
+    weights for another bandwidth or damping, the search begins at their ω and ζ in proportion, which is faster. Raises
+    `InvalidInput`, with the active limit and the best result, if the requirement cannot be met.
     """
     start, proportional = 1.5 * target.bandwidth, ()
     if near is not None:
@@ -479,7 +480,9 @@ class _Search:
     fastest: float  # target frequency that is tried, rad/s
     start: np.ndarray  # (n,), target frequencies
     tried: list[Candidate] = field(default_factory=list)
-    reached: float = 0.0  # largest fraction of the bandwidths that any stable loop had, in all joints at once
+    reached: float = (
+        0.0  # largest fraction of the required bandwidths that a stable loop had in all joints at once
+    )
 
     def fit(self, damping_weight: float | np.ndarray) -> Candidate | None:
         """The inner search: the candidate of a ζ, or None if no target frequencies give the bandwidth."""
@@ -545,9 +548,9 @@ class _Search:
         return tried
 
     def lowered(self, best: Candidate) -> Candidate:
-        """Lower the ζ of each joint to what its vibration needs, one after the other, the most damped one first.
+        """Lower the ζ of each joint to the value that its vibration needs, in turn, the most damped joint first.
 
-        A ζ that other joints need is kept: every oscillation stays damped as required.
+        Every oscillation keeps the required damping, so a ζ that other joints need is kept.
         """
         required = self.target.damping
         for _ in range(ROUNDS):

@@ -1,10 +1,9 @@
 """Choices by the step of the running loop: the degree of V, and bandwidths that keep the limits of the joints.
 
-All degrees of a problem have the same linear part, and differ in a step that is so long that the plant is another one
-at its start. So the step decides, as it is deployed. If the higher terms of the law would hardly change the input along
-the step of the lowest degree, that one is used. Otherwise a higher one takes the place of a lower one if its step costs
-less, and keeps the limits of the specification that the lower one keeps, also on a few robots within their tolerances
-(docs/degrees.md).
+Laws of all degrees have the same linear part. They differ on steps so long that the linearisation no longer holds at
+the start. So the deployed step decides. If the higher terms would hardly change the input along the step of the lowest
+degree, the lowest degree is used. Otherwise a higher degree replaces a lower one if its step costs less and keeps every
+limit of the specification that the lower one keeps, also on a few sampled robots (docs/degrees.md).
 
 Limits of inputs and speeds: bandwidths are lowered, joint by joint, until the step of the nonlinear loop keeps them.
 """
@@ -33,10 +32,10 @@ from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.robot import Robot
 
-#: Up to so many states, so many rays; no region is sampled beyond.
+#: Number of rays by the largest number of states; with more states no region is sampled.
 RAYS = ((10, 500), (20, 200))
 
-#: Robots sampled within their tolerances, beside the nominal one, that keep the limits of a step too.
+#: Number of sampled robots that must keep the limits of a step, besides the nominal one.
 SAMPLES = 12
 
 
@@ -69,9 +68,9 @@ class Task:
 # The degree of V -----------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class DegreeChoice:
-    """A degree of V with its solution, its sampled region and the cost of its step; nan and inf as each field says.
+    """A degree of V with its solution, its sampled region and the cost of its step.
 
-    The region is the largest level set {V ≤ level} on which nothing against the dissipation inequality was found.
+    The region is the largest level set {V ≤ level} in which sampling found no violation of the dissipation inequality.
     """
 
     degree: int  # of V; the law has one less
@@ -157,17 +156,17 @@ def try_degrees(
 
 
 def shrinking(choices: Sequence[DegreeChoice]) -> list[tuple[int, int]]:
-    """Pairs (lower, higher) of neighbouring degrees where the higher one allows a smaller step."""
+    """Pairs (lower, higher) of neighbouring degrees whose higher one has the smaller sampled step."""
     ordered = sorted(choices, key=lambda choice: choice.degree)
     return [(a.degree, b.degree) for a, b in pairwise(ordered) if b.step_amplitude < a.step_amplitude]
 
 
-#: Higher terms of a law act where they change the input along the lowest degree's step by at least this fraction of its
-#: largest value there. Below, no step of the study became cheaper by more than 3 %.
+#: Higher terms count if they change the input along the lowest degree's step by at least this fraction of its largest
+#: value. Below it no step of the study became cheaper by more than 3 %.
 ACTING = 0.5
 
-#: A higher degree has to make the step cheaper by more than this fraction. Wherever one does in the study, the step
-#: settles earlier by 18 to 44 %; with 3 % there are steps among them that settle later.
+#: A higher degree is used if it makes the step cheaper by more than this fraction. Every such step of the study settles
+#: 18 to 44 % earlier; with 3 % some would settle later.
 GAIN = 0.05
 
 #: Instants of a run at which its cost is summed.
@@ -177,9 +176,9 @@ INSTANTS = 2000
 def choose_degree(
     setup: LoopSetup, problem: GeneralisedPlant, choices: Sequence[DegreeChoice]
 ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...]]:
-    """The degree that is used, and all of them by rising degree, with the costs of their steps.
+    """The degree that is used, and all degrees in rising order, with the costs of their steps.
 
-    `setup` is the loop of the design, whatever its law; the penalty of `problem`, the nominal one, is the cost.
+    `setup` is the loop of the design; its law does not matter. The cost is the penalty of the nominal `problem`.
     """
     lowest, *higher = sorted(choices, key=lambda choice: choice.degree)
     if not higher or setup.specification.via:  # with several laws the robot is never far from a law's pose
@@ -202,10 +201,10 @@ def choose_degree(
 def step_cost(
     problem: GeneralisedPlant, response: Response, at: tuple[np.ndarray, np.ndarray] | None = None
 ) -> float:
-    """∫|z|² dt of a run, without what weights the integrals of the error; infinite where the run diverged.
+    """Cost ∫|z|² dt of a run, without the penalty on the integrals of the error; infinite where the run diverged.
 
-    Each law chooses its own integrals at the start of a step, such that the input does not jump, so they count as zero.
-    z is of deviations from the equilibrium `at`: state (as the run has it) and input, by default the problem's.
+    Each law chooses its own integrals at the start of a step, so that the input does not jump; they count as zero. z is
+    computed from deviations from the equilibrium `at` (state as in the run, and input), by default the problem's.
     """
     if response.diverged_at is not None:
         return math.inf
@@ -222,7 +221,7 @@ def step_cost(
 
 
 class _Trial:
-    """The step of the law of one degree, for `length` seconds; by default as stated, or by the slowest mode."""
+    """The step with the law of one degree, `length` seconds long; by default as stated, or by the slowest mode."""
 
     def __init__(
         self, setup: LoopSetup, problem: GeneralisedPlant, choice: DegreeChoice, length: float | None = None
@@ -236,8 +235,8 @@ class _Trial:
         self.choice = replace(choice, cost=step_cost(problem, self.step))
 
     def acting(self, others: Sequence[DegreeChoice]) -> list[float]:
-        """How much the laws of other degrees would change the input along this step, over the largest input of this
-        law there; both are deviations from the goal's, weighted by R2."""
+        """For each other degree, the largest change of the input along this step as a fraction of this law's largest
+        input. Inputs are deviations from the input at the goal, in the norm √(uᵀ R2 u)."""
         if self.step.diverged_at is not None:
             return [math.inf] * len(others)
         run, law, setup, r2 = self.step.run, self.choice.solution, self.setup, self.problem.r2
@@ -258,7 +257,7 @@ class _Trial:
 
     @cached_property
     def missed(self) -> frozenset[str]:
-        """Requirements of the step that are not met: by the nominal robot, or by a few within their tolerances."""
+        """Requirements of the step that the nominal robot, or one of a few sampled robots, does not meet."""
         s, limits, setup = self.setup.specification, self.setup.limits, self.setup
         if limits.saturated is not None and limits.limits_peak:
             setup = replace(setup, specification=replace(s, saturation=np.inf))
@@ -276,23 +275,23 @@ class _Trial:
 
 
 # Bandwidths within the limits of the joints --------------------------------------------------------------
-#: The bandwidths of joints beyond a limit are lowered by the first factor, to at least the second of what they were;
-#: then all are raised together until the third, relative, is left between kept and not kept.
+#: Bandwidths of joints that exceed a limit are lowered by the first factor, down to the second fraction of the
+#: original. Then all are raised together, until kept and exceeded differ by less than the third, relative.
 COARSE, MIN_FRACTION, WIDTH = 0.7, 0.05, 0.04
 
-#: A joint whose share of a limit falls by less than this factor when its bandwidth is lowered is moved by the others:
-#: then all are lowered.
+#: Where lowering a joint's bandwidth reduces its use of a limit by less than this factor, the other joints move it;
+#: then all bandwidths are lowered.
 HELPS = 0.97
 
-#: The step is run for the time constants of this fraction of the bandwidth.
+#: A step is as long as `run_length` for a slowest decay rate of this fraction of the bandwidth.
 SLOWEST = 0.4
 
 
 def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorNoise | None) -> DesignProblem:
     """The problem, or one of lower bandwidths where its step exceeds limits of inputs or speeds.
 
-    Default bandwidths are lowered until every joint keeps its limits. Those that the specification states are not:
-    beyond a limit that it states too it is refused, beyond one of the robot the loop is judged as it is.
+    Default bandwidths are lowered until every joint keeps its limits. A stated bandwidth is not lowered: if it exceeds
+    a stated limit it is refused, if it exceeds a limit of the robot the loop is judged as it is.
 
     `levels`: R^v of the estimator in these runs; by default what the specification states. Raises `InvalidInput` if a
     limit is not kept: with the best bandwidth found within it.
@@ -333,8 +332,8 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
 class _BandwidthSearch:
     """Bandwidths whose step keeps the limits (2, n) of its peaks: inputs (V, N·m or N) and speeds (rad/s or m/s).
 
-    While bandwidths are tried only the nominal robot is run. What sampled ones took `more` than it in the last step
-    that was run on all of them is added, and the bandwidth that is found is confirmed by another such step.
+    While bandwidths are tried only the nominal robot runs. To its peaks the search adds `more`, the excess of the
+    sampled robots' peaks in the last step that all of them ran. Another such step confirms the bandwidth found.
     """
 
     def __init__(
@@ -353,11 +352,11 @@ class _BandwidthSearch:
         return np.where(np.isfinite(self.limits), peaks / self.limits, 0.0)
 
     def slower(self, bandwidth: np.ndarray, peaks: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:
-        """The problem of large fractions (n,) of the bandwidths (n,) that keeps the limits, and the fractions.
+        """The problem whose bandwidths are the largest fractions (n,) that keep the limits, and the fractions.
 
-        `peaks` are those of the bandwidths themselves. Where every joint is beyond its limit, or a joint is moved by
-        the others, the fractions are the same; otherwise joints within their limits keep their bandwidth. None where
-        holding a sampled robot at the goal takes more than a limit: then no bandwidth helps.
+        `peaks` belong to the full bandwidths. Joints within their limits keep their bandwidth, unless every joint
+        exceeds its limit or the others move a joint; then all fractions are the same. The problem is None where holding
+        a sampled robot at the goal exceeds a limit: then no bandwidth helps.
         """
         high = low = np.ones(len(bandwidth))
         best, before = None, np.full(len(bandwidth), np.inf)
@@ -390,7 +389,8 @@ class _BandwidthSearch:
         return best, fractions
 
     def tried(self, bandwidth: np.ndarray) -> tuple[DesignProblem | None, np.ndarray]:
-        """The problem of bandwidths (n,), None if its step exceeds a limit or there is none; and the expected peaks."""
+        """The problem of bandwidths (n,), None if it has no solution or its step exceeds a limit; and the expected
+        peaks."""
         try:
             assert self.first.target is not None
             problem = self.task.choose(

@@ -1,7 +1,8 @@
 """Noise levels of the estimator, searched for on the running loop.
 
-The running loop has the poles of the law and those of the estimation error, and the least damped of both rings; how
-much of the law's margins and damping is left depends on R^v alone (R^n is the sensors'). For a joint of inertias M and
+The running loop has the poles of the law and of the estimation error, and the least damped of them decides how it
+rings. How much of the law's margins and damping remains depends on R^v alone: R^n is given by the sensors. For a joint
+of inertias M and
 J, whose vibration has the frequency ω_v and is seen by a position with variance R, noise of variance q per sample on a
 velocity gives the error's vibration the damping
 
@@ -10,16 +11,16 @@ velocity gives the error's vibration the damping
 a = J/(M + J) for the link's position, M/(M + J) for the motor's, 1 for the torque between them. So levels are counted
 in units of the q with which ρ = ω_v², joint by joint: one level for all joints that damps the lightest link's vibration
 would make the heaviest joint's estimator needlessly fast, and one that suits the heavy joint leaves the light one
-ringing. Noise where the input acts gives margins back too (loop transfer recovery, [doyle1981]), which takes an
-estimator that is fast beside the bandwidth, at any joint. So two families are looked at first: the same speed relative
-to each joint's vibration, and the same speed of all joints; each with several ratios of the links' to the motors'
-levels. From the best of them the levels of single joints are moved one after the other.
+ringing. Assumed noise at the inputs restores margins too (loop transfer recovery, [doyle1981]); the estimator must then
+be faster than the bandwidth at every joint. So the search tries two families first: the same speed relative to each
+joint's vibration, and the same speed at all joints. Each family is tried with several ratios of the links' to the
+motors' levels. From the best of them the levels of single joints are moved one after the other.
 
 What is searched for is the least noise at the motors (the geometric mean, since motors differ in size) for which every
-limit is kept, see docs/design.md. The default levels are kept where they keep all of it. Where the limits cannot be
-kept together, those levels are taken that miss them least. A limit that the law itself misses with the true state, or
-that all levels of the families miss, counts only as far as a little short of the best of them, and a damping that is
-far out of reach only as far as `RINGS`, so that no noise is paid for it in vain.
+limit is kept, see docs/design.md. The default levels are used if they keep every limit. If no levels keep all limits,
+the search takes the levels with the smallest total excess. A limit may be out of reach, because the law fails it with
+the true state or all levels of the families do. It is then relaxed to nearly the best value of the families, and a
+damping far out of reach to `RINGS`, so that no noise is spent in vain.
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ from flexhinf.design.specification import RINGS, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.arm import payload_ends
 
-#: What may limit the choice, beside unstable corners.
+#: Limits of the choice, besides unstable corners.
 LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
 
-#: What a limit that is missed by the factor e counts, in decades of noise.
+#: Cost of a limit that is exceeded by the factor e, in decades of noise.
 MISSED_WEIGHT = 20.0
 
-#: How much of that the limit of the noise counts: a loop that rings or has no margin is worse than a loud one. Where
-#: the motors' effort is limited it counts more than all others: noise takes the effort that the step needs.
+#: Relative weight of the noise limit: a loop that rings or has no margin is worse than a noisy one. With limited motor
+#: effort the noise limit weighs more than all others: noise uses effort that the step needs.
 NOISE_COUNTS, LIMITED_COUNTS = 0.25, 4.0
 
 
@@ -73,8 +74,8 @@ class NoiseCandidate:
         return not self.avoidable and not self.unstable
 
     def score(self, of_laws: bool = False) -> float:
-        """Decades of noise, and mainly the limits that are missed; between different laws all that are, else those
-        that are avoidable."""
+        """Cost: mean decades of noise plus the weighted excess over the limits. For candidates of different laws
+        (`of_laws`) every excess counts, otherwise only the avoidable part."""
         counted = sum(
             excess * (self.noise_counts if limit == "noise" else 1.0)
             for limit, excess in (self.missed if of_laws else self.avoidable).items()
@@ -84,7 +85,7 @@ class NoiseCandidate:
 
 @dataclass(frozen=True, eq=False)
 class NoiseSearch:
-    """The chosen noise levels, and the trade-off round them."""
+    """The chosen noise levels, and the trade-off around them."""
 
     chosen: NoiseCandidate
     default: NoiseCandidate | None  # the default levels; None where the loop is unstable with them
@@ -98,11 +99,11 @@ class NoiseSearch:
 SPEEDS = (0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
 RATES, FLOORS = (1.0, 2.0, 4.0, 8.0), (0.2, 0.5)
 
-#: Levels of the side that is not measured over those of the other, tried in both families.
+#: Ratios of the unmeasured side's levels (link or motor) to the measured side's, tried in both families.
 FRACTIONS = (1.0, 0.1, 0.01)
 
-#: The same for up to so many joints, whose candidates cost a few milliseconds; and how many of them single levels are
-#: moved from.
+#: The ratios for up to so many joints, whose candidates cost a few milliseconds; and the number of candidates from
+#: which single levels are moved.
 FEW, STARTS, MORE_FRACTIONS = 2, 4, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
 
 #: Smallest level on a motor's velocity, as a multiple of R^n per s². A slower estimator takes dry friction for a slow
@@ -112,30 +113,30 @@ SLOWEST = 10.0
 #: Range of ρ/ω_v² of a single level.
 MIN_LEVEL, MAX_LEVEL = 1e-4, 1e4
 
-#: Single levels are moved by so many decades first, and until the steps are smaller than the second; most turns.
+#: First and smallest step of a single level, in decades, and the largest number of turns of the search.
 FIRST_STEP, LAST_STEP, TURNS = 0.4, 0.05, 12
 
-#: Factors on all chosen levels that are looked at for the trade-off.
+#: Factors on all chosen levels, evaluated for the trade-off.
 SCALED = tuple(10.0 ** (k / 4.0) for k in range(-8, 7))
 
-#: Largest peak of |load torque → link position|, over that of the law fed the true state; both up to so many times the
-#: law's bandwidth, below the vibrations.
+#: Largest peak of |load torque → link position|, as a multiple of the peak with the true state fed back; and the upper
+#: end of the frequencies, as a multiple of the law's bandwidth, below the vibrations.
 COMPLIANCE, COMPLIANT_BAND = 1.3, 5.0
 
-#: Largest noise of a motor, rms, over what it gives: its limit of effort, or what the step asks of the law at once.
+#: Largest RMS noise of a motor input, as a fraction of the motor's available input (`authority`).
 MOST_NOISE = 0.1
 
-#: A limit out of reach counts as far as the best of the families times e to the first power; a damping that is missed
-#: by more than e to the second only as far as `RINGS`.
+#: A limit out of reach is relaxed to the best excess of the families plus the first number (in ln); a damping whose
+#: excess is larger than the second number is relaxed to `RINGS`.
 SHORT_OF_BEST, FAR = 0.05, 0.2
 
-#: What the families miss by less than e to this power may be reached by single levels.
+#: An excess (in ln) of the families below this number may be removed by single levels.
 NEAR = 0.1
 
-#: Candidates whose corners are looked at where no levels make all of them stable.
+#: Number of candidates whose corners are evaluated when no levels make all corners stable.
 LOOKED = 24
 
-#: A gain margin, and the inverse of a metric, that stand for none.
+#: Smallest gain margin and damping that are divided by.
 NOTHING = 1e-9
 
 
@@ -148,8 +149,9 @@ def search_noise(
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
     Only the linear part of the law at the goal matters. `damping` is required of every oscillation of the running loop.
-    `levels` that were searched elsewhere are taken, beside the trade-off of this search. None where the levels are
-    stated or no Kalman filter uses them, the loop has no equilibrium at the goal, or no levels make it stable.
+    `levels` from another search are used instead of the result; the trade-off is still that of this search. Returns
+    None if the levels are stated, no Kalman filter uses them, the loop has no equilibrium at the goal, or no levels
+    make it stable.
     """
     s = setup.specification
     if s.estimator not in ("ukf", "ekf") or s.process_noise is not None or s.torque_noise is not None:
@@ -191,8 +193,8 @@ class _Search:
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
         # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
         self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
-        # What each motor gives (m,), V or N·m: its limit of effort; at most what holding the robot and the step, taken
-        # within the law's bandwidth, ask of the strongest motor.
+        # Available input of each motor (m,), V or N·m: its effort limit, and at most the largest input that any motor
+        # needs to hold the robot and to make the step within the law's bandwidth.
         holding_input = np.max(
             [np.abs(robot.operating_point(at)[1]) for at in (setup.start, setup.goal)], axis=0
         )
@@ -206,7 +208,7 @@ class _Search:
         begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
             return None
-        # What every candidate so far misses, or the law, is counted only in part; see the head of this file.
+        # A limit that every candidate so far, or the law itself, fails is relaxed; see the head of this file.
         for limit in LIMITS:
             least = max(self.unavoidable.get(limit, 0.0), min(c.missed.get(limit, 0.0) for c in self.tried))
             if least > NEAR:
@@ -225,15 +227,15 @@ class _Search:
             ends = [self.descend(x) for _, x in begun[: (STARTS if len(self.unit) <= FEW else 1)]]
             chosen, start = min(ends, key=lambda entry: (entry[0].unstable or 0, entry[0].score()))
         if chosen.unstable:
-            # No levels make every corner stable: the best of some candidates, where the share of unstable corners
-            # counts as a limit that is missed by e to its power.
+            # No levels make every corner stable: the best of some candidates. The fraction of unstable corners counts
+            # as an excess, in ln.
             ordered = sorted(map(self.counted, self.tried), key=NoiseCandidate.score)
             checked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
             count = max(1, len(self.corners))
             chosen = min(checked, key=lambda c: c.score() + MISSED_WEIGHT * (c.unstable or 0) / count)
         for factor in SCALED:
             self.at(start + np.log10(factor))
-        # The metrics of the choice by a dense sweep: those that the evaluation of the design has.
+        # Metrics of the choice by a dense frequency sweep, as the evaluation of the design computes them.
         exact = Margins(self.filtered.margins(chosen.levels.covariance(self.setup.model.states)).linear)
         chosen = replace(
             chosen,
@@ -241,7 +243,7 @@ class _Search:
             gain_margin=exact.gain_margin,
             compliance=exact.compliance(self.top) / self.stiff,
         )
-        # The candidates that no other one betters in noise, damping and compliance at once, the quietest first.
+        # The Pareto front of noise, damping and compliance, by rising noise.
         metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in self.tried])
         front = [
             candidate
@@ -265,7 +267,7 @@ class _Search:
         measured = " ".join(self.setup.model.outputs)
         seen = link if "link" not in measured and "joint_torque" not in measured else motor
         share = np.ones(len(link)) if "joint_torque" in measured else seen / (link + motor)
-        # The side that is not measured disturbs the other less than its own torque would.
+        # The unmeasured side disturbs the measured one less than a torque on the latter would.
         less = np.minimum(1.0, seen / (link + motor - seen))
         for speed in every:
             for fraction in MORE_FRACTIONS if len(link) <= FEW else FRACTIONS:
@@ -307,7 +309,7 @@ class _Search:
     def excess(
         self, sensitivity: float, gain_margin: float, damping: float, *others: float
     ) -> dict[str, float]:
-        """ln(metric/limit) of each limit that is missed; of the others, compliance and noise, the ratios."""
+        """ln(metric/limit) of each limit that fails; `others` are the ratios metric/limit of compliance and noise."""
         s = self.setup.specification
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
@@ -318,9 +320,11 @@ class _Search:
         return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
 
     def descend(self, x: np.ndarray) -> tuple[NoiseCandidate, np.ndarray]:
-        """The best candidate from x by moving all links', all motors' and then single levels, and its x.
+        """The best candidate of a descent from x, and its x: all link levels, all motor levels and single levels move
+        in turn.
 
-        Of the path, the last place without unstable corners, found by bisection; else that with the fewest.
+        Bisection finds the last point of the path without unstable corners; if none has that, the point with the fewest
+        is taken.
         """
         n = len(self.unit)
         moves = [np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n), *(np.eye(2 * n) if n > 1 else ())]

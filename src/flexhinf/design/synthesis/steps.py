@@ -2,13 +2,13 @@
 
 The preset `robust` searches the whole loop with its estimator for the largest factor of all tolerances up to which no
 corner of them is unstable: docs/design.md has the five factors that are searched (the scalings of a μ-synthesis, with
-the fraction of the tolerances that the channels stand for) and the conditions. It begins with the weights of the preset
-`damped` and with those whose channels cover all tolerances: the channels see the law alone, and with the estimator in
-the loop they may make it worse. `damped` itself is the first candidate, so by this criterion the outcome cannot be
-worse.
+the fraction of the tolerances that the channels stand for) and the conditions. The search begins with the weights of
+the preset `damped` and with weights whose channels stand for all tolerances. The channels model the law alone; with the
+estimator in the loop they may reduce the robustness. `damped` itself is the first candidate, so by this criterion the
+result is never worse than `damped`.
 
-A candidate is computed at few corners: those that are nearest to instability or overshoot most. One that would be the
-best is computed at all, and those that it fails on join them.
+A candidate is evaluated at the few corners that are nearest to instability or overshoot most. A candidate that would be
+the best is evaluated at all corners; the corners at which it fails are added to the few.
 """
 
 from __future__ import annotations
@@ -35,40 +35,41 @@ from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
 from flexhinf.robot import Robot, kinematics
 
-#: Most noise of a motor, over that with the preset damped.
+#: Largest noise of a motor input, as a multiple of the noise with the preset `damped`.
 NOISE = 3.0
 
-#: Largest factor of the tolerances that is looked for, and to what it is found.
+#: Largest factor of the tolerances that is searched for, and the relative accuracy of the result.
 MOST, WIDTH = 16.0, 0.01
 
-#: Candidates, and corners that step in each, for up to so many states: a step of many joints takes its time.
+#: Number of candidates, and of corners at which each runs a step, by the number of states: steps of many joints are
+#: slow.
 CANDIDATES = ((10, 45, 12), (15, 60, 12), (10_000, 25, 4))
 
-#: Corners nearest to instability that are looked at from the beginning; corners that join at once; corners at which the
-#: outcome steps, at most: as many of the preset damped, for the comparison.
+#: Corners nearest to instability that are evaluated from the beginning; corners that are added at once; and the largest
+#: number of corners at which the result runs a step. `damped` runs the same number, for the comparison.
 NEAREST, JOIN, STEPPED = 12, 4, 200
 
-#: First moves of ln ω, ln ζ, ln of both noise levels, and of the fraction of the tolerances in the channels.
+#: First steps of the search in ln ω, ln ζ, ln of both noise levels, and the fraction of the tolerances in the channels.
 MOVES = (-0.1, 0.4, 1.0, 1.0, 0.3)
 
-#: Worst overshoot that is preferred, over that of `damped`: corners that are not stepped differ by a few per cent; and
-#: how many of the best candidates step at all corners.
+#: Worst overshoot that is preferred, as a fraction of that of `damped`, since the other corners differ by a few per
+#: cent; and the number of the best candidates that run the step at all corners.
 LESS, CONFIRMED = 0.95, 5
 
-#: What a condition that is missed by e to this power costs, in powers of e of the factor; allowance for rounding; and
-#: the cost of a candidate without a stable loop.
+#: Weight of ln(metric/limit) of a failed condition, relative to the logarithm of the factor; allowance for rounding;
+#: and the cost of a candidate whose loop is unstable.
 MISSED, ALLOWED, NOTHING = 20.0, 2e-3, 10.0
 
-#: The fraction of the tolerances in the channels is at least this: less does nothing.
+#: Smallest fraction of the tolerances in the channels: smaller ones have no effect.
 MIN_FRACTION = 0.01
 
-#: The length of a step is that for this fraction of the bandwidth as its slowest rate.
+#: A step is as long as `run_length` for a slowest decay rate of this fraction of the bandwidth.
 SLOWEST = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class LoopCandidate:
-    """A problem with the noise levels of its estimator, and its loop as the search judges it."""
+    """A problem with the noise levels of its estimator, and the metrics of its loop that the search compares."""
 
     x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
     solved: DesignProblem
@@ -124,7 +125,7 @@ class _WholeLoop:
         states = len(damped.problem.state_names)
         self.most, stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
         self.duration = responses.run_length(SLOWEST * float(np.min(self.target.bandwidth)))
-        # What `damped` comes to, and the corners at which candidates are computed.
+        # Metrics of `damped`, and the corners at which candidates are evaluated.
         loop = self.loop(damped, levels)
         self.box = ToleranceBox.of(loop, task.robot.corner, task.robot.uncertain)
         every = np.arange(len(self.box.away))
@@ -195,7 +196,7 @@ class _WholeLoop:
         return second or self.own
 
     def cost(self, x: np.ndarray) -> float:
-        """ln of the factor of `damped` over the candidate's, and a penalty on missed conditions."""
+        """Cost: ln of the factor of `damped` over that of the candidate, plus a penalty on failed conditions."""
         self.count += 1
         try:
             problem, levels = self.channels.problem(*self.settings(x), 1e-4), self.levels
@@ -252,7 +253,8 @@ class _WholeLoop:
         return self.task.solved(solved, 2, levels).equilibrium_loop(estimated=self.task.s.estimator != "none")
 
     def edge(self, loop: EquilibriumLoop, which: np.ndarray | None = None) -> tuple[float, int]:
-        """Factor of the tolerances at which one of some corners (all by default) is unstable, and which."""
+        """Smallest factor of the tolerances at which one of these corners (default: all) is unstable, and that
+        corner."""
         scale, corner = self.box.edge(loop, which, most=MOST, width=WIDTH)
         return min(scale, MOST), corner
 
@@ -279,7 +281,8 @@ class _WholeLoop:
         return loop_margins, np.linalg.norm(loop_margins.noise_to_input * self.noise, axis=1)
 
     def missed(self, loop_margins: Margins, noises: np.ndarray) -> float:
-        """Sum of ln(metric/limit) of the linear conditions that are missed, and missed by more than with `damped`."""
+        """Sum of ln(metric/limit) of the linear conditions that fail; each limit is the specification's or the value of
+        `damped`, whichever is wider."""
         own, s = self.own.margins, self.task.s
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
         louder = noises / (NOISE * np.maximum(self.own.noises, 1e-300))
@@ -293,20 +296,21 @@ class _WholeLoop:
         return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
 
     def missed_in_steps(self, overshoot: float, used: float) -> float:
-        """Excess of the overshoot over that with `damped`, at most 1, and ln of that over the joints' limits."""
+        """Penalty of the steps: the relative excess of the overshoot over that of `damped`, at most 1, plus ln of the
+        limit use, where it exceeds 1 and that of `damped`."""
         over = max(0.0, overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
         return min(over, 1.0) + max(0.0, float(np.log(max(used, 1e-9) / max(1.0, self.own.used))))
 
 
 # From a specification to a law --------------------------------------------------------------------------
-#: A default bandwidth or damping is lowered at most so many times. The peak sensitivity goes about with the root of the
+#: How often a default bandwidth or damping is lowered at most. The peak sensitivity grows about with the root of the
 #: bandwidth, the noise at the motors with this power of the damping.
 LOWERINGS, BANDWIDTH_POWER, NOISE_POWER = 3, 2.0, 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Synthesis:
-    """The law of a design, and how it was searched for."""
+    """The law of a design, with the results of the searches that led to it."""
 
     goal: np.ndarray  # (n,), link positions, rad or m
     start: np.ndarray  # (n,), likewise
@@ -327,7 +331,7 @@ class Synthesis:
 
     @property
     def sampled(self) -> bool:
-        """Whether there is a sampled region of the chosen solution."""
+        """Whether the chosen solution has a sampled region."""
         return self.chosen.looked and not np.isnan(self.chosen.level)
 
     def setup(self, robot: Robot, s: Specification) -> LoopSetup:
@@ -377,8 +381,9 @@ class _Steps(Task):
     def proved(self) -> Synthesis:
         """The preset proved: the law of the smallest proved γ of the step within the largest input, for all tolerances.
 
-        The search is about the law with the true state fed back; noise levels are found for it as for other laws. A
-        robot that states no tolerances is nominal. What the specification states is not searched for.
+        The search assumes that the true state is fed back; the noise levels of the estimator are searched for
+        afterwards, as for other laws. A robot without tolerances counts as nominal. Values that the specification
+        states are kept.
         """
         robot, s = self.robot, self.s
         stated = {
@@ -407,7 +412,7 @@ class _Steps(Task):
         return Synthesis(self.goal, self.start, problem, noise, (chosen,), chosen, rays, law, proved=proved)
 
     def keeps_effort(self, law: proved_step.ProvedLaw) -> str:
-        """The input that the step of a law takes on the running loop, as text; "" where it is within the limit."""
+        """Text about a step of the running loop whose input exceeds the limit; "" where it stays within the limit."""
         limits = responses.joint_limits(self.robot, self.s)
         if not limits.limits_effort:
             return ""
@@ -421,9 +426,9 @@ class _Steps(Task):
     def degrees(
         self, problem: DesignProblem, noise: NoiseSearch | None
     ) -> tuple[DegreeChoice, tuple[DegreeChoice, ...], int]:
-        """The degree that is used, all that were solved, and the rays of a region.
+        """The degree that is used, all degrees that were solved, and the number of rays in which a region is sampled.
 
-        The region of the degree that is used is sampled, and those of all degrees that the specification states.
+        A region is sampled for the degree that is used, and for every degree that the specification states.
         """
         s, states = self.s, len(problem.problem.state_names)
         degrees = by_step.tried_degrees(states, s.degrees)
@@ -456,9 +461,8 @@ class _Steps(Task):
     def searched_problem(self) -> tuple[DesignProblem, NoiseSearch | None]:
         """The problem within the limits of the running loop and of the joints, and the noise levels for it.
 
-        A default bandwidth or damping is lowered where no levels keep the limits: the margins of the running loop ask
-        for a lower bandwidth, the noise at the motors for less damping, at least `RINGS`. What the specification states
-        is not lowered.
+        Where no noise levels keep the limits, a default bandwidth or damping is lowered: the bandwidth for the margins
+        of the running loop, the damping (never below `RINGS`) for the noise at the motors. Stated values are kept.
         """
         problem = self.choose()
         noise = self.noise_search(problem)
@@ -505,8 +509,8 @@ class _Steps(Task):
     ) -> HJISolution:
         """The law of this design at another pose.
 
-        Preset, behaviour, γ/γ* and degree are the same at all poses; weights are found for each, of the preset robust
-        with the same factors. Penalties that are stated are the same everywhere.
+        Preset, bandwidth, damping, γ/γ* and degree are the same at all poses. Weights are searched for at each pose;
+        those of the preset `robust` keep their factors. A stated penalty holds at all poses.
         """
         self.progress(f"the law at {', '.join(f'{value:.3g}' for value in pose)}")
         there = replace(self, goal=self.robot.operating_point(pose)[0][: len(self.start)])
@@ -530,7 +534,8 @@ class _Steps(Task):
 
 
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
-    """Refuse before the work: a step to where it starts, extras, sensors and estimator, poses that cannot be held."""
+    """Refuse, before any work, a step of zero length, unusable extras, sensors or estimators, and poses that cannot be
+    held."""
     if not np.any(goal != start):
         raise InvalidInput(
             "There is nothing to move: the step starts at its goal.",
@@ -552,7 +557,8 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     limits = responses.joint_limits(robot, s)
 
     def stated(joint: int) -> tuple[str, str]:
-        # Who states the smaller limit of a joint's input, and the fields of the specification that raise it. Files are
+        # Source of the smaller limit of a joint's input, and the fields of the specification that raise the limit.
+        # Files are
         # often written with an effort of 1 or 10 where nobody knew the motor.
         file = responses.ROBOT
         if limits.peak_source == file == limits.saturation_source:
