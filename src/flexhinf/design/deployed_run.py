@@ -222,7 +222,7 @@ class DesignCampaign:
             return required.RunMetrics(limits, self.ends)
         instants = np.arange(0.0, self.plan.duration + 0.5 * s.period, s.period)
         travel = np.ptp(np.reshape(self.plan(instants), (len(instants), -1)), axis=0)
-        return required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
+        return required.RunMetrics(limits, None, required.move_limits(s.tracking_error, limits, travel))
 
     @cached_property
     def _inactive(self) -> Collection[str]:
