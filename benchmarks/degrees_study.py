@@ -244,7 +244,7 @@ def levels_of(row: str) -> EstimatorNoise | None:
     case = Case(row, "step", STEP)
     setup = Study.of(case, None).setup
     target = choose(case.robot, case.goal, case.start, setup.specification).target
-    found = search_noise(setup, required_damping(setup.specification, target))
+    found = search_noise(setup, required_damping(setup.specification.damping, target))
     return None if found is None else found.chosen.levels
 
 

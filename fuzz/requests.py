@@ -318,7 +318,7 @@ def _quantity(random: RandomText, folder: Path) -> str:
         return f"{field}={value!r} was read as {found}"
     robot, s = request.robot, request.specification
     if field == "integral_dead_zone":
-        zone = integral_dead_zone(robot, s, None)
+        zone = integral_dead_zone(robot.joint_names, s.integral_dead_zone, None)
         return "" if not any(expected) or _close(zone, np.resize(expected, 2)) else f"a zone of {zone}"
     if field == "quantisation":
         steps = sensor_steps(robot, s.measured, s.quantisation, s.estimator)

@@ -97,7 +97,7 @@ def _linear(robot: Any, s: Specification, limits: np.ndarray) -> dict[str, Any]:
     start = default_start(robot, goal)
     problem = choose(robot, goal, start, s)
     setup = LoopSetup(robot, s, fh.solve_hji(problem.problem, problem.gamma, 2), goal, start)
-    search = search_noise(setup, required_damping(s, problem.target))
+    search = search_noise(setup, required_damping(s.damping, problem.target))
     if search is None:
         return {"refused": "No noise levels make the running loop stable."}
     setup = replace(setup, estimator_noise=search.chosen.levels)

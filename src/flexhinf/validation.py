@@ -147,20 +147,18 @@ def is_real(value: Any) -> bool:
 
 def _unmasked(values: Sequence[Any]) -> Any:
     """The same rows with NaN where an entry is masked, and rows that are masked arrays filled."""
-    return (
-        values
-        if all(type(value) is float for value in values)
-        else [
-            np.nan
-            if value is np.ma.masked
-            else np.ma.filled(value.astype(float), np.nan)
-            if isinstance(value, np.ma.MaskedArray)
-            else _unmasked(value)
-            if isinstance(value, (list, tuple))
-            else value
-            for value in values
-        ]
-    )
+    if all(type(value) is float for value in values):
+        return values
+    filled = []
+    for value in values:
+        if value is np.ma.masked:
+            value = np.nan
+        elif isinstance(value, np.ma.MaskedArray):
+            value = np.ma.filled(value.astype(float), np.nan)
+        elif isinstance(value, (list, tuple)):
+            value = _unmasked(value)
+        filled.append(value)
+    return filled
 
 
 def is_integer(value: Any) -> bool:

@@ -86,7 +86,7 @@ def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Be
 def test_a_joint_that_stays_has_a_tracking_error_that_can_be_met(robot_of: Callable[[str], Any]) -> None:
     """Its way along the move is rounding: 5 % of 5e-16 rad were required."""
     robot, s = robot_of("cart"), Specification()
-    tracking, _ = move_limits(s, joint_limits(robot, s), np.array([0.04, 5e-16]))
+    tracking, _ = move_limits(s.tracking_error, joint_limits(robot, s), np.array([0.04, 5e-16]))
     np.testing.assert_allclose(tracking, [2e-3, 5e-4])
 
 

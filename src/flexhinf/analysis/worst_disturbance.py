@@ -312,10 +312,8 @@ class DisturbanceSearch:
             )
         steady = estimator
         if estimator is not None:
-            search_period, steady = (
-                period,
-                EquilibriumLoop(law, estimator, problem.plant, period).step.estimator,
-            )
+            search_period = period
+            steady = EquilibriumLoop(law, estimator, problem.plant, period).step.estimator
         search_period = max(period, SEARCH_PERIOD) if search_period is None else search_period
         self.search_runs = DisturbanceRuns(problem, law, steady, search_period, horizon)
         same = estimator is steady and search_period == period

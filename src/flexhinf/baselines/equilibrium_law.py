@@ -282,11 +282,9 @@ class LinearQuadratic(EquilibriumLaw):
         super().__post_init__()
         shape = len(self.input_names), len(self.state_names)
         advice = "one row per input and one column per state, integrals included"
-        what, expected = (
-            "The gain does not fit the law's states and inputs.",
-            f"finite numbers of shape {shape}",
-        )
-        object.__setattr__(self, "gain", checked_array(what, self.gain, shape, expected, advice))
+        what = "The gain does not fit the law's states and inputs."
+        gain = checked_array(what, self.gain, shape, f"finite numbers of shape {shape}", advice)
+        object.__setattr__(self, "gain", gain)
 
     @property
     def law_data(self) -> np.ndarray:

@@ -422,10 +422,8 @@ class FeedbackLinearisation(PlacedLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        chains, extra = (
-            tuple(np.array(chain, dtype=float) for chain in self.coefficients),
-            bool(self.integrate),
-        )
+        chains = tuple(np.array(chain, dtype=float) for chain in self.coefficients)
+        extra = bool(self.integrate)
         vars(self).update(outputs=self.plant.expanded(self.outputs), coefficients=chains)
         if extra and self.integrate != self.outputs:
             raise InvalidInput(
@@ -433,10 +431,8 @@ class FeedbackLinearisation(PlacedLaw):
                 f"expected {list(self.outputs)} or nothing, got {list(self.integrate)}",
                 "integrate=outputs, or integrate=()",
             )
-        wanted, shapes = (
-            [(degree + extra,) for degree in self.form.degrees],
-            [chain.shape for chain in chains],
-        )
+        wanted = [(degree + extra,) for degree in self.form.degrees]
+        shapes = [chain.shape for chain in chains]
         if shapes != wanted or not all(np.all(np.isfinite(chain)) for chain in chains):
             raise InvalidInput(
                 "The coefficients do not fit the relative degrees.",

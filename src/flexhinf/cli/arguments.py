@@ -75,17 +75,15 @@ def _parameter(field: FieldInfo, both: bool) -> inspect.Parameter:
     elif kind is str and value is not MISSING:
         value = ",".join(value) if isinstance(value, tuple) else "" if value is None else str(value)
     help = about.text.replace("[", r"\[")
-    shape = (
-        typer.Option(
+    shape = typer.Argument(help=help, metavar=about.unit or None, show_default=False)
+    if about.group:
+        shape = typer.Option(
             field.option if both else field.option.partition("/")[0],
             help=help,
             rich_help_panel=about.group,
             metavar=None if kind is bool else f"<{about.unit or 'value'}>",
             show_default=bool(value) or field.default == 0,
         )
-        if about.group
-        else typer.Argument(help=help, metavar=about.unit or None, show_default=False)
-    )
     value = inspect.Parameter.empty if value is MISSING else value
     keyword = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(field.name, keyword, default=value, annotation=Annotated[kind, shape])

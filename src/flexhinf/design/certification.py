@@ -71,9 +71,8 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     s, law, chosen, proved = setup.specification, synthesis.solution, synthesis.chosen, synthesis.proved
     level = chosen.level if chosen.looked and np.isfinite(chosen.level) and chosen.level > 0.0 else None
     problem, attained, failure = synthesis.problem, None, ""
-    if (
-        proved is not None and proved.certificate is not None
-    ):  # the penalty whose gain is proved, and the proved region
+    if proved is not None and proved.certificate is not None:
+        # The penalty whose gain is proved, and its region.
         problem, level = proved.problem, proved.inner_level
     if level is not None and searches_disturbance(len(law.state_names), synthesis.rays):
         attained, failure = _attained(problem, law, s, level, STEPS * duration)
@@ -81,14 +80,12 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
     if proved is None and (level is not None or len(law.state_names) <= MOST_SEARCHED):
         x, u = setup.robot.operating_point(setup.start)
         with suppress(NumericalFailure):
-            terms = tuple(
-                budget_terms(
-                    law, setup.model, s.period, np.inf if level is None else level,
-                    delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
-                    start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
-                    seed=s.seed,
-                )
+            budget = budget_terms(
+                law, setup.model, s.period, np.inf if level is None else level,
+                delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
+                start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise, seed=s.seed,
             )  # fmt: skip
+            terms = tuple(budget)
     return Attenuation(attained, within_level(terms), failure)
 
 
@@ -192,7 +189,7 @@ def certify_design(
     )
     synthesis, proofs = synthesise(robot, s, progress), []
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
-    penalty = checked_penalty(s, synthesis.problem.plant)
+    penalty = checked_penalty(s.checked_penalty, synthesis.problem.plant)
     boxed = _step_law(robot, s, synthesis) if tolerances or synthesis.proved else None
     for choice in synthesis.choices:
         progress(f"degree {choice.degree}: proof{' for all tolerances' if boxed else ''}")
@@ -283,7 +280,7 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
         certificate = replace(certificate, attained_gain=attained.gain)
     if box is not None:  # the V of a box is not that of the law, and it covers many robots
         return Evidence(certificate, None, None, (), attained)
-    weights = None if callable(s.checked_penalty) else checked_penalty(s, robot.plant())
+    weights = None if callable(s.checked_penalty) else checked_penalty(s.checked_penalty, robot.plant())
     return Evidence(
         certificate,
         starts.start_surface(solution, certificate, weights),
@@ -382,7 +379,7 @@ def prove_design(
     if proved is not None and proved.certificate is not None:
         certificate = replace(proved.certificate, attained_gain=attained)
         return DesignProof(certificate, start=start, cpu_seconds=proved.cpu_seconds)
-    if refused := _refused(s, synthesis):
+    if refused := _refused(s.proof_seconds, synthesis):
         return DesignProof(None, refused)
     levels, reasons = [share * chosen.level for share in PROOF_SHARES], []
     levels += [PROOF_ROOM * start] if PROOF_ROOM * start < levels[-1] else []
@@ -391,7 +388,7 @@ def prove_design(
         try:
             certificate = certify(
                 synthesis.solution, s.checked_gamma_ratio * synthesis.design_problem.gamma_star,
-                checked_penalty(s, synthesis.problem.plant), level,
+                checked_penalty(s.checked_penalty, synthesis.problem.plant), level,
                 about=proved_step.about_text(robot, synthesis.goal, chosen.degree),
                 progress=cells.time_limit(left / 2.0 if levels else left),
             )  # fmt: skip
@@ -415,7 +412,7 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
     This is tried for linear laws of robots of one joint that have a proved or sampled region.
     """
     degree = synthesis.solution.degree
-    if synthesis.proved is not None or not robot.uncertain or _refused(s, synthesis):
+    if synthesis.proved is not None or not robot.uncertain or _refused(s.proof_seconds, synthesis):
         return proof
     if degree > 2:
         return replace(
@@ -430,11 +427,11 @@ def with_tolerances(robot: Robot, s: Specification, synthesis: Synthesis, proof:
         return replace(proof, box_reason=proved_step.reason_of(error))
 
 
-def _refused(s: Specification, synthesis: Synthesis) -> str:
+def _refused(seconds: float, synthesis: Synthesis) -> str:
     states, chosen = len(synthesis.solution.state_names), synthesis.chosen
     if states > claim.MOST_STATES:
         return f"a proof is made in at most {claim.MOST_STATES} states, and this law has {states}"
-    if not s.proof_seconds:
+    if not seconds:
         return "no proof was asked for (--proof-seconds 0)"
     if synthesis.law is not synthesis.solution:
         return "the law is a schedule of several poses"

@@ -243,7 +243,9 @@ class DesignCampaign:
         if plan is not None:
             instants = np.arange(0.0, plan.duration + 0.5 * s.period, s.period)
             travel = np.ptp(np.reshape(plan(instants), (len(instants), -1)), axis=0)
-            metrics = required.RunMetrics(limits, None, required.move_limits(s, limits, travel))
+            metrics = required.RunMetrics(
+                limits, None, required.move_limits(s.tracking_error, limits, travel)
+            )
         if o.duration is not None:
             sample_count(o.duration, s.period)
         if o.payload is not None:

@@ -374,7 +374,7 @@ class LoopSetup(LoopPlants):
     @property
     def dead_zone(self) -> np.ndarray | None:
         """Errors (k,) that are not integrated, rad or m; None without a dead zone."""
-        return integral_dead_zone(self.robot, self.specification, self.chosen_zone)
+        return integral_dead_zone(self.joints, self.specification.integral_dead_zone, self.chosen_zone)
 
     def loop(
         self,

@@ -87,11 +87,8 @@ def status_of(
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     missed: dict[str, None] = {}  # no text twice
     for line in (line.converted(degrees) for line in lines if not line.met):
-        sign, unit, joint = (
-            "≤" if line.at_most else "≥",
-            line.unit_text,
-            f" in {line.joint}" if line.joint else "",
-        )
+        sign, unit = "≤" if line.at_most else "≥", line.unit_text
+        joint = f" in {line.joint}" if line.joint else ""
         at = "" if line.at is None else f" at {line.at:.3g} s"
         place = f"; {line.where}" if names.count(line.what) > 1 else ""
         limit = f"(required {sign} {line.limit:.3g}{unit}{place})"
@@ -429,7 +426,7 @@ def _in_scenario(
         float(scales.vibration.min()),
         holding_inputs,
     )
-    count = responses.sample_count(robot, len(synthesis.problem.state_names), s, samples)
+    count = responses.sample_count(robot, len(synthesis.problem.state_names), s.draws, samples)
     robots, dwell = responses.sample_robots(robot, count, s.seed), duration if stated else None
     runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, dwell)
     evaluation = with_derived(linear, scenario=runs)
@@ -455,7 +452,7 @@ def _requirements(
     """All requirements: first on the running loop, then on the runs, then on the tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
-    damping = None if target is None else presets.required_damping(stated, target)
+    damping = None if target is None else presets.required_damping(stated.damping, target)
     lines, step, robots = _law_requirements(evaluation)
     if target is not None and damping is not None:
         lines += required.behaviour_requirements(
@@ -497,7 +494,7 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
     # `proved` has about six candidates and a proof instead of degrees and their regions
     synthesis = (6 + 1 if preset == "proved" else degrees) + len(s.via) + limited
     if laws is not None:
-        return 3 + synthesis + (5 if responses.sample_count(robot, states, s) else 4) * len(laws)
+        return 3 + synthesis + (5 if responses.sample_count(robot, states, s.draws) else 4) * len(laws)
     disturbance = certification.searches_disturbance(states, rays)
     # `robust` adds channels, the weights of the whole loop, and their noise levels
     return 8 + synthesis + s.mujoco + 3 * (preset == "robust") + disturbance

@@ -60,7 +60,7 @@ def step_command(
     if s.shaping == "jump" or not np.any(goal != start) or (law is not None and not has_integrals(law)):
         return None
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = presets.required_bandwidth(s, scales, len(goal))
+    bandwidth = presets.required_bandwidth(s.bandwidth, scales, len(goal))
     holding_inputs = [robot.operating_point(at)[1] for at in (start, goal)]
     return plan_move(robot, s, start, goal, bandwidth, float(scales.vibration.min()), holding_inputs)
 
@@ -126,7 +126,7 @@ def stated_move(robot: Robot, s: Specification) -> Plan | None:
         )
     limits = joint_limits(robot, s)
     try:
-        _check(robot, s, plan, limits, INSTANTS)
+        _check(robot, s.period, plan, limits, INSTANTS)
     except InvalidInput as error:
         what, advice = error.what.replace("The reference", "The move"), _slower(robot, s, limits)
         raise WaypointError(what, error.found, advice or error.advice) from None
@@ -168,9 +168,9 @@ def _wanders(spline: Waypoints) -> bool:
     return bool(np.any(beyond > BEYOND * np.ptp(spline.values, axis=0) + 1e-12))
 
 
-def _check(robot: Robot, s: Specification, plan: Plan, limits: JointLimits, instants: int) -> None:
+def _check(robot: Robot, period: float, plan: Plan, limits: JointLimits, instants: int) -> None:
     effort = limits.effort if limits.limits_effort else None
-    check_reference(robot, plan, plan.duration, effort, max(s.period, plan.duration / instants), limits.speed)
+    check_reference(robot, plan, plan.duration, effort, max(period, plan.duration / instants), limits.speed)
 
 
 def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
@@ -179,7 +179,7 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
         return ""
     for factor in (STRETCH**k for k in range(1, STRETCHES)):
         with suppress(InvalidInput):
-            _check(robot, s, _through(robot, s, factor), limits, INSTANTS // 10)
+            _check(robot, s.period, _through(robot, s, factor), limits, INSTANTS // 10)
             longest = factor * s.move.times[-1]
             return f"waypoints {factor:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
     return ""

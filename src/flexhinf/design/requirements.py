@@ -125,11 +125,9 @@ def move_errors(
     dwell: float | None = None,
 ) -> np.ndarray:
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    columns, along = (
-        position_columns(setup.tracking_controller.commanded, setup.joints),
-        setup.along(plan, dwell),
-    )
-    runs = setup.ensemble(robots, sub_steps, reductions=run_reductions(None, columns), **along)
+    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
+    reductions = run_reductions(None, columns)
+    runs = setup.ensemble(robots, sub_steps, reductions=reductions, **setup.along(plan, dwell))
     errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 
@@ -519,7 +517,7 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
         return limit_requirements(limits, move.response, PLANNED, always=False)
     rows, lines = move.metrics, []
     keys = {"tracking": "largest_error", "final": "final_error"}
-    for (name, key), most in zip(keys.items(), move_limits(s, limits, move.travel)):
+    for (name, key), most in zip(keys.items(), move_limits(s.tracking_error, limits, move.travel)):
         values = np.array([row[key] for row in rows])
         joint = int(np.argmax(values / most)) if rows else int(np.argmin(most))
         unit, value = limits.position_units[joint], values[joint] if rows else np.inf
@@ -528,13 +526,13 @@ def move_requirements(s: Specification, limits: JointLimits, move: Move) -> list
     return [*lines, *limit_requirements(limits, move.response, STATED)]
 
 
-def move_limits(s: Specification, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def move_limits(stated: Any, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Largest tracking error (n,), and largest distance (n,) from the end of a move after it, rad or m.
 
     The tracking error as stated, or `TRACKING_FRACTION` of each joint's `travel` (n,), which counts as at least
     `MIN_TRAVEL` of the largest travel of joints with the same unit.
     """
-    units, stated = np.array(limits.position_units), s.tracking_error
+    units = np.array(limits.position_units)
     largest = np.array([travel[units == unit].max() for unit in units])
     counted = np.maximum(travel, MIN_TRAVEL * np.where(largest > ROUNDING, largest, 0.1))
     tracking = (

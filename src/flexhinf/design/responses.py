@@ -95,10 +95,10 @@ def default_load(per_input: np.ndarray, peak: np.ndarray) -> np.ndarray:
 
 
 def sample_count(
-    robot: Robot, states: int, s: Specification, default: Sequence[tuple[int, int]] = SAMPLES
+    robot: Robot, states: int, stated: int | None, default: Sequence[tuple[int, int]] = SAMPLES
 ) -> int:
     """Number of sampled robots: as stated, or by the number of states; zero for a robot without tolerances."""
-    count = next(count for most, count in default if states <= most) if s.draws is None else s.draws
+    count = next(count for most, count in default if states <= most) if stated is None else stated
     return count if robot.uncertain else 0
 
 
@@ -424,14 +424,10 @@ def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     return JointLimits(joints, *values, *kinematics.position_ranges(robot), *units, *sources)
 
 
-def integral_dead_zone(robot: Robot, s: Specification, chosen: np.ndarray | None) -> np.ndarray | None:
+def integral_dead_zone(joints: Sequence[str], stated: Any, chosen: np.ndarray | None) -> np.ndarray | None:
     """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
-    zone = chosen if s.integral_dead_zone is None else s.integral_dead_zone
-    return (
-        per_joint(robot.joint_names, "integral_dead_zone", zone)
-        if zone is not None and np.any(zone)
-        else None
-    )
+    zone = chosen if stated is None else stated
+    return per_joint(joints, "integral_dead_zone", zone) if zone is not None and np.any(zone) else None
 
 
 def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:

@@ -290,13 +290,9 @@ class LinearPart:
         c_norm = np.linalg.norm(c_square * np.outer(d, d))
         ratio = c_norm / b_norm if b_norm > 0 and c_norm > 0 else 1.0
         s = float(np.exp2(np.round(np.log2(ratio) / 4)))
-        a, b, c = (
-            self.a * (d / d[:, None]),
-            np.hstack([self.b1, self.b2]) * (s / d)[:, None],
-            self.c * (d / s),
-        )
-        md = self.b1.shape[1]
-        return Scaling(d, s), LinearPart(a, b[:, :md], b[:, md:], c, self.state_names)
+        a, c = self.a * (d / d[:, None]), self.c * (d / s)
+        b1, b2 = (b * (s / d)[:, None] for b in (self.b1, self.b2))
+        return Scaling(d, s), LinearPart(a, b1, b2, c, self.state_names)
 
     def check(self) -> None:
         """Refuse a problem unless (A, g2) is stabilisable and (h, A) detectable.

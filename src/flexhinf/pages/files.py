@@ -107,11 +107,8 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     )
     document.add(tomlkit.nl())
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
-    problem, samples, margins = (
-        design.design_problem,
-        design.evaluation.step_samples,
-        design.evaluation.margins,
-    )
+    problem, evaluation = design.design_problem, design.evaluation
+    samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
         None if callable(problem.penalty.states) else design_file.plain("penalty", problem.penalty.states)
     )

@@ -369,15 +369,10 @@ def frames(film: ArmFilm, rate: int, resolution: int) -> Iterator[np.ndarray]:
     rows = (0.055 if n <= MANY else 0.042) * max(n, 2) + 0.05
     low, high = 0.10 + rows, 0.86
     middle = low + 0.42 * (high - low)
-    positions = (
-        ("links minus their command", film.links - film.command, None)
-        if n > MANY
-        else (
-            f"{'position' if film.slides.any() else 'angle'} of the links",
-            film.links,
-            film.command * film.scale,
-        )
-    )
+    what = f"{'position' if film.slides.any() else 'angle'} of the links"
+    positions = what, film.links, film.command * film.scale
+    if n > MANY:
+        positions = "links minus their command", film.links - film.command, None
     with house_style():
         figure = Figure(figsize=PICTURE, dpi=resolution, facecolor="white")
         canvas = FigureCanvasAgg(figure)

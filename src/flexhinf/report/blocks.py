@@ -188,15 +188,7 @@ _MARKUP = re.compile(r"<!--.*?-->|<style\b.*?</style\s*>|<(?:[^<>\"']|\"[^\"]*\"
 
 
 class Block:
-    """Base of the parts of a page: HTML text, and perhaps an anchor `id` and `blocks` within it.
-
-    Raises InvalidInput: an anchor does not begin with a small letter, or has more than these, digits and hyphens.
-    """
-
-    def __post_init__(self) -> None:
-        name = getattr(self, "id", "none")
-        if not re.fullmatch(r"[a-z][a-z0-9-]*", name):
-            raise InvalidInput("An anchor has small letters, digits, hyphens.", f"got {name!r}", "figure-03")
+    """Base of the parts of a page: HTML text, and perhaps anchors in it."""
 
     def html(self) -> str:
         """The block as HTML, every text escaped."""
@@ -204,8 +196,26 @@ class Block:
 
     def ids(self) -> tuple[str, ...]:
         """The anchors that this block makes on the page."""
-        own, inner = getattr(self, "id", ""), getattr(self, "blocks", ())
-        return (*([own] if own else []), *(name for block in inner for name in block.ids()))
+        return ()
+
+
+class Anchored(Block):
+    """A block with an anchor of its own.
+
+    Raises InvalidInput: an anchor does not begin with a small letter, or has more than these, digits and hyphens.
+    """
+
+    id: str
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z][a-z0-9-]*", self.id):
+            raise InvalidInput(
+                "An anchor has small letters, digits, hyphens.", f"got {self.id!r}", "figure-03"
+            )
+
+    def ids(self) -> tuple[str, ...]:
+        """The anchor, where the block has one."""
+        return (self.id,) if self.id else ()
 
 
 @dataclass(frozen=True)
@@ -246,7 +256,7 @@ class Bullets(Block):
 
 
 @dataclass(frozen=True)
-class Figure(Block):
+class Figure(Anchored):
     """A drawing, as `flexhinf.report.figure_to_svg` writes it, with its caption, an anchor (``figure-03``) and a label
     (``Figure 3``)."""
 
@@ -337,7 +347,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Table(Block):
+class Table(Anchored):
     """Rows under named columns.
 
     Columns of numbers are right-aligned; None is shown as –.

@@ -14,6 +14,7 @@ from typing import Any, Literal, get_args
 
 from flexhinf.errors import InvalidInput
 from flexhinf.report.blocks import (
+    Anchored,
     Block,
     Provenance,
     Setting,
@@ -43,7 +44,7 @@ _BADGES = {
 
 
 @dataclass(frozen=True)
-class Claim(Block):
+class Claim(Anchored):
     """One claim of a paper, judged: "holds", "fails", "ties" (the difference lies within its own confidence interval)
     or "not judged"; another verdict is refused with `InvalidInput`.
 
@@ -79,7 +80,7 @@ class Claim(Block):
 
     def ids(self) -> tuple[str, ...]:
         """The anchors of the claim and of its blocks."""
-        return (f"claim-{self.id}", *super().ids()[1:])
+        return (f"claim-{self.id}", *(name for block in self.blocks for name in block.ids()))
 
     def html(self) -> str:
         """The claim as HTML, with its evidence; colour is never the only sign of a verdict."""
@@ -166,12 +167,16 @@ class KeyNumber(Setting):
 
 
 @dataclass(frozen=True)
-class Section(Block):
+class Section(Anchored):
     """A heading and the blocks under it; `id` is its anchor."""
 
     title: str
     blocks: Sequence[Block]
     id: str
+
+    def ids(self) -> tuple[str, ...]:
+        """The anchors of the section and of its blocks."""
+        return (self.id, *(name for block in self.blocks for name in block.ids()))
 
     def html(self) -> str:
         """The section as HTML."""

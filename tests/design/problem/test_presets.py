@@ -321,7 +321,7 @@ def test_a_default_damping_out_of_reach_yields_and_a_stated_one_is_refused(robot
     found = choose(robot, goal, goal - 0.1, default)
     assert found.target is not None
     assert found.target.damping < 0.05
-    assert required_damping(default, found.target) == 0.1  # what the running loop is judged by
+    assert required_damping(default.damping, found.target) == 0.1  # what the running loop is judged by
     with refused_with(DampingOutOfReach, "damping", 0.2):
         choose(robot, goal, goal - 0.1, replace(default, damping=0.2))
 

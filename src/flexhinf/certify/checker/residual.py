@@ -145,10 +145,8 @@ class Residual:
         s = [linear(function.slope) for function in claim.functions]
         v, k, h = polynomial(claim.value), [*map(polynomial, claim.law)], [*map(polynomial, claim.penalty)]
         v_x = [v.derivative(i) for i in range(n)]
-        f, g1, g2 = (
-            [*map(field, claim.drift)],
-            *([[*map(field, row)] for row in g] for g in (claim.g1, claim.g2)),
-        )
+        f = [*map(field, claim.drift)]
+        g1, g2 = ([[*map(field, row)] for row in g] for g in (claim.g1, claim.g2))
         v_g1, v_g2 = ([total(v_x[i] * g[i][j] for i in range(n)) for j in range(len(g[0]))] for g in (g1, g2))
         priced = [total(a * u for a, u in zip(row, k, strict=True)) for row in matrix_of(claim.r2).tolist()]
         half, gamma = fmpq(1, 2), as_rational(claim.gamma)

@@ -397,17 +397,11 @@ class Translator:
     def _moves(
         self, pairs: Iterable[tuple[Columns, Slice]], loops: list[str], lanes: int, left: str, read: bool
     ) -> list[str]:
-        return [
-            self._move(
-                columns,
-                self._at(columns.whole, loops),
-                f"column + {place.offset * lanes}",
-                lanes,
-                left,
-                read,
-            )
-            for columns, place in pairs
-        ]
+        moves = []
+        for columns, place in pairs:
+            start, column = self._at(columns.whole, loops), f"column + {place.offset * lanes}"
+            moves.append(self._move(columns, start, column, lanes, left, read))
+        return moves
 
     def _move(self, columns: Columns, start: str, place: str, lanes: int, left: str, read: bool) -> str:
         """A call that copies a column, or `left` columns side by side, from a matrix at `start` to a place, or back."""

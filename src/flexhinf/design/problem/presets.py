@@ -289,12 +289,9 @@ class ToleranceChannels:
         return DesignProblem("robust", base, "", "ours", problem, nominal, star, gamma, channels=self)
 
     def checked(self, problem: DesignProblem, result: SearchResult, fraction: float) -> DesignProblem:
-        """The `problem` of the chosen weights and this fraction, with its inequality checked at corners of the
-        tolerances."""
-        linear, law = (
-            self.linear(*result.chosen.weights, fraction),
-            linear_law(problem.problem, problem.gamma),
-        )
+        """A `problem` of the chosen weights and this fraction, its inequality checked at corners of the tolerances."""
+        linear = self.linear(*result.chosen.weights, fraction)
+        law = linear_law(problem.problem, problem.gamma)
         # The inequality with d and z of the nominal problem, for the linear law of the robust one.
         check = replace(self.corners, problem=problem.nominal).dissipation(law.P, law.gain, problem.gamma)
         nominal, star = linear.nominal, linear.nominal.gamma_star
@@ -331,11 +328,11 @@ def preset_of(robot: Robot, s: Specification) -> str:
     return s.preset or ("given" if s.penalty is not None else default)
 
 
-def required_damping(s: Specification, target: TargetBehaviour | None = None) -> float:
-    """Required damping ratio of every oscillation: the stated one; else `DAMPING`, or the lower value of the search, at
+def required_damping(stated: float | None, target: TargetBehaviour | None = None) -> float:
+    """Required damping ratio of every oscillation: the stated one, else `DAMPING`, or what the search lowered it to, at
     least `RINGS`; see `flexhinf.design.synthesis.steps`."""
-    if s.damping is not None:
-        return s.damping
+    if stated is not None:
+        return stated
     return DAMPING if target is None else max(RINGS, min(DAMPING, target.damping))
 
 
@@ -398,10 +395,10 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
     return penalty, source, priced
 
 
-def required_bandwidth(s: Specification, scales: modes.JointScales, joints: int) -> np.ndarray:
+def required_bandwidth(stated: Any, scales: modes.JointScales, joints: int) -> np.ndarray:
     """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with locked motors."""
-    stated = BANDWIDTH_FRACTION * scales.antiresonance if s.bandwidth is None else s.bandwidth
-    bandwidth = np.atleast_1d(np.asarray(stated, dtype=float))
+    wanted = BANDWIDTH_FRACTION * scales.antiresonance if stated is None else stated
+    bandwidth = np.atleast_1d(np.asarray(wanted, dtype=float))
     if len(bandwidth) not in (1, joints):
         raise InvalidInput(
             "The bandwidths do not fit the joints.",
@@ -416,7 +413,7 @@ def _searched(
 ) -> DesignProblem:
     robot, goal = few.robot, few.goal
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    target = TargetBehaviour(required_bandwidth(s, scales, len(goal)), required_damping(s))
+    target = TargetBehaviour(required_bandwidth(s.bandwidth, scales, len(goal)), required_damping(s.damping))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
         every = robot.plant().disturbances

@@ -112,16 +112,11 @@ def behaviour_of(family: LinearFamily, gain: np.ndarray) -> Behaviour:
     modes = [modes_of(loop, family.robot.joint_names, *family.energy) for loop in loops]
     if family.period:
         phi, by_input = family.sampled
-        every = np.linalg.eig(phi + by_input @ gain)
-        modes[0] = sampled_modes(
-            *every, family.period, family.robot.joint_names, *family.energy, lasting=SMALLEST_MULTIPLIER
-        )
-    damping = [
-        min((mode.damping for mode in each if mode.eigenvalue.imag > 0.0), default=np.inf)
-        if all(mode.stable for mode in each)
-        else -np.inf
-        for each in modes
-    ]
+        names, every = (family.robot.joint_names, *family.energy), np.linalg.eig(phi + by_input @ gain)
+        modes[0] = sampled_modes(*every, family.period, *names, lasting=SMALLEST_MULTIPLIER)
+    stable = [all(mode.stable for mode in each) for each in modes]
+    oscillations = [[mode.damping for mode in each if mode.eigenvalue.imag > 0.0] for each in modes]
+    damping = [min(each, default=np.inf) if decays else -np.inf for each, decays in zip(oscillations, stable)]
     bandwidth, worst = np.zeros(joints), [int(np.argmin(damping))]
     if min(damping) > -np.inf:
         every = _bandwidths(loops, joints)

@@ -224,22 +224,8 @@ class _WholeLoop:
                         scale, corner = self.edge(loop, beyond)
                     gained = -np.log(scale / self.own.scale)
                     if gained < best:
-                        self.kept.append(
-                            (
-                                gained,
-                                LoopCandidate(
-                                    x.copy(),
-                                    problem,
-                                    levels,
-                                    scale,
-                                    corner,
-                                    overshoot,
-                                    used,
-                                    loop_margins,
-                                    noises,
-                                ),
-                            )
-                        )
+                        found = problem, levels, scale, corner, overshoot, used, loop_margins, noises
+                        self.kept.append((gained, LoopCandidate(x.copy(), *found)))
         except FlexhinfError:
             return NOTHING
         return float(gained + MISSED * missed)
@@ -289,7 +275,7 @@ class _WholeLoop:
         ratios = [
             loop_margins.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
             min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
-            min(required_damping(s, self.target), own.damping) / max(loop_margins.damping, 1e-9),
+            min(required_damping(s.damping, self.target), own.damping) / max(loop_margins.damping, 1e-9),
             float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
             float(louder.max()) if self.own.noises.any() else 0.0,
         ]
@@ -440,7 +426,7 @@ class _Steps(Task):
         rays, regions = by_step.rays_of(states, s.rays), list(choices)
         if rays:
             gamma = s.checked_gamma_ratio * problem.gamma_star
-            penalty = checked_penalty(s, problem.nominal.plant)
+            penalty = checked_penalty(s.checked_penalty, problem.nominal.plant)
             for k, choice in enumerate(choices):
                 if choice is chosen or s.degrees is not None:
                     self.progress(f"degree {choice.degree}: sample the region")
@@ -497,7 +483,7 @@ class _Steps(Task):
         return (problem, noise) if slower is problem else (slower, self.noise_search(slower))
 
     def damping(self, problem: DesignProblem) -> float | None:
-        return None if problem.target is None else required_damping(self.s, problem.target)
+        return None if problem.target is None else required_damping(self.s.damping, problem.target)
 
     def noise_search(
         self, problem: DesignProblem, levels: EstimatorNoise | None = None
@@ -517,7 +503,7 @@ class _Steps(Task):
         same: dict[str, Any] = {"bandwidth": None, "damping": self.s.damping}
         if (target := problem.target) is not None:
             same["bandwidth"] = target.bandwidth.tolist()
-            same["damping"] = min(required_damping(self.s, target), target.damping)
+            same["damping"] = min(required_damping(self.s.damping, target), target.damping)
         chosen = there.choose(**same)
         if whole is not None:
             channels, chosen = chosen.channels, there.choose(**same, preset="damped")
@@ -545,7 +531,8 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
-    zone, step = responses.integral_dead_zone(robot, s, None), np.abs(goal - start)
+    step = np.abs(goal - start)
+    zone = responses.integral_dead_zone(robot.joint_names, s.integral_dead_zone, None)
     if zone is not None and (within_zone := (step > 0.0) & (zone >= step)).any():
         joint = int(np.argmax(within_zone))
         unit = "m" if robot.links.slides[joint] else "rad"
@@ -576,7 +563,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
         kinematics.check_holding(robot, pose, limits.effort, stated)
 
 
-def checked_penalty(s: Specification, plant: Plant) -> Any:
-    """The checked penalty, its plain names spelled out for every joint of a plant."""
-    plain = s.checked_penalty is None or callable(s.checked_penalty)
-    return s.checked_penalty if plain else Penalty.of(s.checked_penalty).expanded(plant.groups).states
+def checked_penalty(stated: Any, plant: Plant) -> Any:
+    """The checked penalty as stated, its plain names spelled out for every joint of a plant."""
+    plain = stated is None or callable(stated)
+    return stated if plain else Penalty.of(stated).expanded(plant.groups).states

@@ -113,10 +113,8 @@ class JerkLimited(_Motion):
                     f"got {name}={value_text(getattr(self, name))}",
                     "one number in seconds" if not most else "one number, or one per channel",
                 )
-        sizes, shapes = (
-            {a.size for a in arrays.values() if a.ndim},
-            {name: a.shape for name, a in arrays.items()},
-        )
+        sizes = {a.size for a in arrays.values() if a.ndim}
+        shapes = {name: a.shape for name, a in arrays.items()}
         if len(sizes) > 1 or 0 in sizes:
             raise InvalidInput(
                 "The channels of a motion differ in number.",

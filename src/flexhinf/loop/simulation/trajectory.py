@@ -78,15 +78,15 @@ class Trajectory(Summarised):
         """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
         `program` failed with this code, or before the run was stopped (a negative code)."""
         end = last + 1 if code else len(times)
-        who = "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state"
-        message = (
-            (
+        who, message = (
+            "controller's estimate or input" if code == CONTROL_FAILED else "true plant's state",
+            "",
+        )
+        if code > 0:
+            message = (
                 f"The closed loop diverged: at t = {times[last]:g} s the {who} is no longer finite. "
                 "Try a smaller command, a larger gamma, a shorter period or another penalty."
             )
-            if code > 0
-            else ""
-        )
         time, signals = read_only((times[:end], {name: values[:end] for name, values in recorded.items()}))
         every = {
             "state": tuple(plant.states), "estimate": controller.states, "output": controller.measured,

@@ -214,16 +214,14 @@ def _robust_text(r: Robustness) -> str:
     which = f"{'all' if r.all_corners else 'the sampled'} {r.corners} corners"
     larger = f" with the tolerances of the channels enlarged by {number(100.0 * (r.enlarged - 1.0), 2)} %"
     products = (
-        (
+        f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
+        "tolerances that act at the goal."
+    )
+    if r.failing_corners:
+        products = (
             f" the inequality of the linear part fails at {r.failing_corners} of {which} of the tolerances that act at "
             "the goal, so it holds for each tolerance alone, and not for all of them together."
         )
-        if r.failing_corners
-        else (
-            f"{larger if r.enlarged > 1.0 else ''} the inequality of the linear part holds at {which} of the "
-            "tolerances that act at the goal."
-        )
-    )
     tolerances, beyond = "the whole of the stated tolerances", ""
     if r.fraction < 1.0:
         tolerances = f"{number(100.0 * r.fraction, 3)} % of them, as was best for the running loop"
@@ -343,7 +341,7 @@ def _noise_figure(design: Design, search: NoiseSearch) -> Figure:
     if search.default is not None and not is_used(search, search.default):
         marks.append(("D", 5.0, search.default))
         used = "squares: used, diamonds: the default levels"
-    required = [] if target is None else [(required_damping(design.specification, target), INK, None)]
+    required = [] if target is None else [(required_damping(design.specification.damping, target), INK, None)]
     panels = []
     for name, text, dashed in (
         ("damping", "smallest damping ratio", required), ("compliance", "compliance / true state", ())
