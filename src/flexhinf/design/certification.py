@@ -23,8 +23,7 @@ from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.design import proved_step
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.presets import measured_problem, preset_of
-from flexhinf.design.responses import joint_limits
+from flexhinf.design.problem.presets import measured_problem
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
@@ -121,27 +120,6 @@ class SeveralJoints(InvalidInput):
     """A robot whose law has too many states for a proof."""
 
 
-#: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
-STEPPED = ("shaping", "quantisation", "friction_model")
-SEARCHED = (
-    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
-    "torque_noise", "measurement_noise", "extras", "delay",
-)  # fmt: skip
-
-
-def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> tuple[str, ...]:
-    """Fields on which the certificates of `certify_design` do not depend.
-
-    The step is run where several degrees are tried, where the preset judges laws by it, and for limits of the joints.
-    """
-    preset, limits = preset_of(robot, s), joint_limits(robot, s)
-    searched = preset in ("damped", "robust", "proved")
-    limited = searched and (limits.limits_peak or limits.limits_speed)
-    if preset in ("robust", "proved") or limited or s.degrees is None or len(s.degrees) > 1:
-        return ()
-    return STEPPED if searched else (*STEPPED, *(n for n in SEARCHED if not (tolerances and n == "start")))
-
-
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
     """The proof of the law of one degree of V, which is `used` by the design or not."""
@@ -190,7 +168,7 @@ def certify_design(
         "expected parameters with a tolerance, got none",
         "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
     )
-    synthesis, proofs = synthesise(robot, s, progress), []
+    synthesis, proofs = synthesise(robot, replace(s, rays=0), progress), []  # no region is sampled
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s, synthesis.problem.plant)
     boxed = _step_law(robot, s, synthesis) if tolerances or synthesis.proved else None
