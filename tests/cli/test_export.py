@@ -122,7 +122,7 @@ def test_a_design_file_alone_is_designed_first(tmp_path: Path) -> None:
         (["nothing-here"], "'nothing-here'"),
         ([], "DESIGN"),
         (["CONTROLLER", "--name", "while"], "arm_while"),
-        (["CONTROLLER", "--real", "half"], "type of numbers"),
+        (["CONTROLLER", "--real", "half"], "--real float"),
         (["CONTROLLER", "--period", "1 s"], "0.001 s"),
         (["CONTROLLER", "--flash", "10B"], "5984 bytes"),
     ],

@@ -106,6 +106,7 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], ("92.07", "73.66")),
         (["--effort", "-1"], "effort"),
         (["--measured", "colour"], "colour"),
+        (["--measured", "motor_positon"], ("'motor_positon'", "try:   --measured motor_position")),
         (["--disturbances", "wind"], "wind"),
         (["--extras", "rust"], "rust"),
         (["--extras", "backlash"], "backlash"),

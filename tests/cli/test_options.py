@@ -117,7 +117,8 @@ def test_compare_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     assert set(COMPARE_FIELDS) - read == {"proof_seconds", "checked_penalty"}
     s = Specification(preset="proved", pose="20deg", bandwidth="4", damping="0.3", gamma_ratio="2", **PROVED)
     fh.compare(fh.load_robot("paper"), s, ("pd",), "none")
-    assert {"proof_seconds", "checked_penalty"} <= read <= {*COMPARE_FIELDS, *REPLACED}
+    contradicts = {"checked_gamma_ratio"}  # the preset proved refuses it
+    assert {"proof_seconds", "checked_penalty"} <= read <= {*COMPARE_FIELDS, *REPLACED, *contradicts}
 
 
 @pytest.mark.slow
@@ -213,6 +214,8 @@ def test_what_a_run_does_not_depend_on() -> None:
         ("certify paper --tolerances --checked-gamma-ratio 2", "--checked-gamma-ratio"),
         ("certify paper --preset proved --decay 0.1", "--decay"),
         ("certify paper --preset proved --observer 10", "--observer"),
+        ("certify paper --observer=-1", "--observer"),
+        ("compile design.toml --processor arm", "--processor"),
         ("certify paper --degrees 2 --preset paper --peak-voltage 30", "--peak-voltage"),
         ("run design.toml --mujoco --load-at 1s", "--load-at"),
         ("run design.toml --mujoco --no-noise --seed 1", "--seed"),

@@ -224,7 +224,10 @@ RENAMED = {
 
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
-_OPTIONS = {**{name: field.option for name, field in FIELDS.items()}, "laws": "--laws", "tune": "--tune"}
+_OPTIONS = {name: field.option for name, field in FIELDS.items()} | {
+    name: option_name(name)
+    for name in ("laws", "tune", "samples", "batch", "workers", "starts", "elastic", "payload")
+}
 _NAMES = "|".join(_OPTIONS)
 _KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
 _NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")

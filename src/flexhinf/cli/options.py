@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 from flexhinf.design.specification import FIELDS
 from flexhinf.options import (
     ADVANCED,
+    CHOICE,
     COMPARED,
     HARDWARE,
     PROVED,
@@ -22,6 +24,7 @@ from flexhinf.options import (
     CampaignOptions,
     Duration,
     Number,
+    Positive,
     Real,
     Seconds,
     Text,
@@ -147,7 +150,7 @@ class CertifyOptions(RobotOptions):
         "Degree of V whose certificate is written.", "4", default="the design's")
     decay: Real = option(0.0, PROVED,
         "Rate of decay that is proved too: for disturbances that persist, 1/s.", "0.1", "1/s")
-    observer: Real | None = option(None, PROVED,
+    observer: Positive | None = option(None, PROVED,
         "Prove output feedback too, with an output-injection observer of this bandwidth, 1/s.", "10", "1/s",
         default="the true state is fed back")
     tolerances: bool = option(False, PROVED,
@@ -217,7 +220,8 @@ class ExportCOptions:
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-c"), WRITTEN, "A new or empty folder.")
     name: Text = option("", WRITTEN, "A C identifier: of the files, and the beginning of all names.", "arm")
-    real: Text = option("double", HARDWARE, "Type of all numbers: double or float.", "float")
+    real: Annotated[Literal["double", "float"], CHOICE] = option("double", HARDWARE,
+        "Type of all numbers: double or float.", "float")
     period: Text = option("", HARDWARE,
         "Period of your firmware's loop; refused if it is not the design's.", "1ms", "s")
     flash: Text = option("", HARDWARE,
@@ -243,7 +247,7 @@ class CompileOptions:
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-controller.so"), WRITTEN, "The file that is written.")
-    processor: Text = option("portable", HARDWARE,
+    processor: Annotated[Literal["portable", "any", "native"], CHOICE] = option("portable", HARDWARE,
         "On which it runs: portable (PCs since about 2015), any (older ones too, ten times slower), or native (those "
         "that have all that this one has). Others refuse it.", "native")
 

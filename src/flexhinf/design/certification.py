@@ -220,7 +220,14 @@ def proved(
     if wanted and wanted[0].certificate is not None:
         return wanted[0]
     others = [f"--degree {proof.choice.degree}" for proof in proofs if proof.certificate is not None]
-    reason = wanted[0].reason if wanted else "it was not solved"
+    if not wanted:
+        solved = [proof.choice.degree for proof in proofs]
+        raise InvalidInput(
+            f"The design does not solve degree {degree}.",
+            f"expected one of the degrees {solved}, got {degree}",
+            f"`degrees` with {degree} among them, or --degree {solved[0]}",
+        )
+    reason = wanted[0].reason
     what = "the degree that the design uses" if degree is None else f"degree {degree}"
     if tolerances:
         raise proved_step.NotWithinTolerances(

@@ -116,6 +116,12 @@ def load_robot(
             "the package that states this reader, corrected",
         )
         return robot
+    refuse_if(
+        ending not in (".urdf", *MJCF),
+        f"{path.name}: a name with this ending is no robot's.",
+        f"expected .toml, .urdf, .xml, or that of an installed reader, got {value_text(ending)}",
+        "a robot's file, with its usual ending",
+    )
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
