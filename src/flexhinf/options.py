@@ -30,7 +30,7 @@ from pydantic import (
 
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Penalty
-from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, respelled, split
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, Stated, lettered, measured, respelled, split
 from flexhinf.validation import checked_path, one_of, real_number, value_text
 
 #: Units of each kind of number, and what one is in the SI unit that stands first.
@@ -373,8 +373,20 @@ class FieldInfo:
             example = own.meant if isinstance(own, Unreadable) and isinstance(value, str) else ""
             if self.name == "period" and first["type"] == "less_than_equal" and str(value).isnumeric():
                 example = f"{float(value):g}ms"
-            found = f"expected {self.allowed}, got {value_text(value)}"
+            unit = self.about.unit
+            example = example or self._without_unit(value)
+            among = f" ({unit})" if unit and unit not in self.allowed else ""
+            found = f"expected {self.allowed}{among}, got {value_text(value)}"
             raise InvalidInput(refused(self.name), found, example or self.about.example) from None
+
+    def _without_unit(self, value: Any) -> str:
+        """Text with units as numbers in the unit of the field; "" where it has others."""
+        units = self.about.unit.replace(" or ", ", ").split(", ")
+        try:
+            parts = value.split(",") if isinstance(value, str) else []
+            return ",".join(f"{measured(part, *units):g}" for part in parts)
+        except ValueError:
+            return ""
 
 
 def option(value: Any, group: str, help: str, /, *others: str, **named: str) -> Any:

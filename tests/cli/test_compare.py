@@ -14,7 +14,7 @@ from flexhinf.design import tuning
 from flexhinf.report import is_report
 
 WORDS = [
-    "compare", "vertical-rig", "--pose", "0.8", "--start", "0.3", "--degrees", "2", "--rays", "0",
+    "compare", "vertical-rig", "--pose", "0.8", "--start", "0.3", "--degrees", "2",
     "--estimator", "ekf", "--draws", "2", "--duration", "4",
 ]  # fmt: skip
 

@@ -139,5 +139,5 @@ def test_help_lists_every_option_with_its_default(capsys: pytest.CaptureFixture[
         "Exit code",
     ):
         assert text in " ".join(shown.replace("│", " ").split()), text
-    for default in ("flexhinf-design", "0.001", "ukf", "1.5", "5.0", "link_position"):
+    for default in ("flexhinf-design", "0.001", "ukf", "1.5", "20.0", "link_position"):
         assert f"[default: {default}]" in shown

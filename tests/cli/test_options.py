@@ -8,14 +8,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
 import flexhinf as fh
+from flexhinf import pages
 from flexhinf.cli.arguments import with_options
 from flexhinf.cli.commands import app
 from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS
 from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.design.synthesis import by_step
+from flexhinf.design.without_effect import without_effect, without_effect_on_run
 from flexhinf.options import CampaignOptions, declared, option_name
 from flexhinf.paper import PaperSettings
 
@@ -26,6 +30,7 @@ WRITERS = ("dataclasses.py", "options.py", "design_file.py", "arguments.py")
 BEHIND = {
     "peak_sensitivity_limit": "peak_sensitivity",
     "gain_margin_limit": "gain_margin",
+    "overshoot_limit": "overshoot",
     "in_degrees": "angle_unit",
 }
 
@@ -67,30 +72,53 @@ def test_a_field_that_is_only_copied_is_not_recorded(read: set[str]) -> None:
 
 
 SMALL: dict[str, Any] = {"degrees": "2", "rays": 5, "draws": 0, "estimator": "ekf"}
+PROVED: dict[str, Any] = {"degrees": "2", "draws": 0, "estimator": "ekf"}
 
 
-@pytest.mark.slow
-def test_a_certificate_is_made_with_every_field_that_certify_takes(read: set[str]) -> None:
+#: Set to 0 on the way to a certificate or a comparison, which have no sampled region.
+REPLACED = {"rays"}
+
+
+def certified(robot: str = "paper", **fields: Any) -> None:
+    """The certificates of all degrees, and the pictures of the first."""
     from flexhinf.design.certification import certify_design, evidence, proved
 
-    def certified(**fields: Any) -> None:
-        s = Specification(**fields)
-        results = certify_design(fh.load_robot("paper"), s, lambda text: None, lambda cells, share: None)
-        if results[0].certificate is not None:
-            evidence(fh.load_robot("paper"), s, proved(results, None))
+    s, progress = Specification(**fields), lambda *_: None
+    results = certify_design(fh.load_robot(robot), s, progress, progress)
+    if results[0].certificate is not None:
+        evidence(fh.load_robot(robot), s, proved(results, results[0].choice.degree))
 
-    certified(pose="20deg", degrees="2", preset="damped")
-    certified(pose="20deg", degrees="2", preset="robust")
-    assert set(CERTIFY_FIELDS) - read == set()
+
+def test_certify_takes_what_it_reads(read: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """With weights that are stated, and a step that chooses the degree; --proof-seconds is of the preset proved."""
+    monkeypatch.setattr(by_step, "ACTING", 0.0)
+    monkeypatch.setattr(by_step, "GAIN", -1e9)  # a higher degree is judged whatever it costs
+    certified(pose="20deg", degrees="2,4", preset="paper", estimator="ekf")
+    assert read - set(CERTIFY_FIELDS) <= REPLACED
+    assert set(CERTIFY_FIELDS) - read == {"proof_seconds"}
 
 
 @pytest.mark.slow
-def test_a_comparison_is_made_with_every_field_that_compare_takes(read: set[str], tmp_path: Path) -> None:
+@pytest.mark.parametrize("preset", ["damped", "robust", "proved"])
+def test_certify_takes_what_it_reads_with_a_search(read: set[str], preset: str) -> None:
+    certified(pose="20deg", degrees="2", preset=preset)
+    assert read - set(CERTIFY_FIELDS) <= REPLACED
+    assert ("proof_seconds" in read) == (preset == "proved")
+
+
+@pytest.mark.slow
+def test_compare_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
+    """--proof-seconds is of the preset proved, and --checked-penalty of its proof."""
     way = tmp_path / "way.csv"
     way.write_text("time,link [deg]\n0,0\n2,20\n")
     s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
     fh.compare(fh.load_robot("vertical-rig"), s, ("pd",), "none").save(tmp_path / "report")
-    assert set(COMPARE_FIELDS) - read == set()
+    assert read - set(COMPARE_FIELDS) <= REPLACED
+    assert set(COMPARE_FIELDS) - read == {"proof_seconds", "checked_penalty"}
+    s = Specification(preset="proved", pose="20deg", bandwidth="4", damping="0.3", gamma_ratio="2", **PROVED)
+    fh.compare(fh.load_robot("paper"), s, ("pd",), "none")
+    contradicts = {"checked_gamma_ratio"}  # the preset proved refuses it
+    assert {"proof_seconds", "checked_penalty"} <= read <= {*COMPARE_FIELDS, *REPLACED, *contradicts}
 
 
 @pytest.mark.slow
@@ -100,6 +128,113 @@ def test_a_design_is_made_with_every_field(read: set[str], tmp_path: Path) -> No
     s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
     fh.design(fh.load_robot("vertical-rig"), s).save(tmp_path / "report")
     assert set(FIELDS) - read == set()
+
+
+def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
+    """What it reads beside is of the controller: its sensors and limits, which no option of a run changes."""
+    pytest.importorskip("mujoco")
+    from flexhinf.design.deployed_run import prepare_run
+
+    robot = fh.load_robot("paper")
+    law, plant = fh.linear_law(robot.problem(), gamma=np.inf), robot.plant()
+    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, 1e-9, 1e-8, robot.operating_point([-0.1])[0], 1e-6)
+    controller = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless")
+    way = {"time": (0.0, 0.05), "joint": (0.0, 0.02)}
+    for fields in ({"start": (-0.1,), "duration": 0.02}, {"move": way, "duration": 0.02}):
+        s = Specification(**fields)  # type: ignore[arg-type]
+        prepared = prepare_run(controller, (robot, s), robot, s)
+        made = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
+        pages.run_tables(prepared, made)
+        prepared.requirements(made)
+    assert set(RUN_FIELDS) - {"load"} - read == set()  # --load is an option of the run's own
+    of_controller = {
+        "bandwidth", "estimator", "measured", "period", "peak_effort", "peak_speed", "saturation",
+    }  # fmt: skip
+    assert read - set(RUN_FIELDS) <= of_controller
+
+
+@pytest.mark.parametrize(
+    ("command", "robot", "fields", "idle"),
+    [
+        ("design", "paper", {"tracking_error": 0.1}, {"tracking_error"}),
+        ("design", "paper", {"command": True}, {"command"}),
+        ("design", "paper", {"command": True, "disturbances": ["link_torque"]}, set()),
+        ("design", "paper", {"estimator": "none", "process_noise": 1e-9}, {"process_noise", "measurement_noise"}),
+        ("design", "paper", {"friction_model": True}, {"friction_model"}),
+        ("design", "paper", {"friction_model": True, "extras": ["coulomb_friction"]}, set()),
+        ("design", "paper", {"rays": 0, "checked_penalty": [1.0]}, {"checked_penalty", "proof_seconds"}),
+        ("design", "paper", {"rays": 0, "proof_seconds": 0}, set()),
+        ("design", "paper", {"via": [(0.1,)]}, {"proof_seconds"}),
+        ("design", "planar-two-link", {}, {"proof_seconds"}),
+        ("compare", "paper", {"checked_penalty": [1.0]}, {"checked_penalty", "proof_seconds"}),
+        ("compare", "paper", {"preset": "proved", "checked_penalty": [1.0]}, set()),
+        ("certify", "paper", {"draws": 5, "overshoot": 3, "duration": 2}, {"proof_seconds"}),
+        ("certify", "paper", {"draws": 5, "via": [(0.1,)]}, {"proof_seconds", "draws"}),
+        (
+            "certify", "paper", {"degrees": 2, "draws": 5, "overshoot": 3, "duration": 2, "via": [(0.1,)]},
+            {"proof_seconds", "draws", "overshoot", "duration", "via"},
+        ),
+        ("certify", "paper", {"degrees": 2, "preset": "proved", "overshoot": 3, "draws": 5}, {"overshoot", "draws"}),
+        ("certify", "paper", {"degrees": 2, "preset": "damped", "start": 0.1, "peak_effort": 60, "draws": 5}, set()),
+    ],
+)  # fmt: skip
+def test_what_cannot_act_is_known(command: str, robot: str, fields: dict[str, Any], idle: set[str]) -> None:
+    always = {"checked_gamma_ratio", "measurement_noise", "shaping", "estimator", "measured", "proof_seconds"}
+    fields = {k: [v] if k in ("degrees", "start") else v for k, v in fields.items()}
+    found = set(without_effect(command, fh.load_robot(robot), Specification(**fields)))
+    assert found & {*fields, *idle} == idle
+    assert found <= {*fields, *always}
+
+
+def test_the_checked_gain_is_not_that_of_all_tolerances() -> None:
+    robot, s = fh.load_robot("paper"), Specification(degrees=(2,))
+    assert "checked_gamma_ratio" in without_effect("certify", robot, s, tolerances=True)
+    assert "checked_gamma_ratio" not in without_effect("certify", robot, s)
+    assert "measured" not in without_effect("certify", robot, s, observer=True)
+
+
+def test_what_a_run_does_not_depend_on() -> None:
+    robot, way = fh.load_robot("paper"), {"time": (0.0, 1.0), "joint": (0.0, 0.2)}
+    step = Specification(pose=(0.3,), start=(0.1,), overshoot=3.0, tracking_error=(0.1,), shaping="quintic")
+    assert set(without_effect_on_run(step, robot, True, True)) == {"tracking_error"}
+    assert set(without_effect_on_run(step, robot, True, False)) == {"tracking_error", "shaping"}
+    assert {"seed", "measurement_noise"} <= set(without_effect_on_run(step, robot, False, True))
+    moved = Specification(move=way, pose=(0.3,), start=(0.1,), overshoot=3.0, tracking_error=(0.1,))
+    assert set(without_effect_on_run(moved, robot, True, True)) == {"pose", "start", "overshoot"}
+
+
+@pytest.mark.parametrize(
+    ("words", "option"),
+    [
+        ("design paper --tracking-error 1deg", "--tracking-error"),
+        ("design arm.toml --draws 5", "--draws"),
+        ("design paper --rays 0 --checked-gamma-ratio 2", "--checked-gamma-ratio"),
+        ("compare paper --proof-seconds 5", "--proof-seconds"),
+        ("certify paper --degrees 2 --overshoot 3", "--overshoot"),
+        ("certify paper --tolerances --checked-gamma-ratio 2", "--checked-gamma-ratio"),
+        ("certify paper --preset proved --decay 0.1", "--decay"),
+        ("certify paper --preset proved --observer 10", "--observer"),
+        ("certify paper --observer=-1", "--observer"),
+        ("compile design.toml --processor arm", "--processor"),
+        ("certify paper --degrees 2 --preset paper --peak-voltage 30", "--peak-voltage"),
+        ("run design.toml --mujoco --load-at 1s", "--load-at"),
+        ("run design.toml --mujoco --no-noise --seed 1", "--seed"),
+        ("campaign design.toml --starts 3", "--starts"),
+        ("campaign design.toml --metric gain", "--metric"),
+        ("campaign design.toml --worst-case --metric gain --starts 3", "--starts"),
+    ],
+)
+def test_what_would_be_ignored_is_refused(
+    words: str, option: str, arm: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    (folder / "arm.toml").write_text(arm, encoding="utf-8")
+    (folder / "design.toml").write_text(
+        "[design]\nrobot = 'paper'\npose = '5deg'\nstart = '0'\nrays = 0\ndraws = 0\n"
+        "degrees = [2]\nestimator = 'ekf'\nproof_seconds = 0\ncompare_rigid = false\npreset = 'paper'\n",
+        encoding="utf-8",
+    )
+    told = refused(words.split(), option, folder)
+    assert option in told.splitlines()[0]
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)

@@ -14,6 +14,7 @@ import flexhinf as fh
 from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification
 from flexhinf.design.requirements import (
+    REQUIREMENTS,
     MonteCarlo,
     Requirement,
     behaviour_requirements,
@@ -23,7 +24,13 @@ from flexhinf.design.requirements import (
     step_requirements,
 )
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
-from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE, SpecificationError
+from flexhinf.design.specification import (
+    GAIN_MARGIN,
+    OVERSHOOT,
+    PEAK_SENSITIVITY,
+    TOLERANCE,
+    SpecificationError,
+)
 from flexhinf.pages.page import achieved_text, limit_text, requirement_table
 from flexhinf.report import Cell
 
@@ -172,6 +179,17 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     assert (peak.met, gain.met) == (False, False)
     assert (peak.stated_by, gain.stated_by) == ("--peak-sensitivity", "--gain-margin")
     assert "running loop" in peak.where
+
+
+@pytest.mark.parametrize(
+    ("field", "limit"),
+    [("overshoot", OVERSHOOT), ("peak_sensitivity", PEAK_SENSITIVITY), ("gain_margin", GAIN_MARGIN)],
+)
+def test_a_limit_that_is_stated_as_its_default_is_stated(field: str, limit: float) -> None:
+    option = f"--{field.replace('_', '-')}"
+    for s, by in ((Specification(), "default"), (Specification(**{field: limit}), option)):
+        line = REQUIREMENTS[field].judge(s, getattr(s, f"{field}_limit"), 1.0, "the step")
+        assert (line.limit, line.stated_by) == (limit, by)
 
 
 def test_of_the_tolerances_the_worst_robot_counts() -> None:

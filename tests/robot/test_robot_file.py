@@ -121,7 +121,10 @@ def replaced(old, new):
         ),
         (replaced("stiffness = 100.0", "stifness = 100.0"), ["'stifness'", "'stiffness'"]),
         (replaced("hub_inertia", "hub_inerta"), ["'hub_inerta'", "try:   'hub_inertia'"]),
-        (replaced("stiffness = 100.0", "stiffness = -100.0"), ["stiffness_turn", "positive", "-100"]),
+        (
+            replaced("stiffness = 100.0", "stiffness = -100.0"),
+            [".toml: ", "stiffness_turn", "'turn'", "positive", "-100"],
+        ),
         (replaced("motor_inertia = 1.5", "motor_inertia = 0.0"), ["motor_inertia_slide", "> 0 kg"]),
         (replaced("motor_inertia = 1.5", "friction = 1.0"), ["'slide'", "motor_inertia", "neither"]),
         (replaced("gear_ratio = 100\n", ""), ["'turn'", "gear_ratio"]),

@@ -114,6 +114,25 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
     return request
 
 
+def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool) -> None:
+    """Refuse options that cannot change what a command computes of this request; `options` as for `without_effect`."""
+    from flexhinf.design.without_effect import without_effect
+
+    command = str(context.info_name)
+    refuse_stated(context, without_effect(command, request.robot, request.specification, **options))
+
+
+def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
+    """Refuse options that are stated and have no effect; `idle`: by name, what each would act on."""
+    for name in stated_options(context):
+        refuse_if(
+            needs := idle.get("peak_effort" if name in PEAKS else name, ""),
+            f"{option_name(name)} has no effect on this {context.info_name}.",
+            f"expected it with {needs}; got it without",
+            f"leave out {option_name(name)}",
+        )
+
+
 def read_source(
     source: str, elastic: str, fields: Mapping[str, Any], payload: str = "", goal: str = "", tool: str = ""
 ) -> DesignRequest:
@@ -203,7 +222,10 @@ RENAMED = {
 
 #: Python's way to write a field: ``name=value``, or its name in backticks. A value is quoted text, a tuple, a list or
 #: one word.
-_OPTIONS = {**{name: field.option for name, field in FIELDS.items()}, "laws": "--laws", "tune": "--tune"}
+_OPTIONS = {name: field.option for name, field in FIELDS.items()} | {
+    name: option_name(name)
+    for name in ("laws", "tune", "samples", "batch", "workers", "starts", "elastic", "payload")
+}
 _NAMES = "|".join(_OPTIONS)
 _KEYWORD = re.compile(rf"(?<![\w.])({_NAMES})=('[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|[^\s,;)]+)")
 _NUMBERS = re.compile(r"[-+]?[\d.,]*\d\Z")
@@ -235,13 +257,18 @@ def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
 
     `arguments`: words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
     """
+    words = [word.split("=")[0] for word in arguments]
+    peak = next((name for name in PEAKS if option_name(name) in words), "")
     advice = error.advice
     if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
-        advice = f"{_OPTIONS[error.field].partition('/')[0]} {error.example}"
+        named = option_name(peak) if peak and error.field == "peak_effort" else _OPTIONS[error.field]
+        advice = f"{named.partition('/')[0]} {error.example}"
     text = str(FlexhinfError(error.what, error.found, advice))
-    for name in map(option_name, PEAKS):
-        if any(word.split("=")[0] == name for word in arguments):
-            text = text.replace("`peak_effort`", name)
+    if peak:
+        text = text.replace("`peak_effort`", option_name(peak)).replace(
+            "The peak effort ", f"The {peak.replace('_', ' ')} "
+        )
+        text = text.replace(FIELDS["peak_effort"].about.unit, PEAKS[peak][1])
     return option_syntax(text)
 
 

@@ -21,6 +21,7 @@ from flexhinf.cli.arguments import (
     note,
     progress_bar,
     read_source,
+    refuse_stated,
     reproduce_command,
     show,
     step_progress,
@@ -75,6 +76,8 @@ def run(context: typer.Context, o: RunCampaignOptions) -> int:
     """
     from flexhinf.design.campaign_folder import open_campaign, search_gain, searches_gain
 
+    refuse_stated(context, {} if o.worst_case else dict.fromkeys(("metric", "starts"), "--worst-case"))
+    refuse_stated(context, {"starts": "a --metric beside gain"} if {*o.metric} == {GAIN} else {})
     design, shard, executor = _request(o, o.design), campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     known = list(design.metrics.units)
     checked = [campaigns.Requirement.of(text, known) for text in o.require or design.requirements]
@@ -141,12 +144,6 @@ def _searched(
     o: RunCampaignOptions, requirements: Sequence[campaigns.Requirement], known: Sequence[str], gain: bool
 ) -> dict[str, bool]:
     """Metrics whose worst case is searched, and whether their small values are the bad ones; `GAIN` comes last."""
-    if o.metric and not o.worst_case:
-        raise InvalidInput(
-            "A metric is searched only where the worst case is searched.",
-            f"got --metric {' '.join(o.metric)} without --worst-case",
-            "--worst-case beside it",
-        )
     if not o.worst_case:
         return {}
     campaigns.check_starts(o.starts)

@@ -10,6 +10,7 @@ import os
 import warnings
 from contextlib import nullcontext
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from shlex import join
 
@@ -21,6 +22,8 @@ from flexhinf.cli.arguments import (
     NOT_MET,
     ProofProgress,
     note,
+    refuse_idle,
+    refuse_stated,
     reproduce_command,
     request_of,
     show,
@@ -32,7 +35,6 @@ from flexhinf.cli.options import (
     ALL,
     CERTIFY_FIELDS,
     COMPARE_FIELDS,
-    PEAKS,
     RUN_FIELDS,
     CertifyOptions,
     CompareOptions,
@@ -66,6 +68,7 @@ def design(context: typer.Context, o: DesignOptions) -> int:
     from flexhinf.design import stages
 
     request = request_of(context, o, o.robot, o.elastic)
+    refuse_idle(context, request)
     folder = report.check(o.out)
     with step_progress(stages(request.robot, request.specification) + 1) as progress:
         result = fh.design(request.robot, request.specification, progress)
@@ -95,6 +98,7 @@ def compare(context: typer.Context, o: CompareOptions) -> None:
     from flexhinf.design import law_names, stages
 
     request = request_of(context, o, o.robot, o.elastic)
+    refuse_idle(context, request)
     chosen = tuple(name.strip() for name in o.laws.split(",") if name.strip()) or None
     folder = report.check(o.out)
     count = stages(request.robot, request.specification, law_names(chosen))
@@ -184,14 +188,6 @@ def certify(context: typer.Context, o: CertifyOptions) -> int:
         "expected a robot, a design file, or --check FILE, got none of them",
         "flexhinf certify design.toml",
     )
-    other = "--decay" if o.decay else "--observer"
-    refuse_if(
-        o.tolerances and (o.decay or o.observer is not None),
-        f"--tolerances and {other} contradict each other.",
-        "expected a proof for all tolerances, of the law fed the true state and without a rate of decay, or one "
-        "for the nominal robot; got both",
-        f"leave out {other}, or --tolerances",
-    )
     from flexhinf.certify.certificate import theorem_text
     from flexhinf.design.certification import (
         SAMPLED_ADVICE,
@@ -199,19 +195,22 @@ def certify(context: typer.Context, o: CertifyOptions) -> int:
         certify_design,
         evidence,
         proved,
-        without_effect,
     )
+    from flexhinf.design.problem.presets import preset_of
 
     request = request_of(context, o, o.robot, o.elastic)
-    idle = without_effect(request.robot, request.specification, o.tolerances)
-    for name in stated_options(context) if len(request.robot.joint_names) == 1 else ():
-        refuse_if(
-            ("peak_effort" if name in PEAKS else name) in idle,
-            f"{option_name(name)} has no effect on this certificate.",
-            "expected several degrees, or weights that are searched for, which choose the law by such options; "
-            f"got one degree {request.specification.degrees}, and no search that runs the step",
-            f"leave out {option_name(name)}, or --preset robust",
-        )
+    boxed = "--tolerances" if o.tolerances else "--preset proved"
+    other = "--decay" if o.decay else "--observer"
+    refuse_if(
+        (o.tolerances or preset_of(request.robot, request.specification) == "proved")
+        and (o.decay or o.observer is not None),
+        f"{boxed} and {other} contradict each other.",
+        "expected a proof for all tolerances, of the law fed the true state and without a rate of decay, or one "
+        "for the nominal robot; got both",
+        f"leave out {other}, or {boxed}",
+    )
+    if len(request.robot.joint_names) == 1:
+        refuse_idle(context, request, tolerances=o.tolerances, observer=o.observer is not None)
     folder = report.check(o.out)
     with ProofProgress() as bar:
         try:
@@ -388,6 +387,8 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     2 for a mistake; 130 if interrupted.
     """
     from flexhinf.design.deployed_run import perturbed, prepare_run
+    from flexhinf.design.plans import has_integrals
+    from flexhinf.design.without_effect import without_effect_on_run
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
 
     needs = "A run needs a design file, which states robot, start and goal."
@@ -398,6 +399,7 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
         "expected --mujoco, the robot in MuJoCo, got none",
         "--mujoco",
     )
+    refuse_stated(context, {} if o.load is not None else {"load_at": "--load, which begins then"})
     logs, films = [export.check_log(path) for path in o.log], [pages.check_film(path) for path in o.record]
     if o.view:
         check_display()
@@ -405,9 +407,12 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     request = request_of(context, o, str(path))
     check_expressed(request.specification.extras)
     robot = perturbed(request.robot, o.perturb)
+    acting = partial(without_effect_on_run, request.specification, robot, o.noise)
+    refuse_stated(context, acting(commanded=True))  # before the controller is designed, where it has to be
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # `request_of` has told them
         designed, (controller, _) = fh.load_design(path), controller_of(o.source)
+    refuse_stated(context, acting(commanded=has_integrals(controller.law)))
     prepared = prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)
     with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
         run = fh.run_realtime(

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 from flexhinf.design.specification import FIELDS
 from flexhinf.options import (
     ADVANCED,
+    CHOICE,
     COMPARED,
     HARDWARE,
     PROVED,
@@ -22,6 +24,7 @@ from flexhinf.options import (
     CampaignOptions,
     Duration,
     Number,
+    Positive,
     Real,
     Seconds,
     Text,
@@ -34,15 +37,12 @@ from flexhinf.paper.settings import PaperSettings
 
 ALL = tuple(FIELDS)
 
-#: Fields that a comparison does not compute with: what only the design is judged by, and its proofs.
-NOT_COMPARED = ("overshoot", "tracking_error", "compare_rigid", "mujoco", "proof_seconds")
+#: Fields that a comparison does not compute with: what only the design is judged by, and its region.
+NOT_COMPARED = ("tracking_error", "compare_rigid", "mujoco", "rays", "checked_gamma_ratio")
 COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
 
-#: Fields of runs, of which a certificate says nothing.
-NOT_CERTIFIED = (
-    "via", "tracking_error", "angle_unit", "overshoot", "load", "draws", "rays", "proof_seconds", "duration",
-    "compare_rigid", "mujoco", "integral_dead_zone",
-)  # fmt: skip
+#: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
+NOT_CERTIFIED = ("tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco")
 CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
 
 #: Fields that change a run and not its controller.
@@ -63,14 +63,7 @@ CONTROLLER = (
     "judged; a design.toml without one is designed first."
 )
 DESIGN = "design.toml, the folder of a report, or a robot as for `flexhinf design`."
-REQUIRED = (
-    "What a run must keep to count as a success; again for more. Default: it settles and keeps the limits of the "
-    "design."
-)
-
-
 FOLDER = "Folder of the report; an earlier report there is replaced whole."
-BESIDE = "With a URDF or MJCF: the robot file with spring and motor of each joint."
 
 
 # fmt: off
@@ -90,13 +83,29 @@ class PointOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotOptions(PointOptions):
+class ElasticOptions:
+    """The option that goes with a robot whose links another file states."""
+
+    elastic: Text = option("", HARDWARE,
+        "With a URDF or MJCF: the robot file with spring and motor of each joint.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RequiredOptions:
+    """The option for what every run of a campaign must keep."""
+
+    require: list[Text] = option(list, TRIED,
+        "What a run must keep to count as a success; again for more. Default: it settles and keeps the limits of the "
+        "design.", "overshoot_percent<=5", "metric<=x")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotOptions(ElasticOptions, PointOptions):
     """Options of commands that take a robot or a design file, whose values other options replace."""
 
     robot: Text = argument(
         "A robot file (arm.toml), a URDF, an MJCF file (arm.xml), a name that `flexhinf robots` lists, or a design "
         "file (design.toml); options win over a design file.")
-    elastic: Text = option("", HARDWARE, BESIDE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +150,7 @@ class CertifyOptions(RobotOptions):
         "Degree of V whose certificate is written.", "4", default="the design's")
     decay: Real = option(0.0, PROVED,
         "Rate of decay that is proved too: for disturbances that persist, 1/s.", "0.1", "1/s")
-    observer: Real | None = option(None, PROVED,
+    observer: Positive | None = option(None, PROVED,
         "Prove output feedback too, with an output-injection observer of this bandwidth, 1/s.", "10", "1/s",
         default="the true state is fed back")
     tolerances: bool = option(False, PROVED,
@@ -150,17 +159,15 @@ class CertifyOptions(RobotOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOptions(CampaignOptions):
+class BatchOptions(ElasticOptions, RequiredOptions, CampaignOptions):
     """Options that a campaign and a comparison of two campaigns share."""
 
     tolerance: list[Text] = option(list, SAMPLED,
         "Another tolerance of a parameter of the robot: stiffness=15% or mass=0.9..1.2; again for more.",
         "stiffness=15%", "name=x")
-    require: list[Text] = option(list, TRIED, REQUIRED, "overshoot_percent<=5", "metric<=x")
     workers: Whole = option(0, RUN, "Processes beside this one; 0: this one alone, with two threads.", "4")
     cluster: Text = option("", RUN, "Address of a scheduler of Dask's, whose workers run the batches.", unit="tcp://…")
     shard: Text = option("", RUN, "Every n-th batch only, for one of n jobs; then `merge`.", "1/4", "i/n")
-    elastic: Text = option("", HARDWARE, BESIDE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,12 +195,11 @@ class CompareCampaignsOptions(BatchOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MergeOptions:
+class MergeOptions(RequiredOptions):
     """Options of ``flexhinf campaign merge``."""
 
     folder: Path = argument("The folder of a campaign.", "DIR")
     others: list[Path] = argument("Folders with other shards of the same campaign.", "[DIR…]", default=())
-    require: list[Text] = option(list, TRIED, REQUIRED, "overshoot_percent<=5", "metric<=x")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +220,8 @@ class ExportCOptions:
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-c"), WRITTEN, "A new or empty folder.")
     name: Text = option("", WRITTEN, "A C identifier: of the files, and the beginning of all names.", "arm")
-    real: Text = option("double", HARDWARE, "Type of all numbers: double or float.", "float")
+    real: Annotated[Literal["double", "float"], CHOICE] = option("double", HARDWARE,
+        "Type of all numbers: double or float.", "float")
     period: Text = option("", HARDWARE,
         "Period of your firmware's loop; refused if it is not the design's.", "1ms", "s")
     flash: Text = option("", HARDWARE,
@@ -240,7 +247,7 @@ class CompileOptions:
 
     source: Text = argument(CONTROLLER, "DESIGN")
     out: Path = option(Path("flexhinf-controller.so"), WRITTEN, "The file that is written.")
-    processor: Text = option("portable", HARDWARE,
+    processor: Annotated[Literal["portable", "any", "native"], CHOICE] = option("portable", HARDWARE,
         "On which it runs: portable (PCs since about 2015), any (older ones too, ten times slower), or native (those "
         "that have all that this one has). Others refuse it.", "native")
 

@@ -23,8 +23,7 @@ from flexhinf.certify.box import parameter_ranges
 from flexhinf.certify.proof import certify, check_decay
 from flexhinf.design import proved_step
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.problem.presets import measured_problem, preset_of
-from flexhinf.design.responses import joint_limits
+from flexhinf.design.problem.presets import measured_problem
 from flexhinf.design.specification import Specification
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
@@ -118,27 +117,6 @@ class SeveralJoints(InvalidInput):
     """The refusal of a robot whose law has too many states for a proof."""
 
 
-#: Fields that only decide which degree is chosen by its step, and those that the search for weights uses too.
-STEPPED = ("shaping", "quantisation", "friction_model")
-SEARCHED = (
-    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
-    "torque_noise", "measurement_noise", "extras", "delay",
-)  # fmt: skip
-
-
-def without_effect(robot: Robot, s: Specification, tolerances: bool = False) -> tuple[str, ...]:
-    """Fields on which the certificates of `certify_design` do not depend.
-
-    The step is run if several degrees are tried, if the preset judges laws by it, and for limits of the joints.
-    """
-    preset, limits = preset_of(robot, s), joint_limits(robot, s)
-    searched = preset in ("damped", "robust", "proved")
-    limited = searched and (limits.limits_peak or limits.limits_speed)
-    if preset in ("robust", "proved") or limited or s.degrees is None or len(s.degrees) > 1:
-        return ()
-    return STEPPED if searched else (*STEPPED, *(n for n in SEARCHED if not (tolerances and n == "start")))
-
-
 @dataclass(frozen=True, eq=False)
 class CertifiedDegree:
     """The proof of the law of one degree of V; `used` says whether the design uses this law."""
@@ -187,7 +165,7 @@ def certify_design(
         "expected parameters with a tolerance, got none",
         "tolerance = 10 beside a value in the robot's file, or leave out `tolerances`",
     )
-    synthesis, proofs = synthesise(robot, s, progress), []
+    synthesis, proofs = synthesise(robot, replace(s, rays=0), progress), []  # no region is sampled
     gamma = s.checked_gamma_ratio * synthesis.design_problem.gamma_star
     penalty = checked_penalty(s.checked_penalty, synthesis.problem.plant)
     boxed = _step_law(robot, s, synthesis) if tolerances or synthesis.proved else None
@@ -239,7 +217,14 @@ def proved(
     if wanted and wanted[0].certificate is not None:
         return wanted[0]
     others = [f"--degree {proof.choice.degree}" for proof in proofs if proof.certificate is not None]
-    reason = wanted[0].reason if wanted else "it was not solved"
+    if not wanted:
+        solved = [proof.choice.degree for proof in proofs]
+        raise InvalidInput(
+            f"The design does not solve degree {degree}.",
+            f"expected one of the degrees {solved}, got {degree}",
+            f"`degrees` with {degree} among them, or --degree {solved[0]}",
+        )
+    reason = wanted[0].reason
     what = "the degree that the design uses" if degree is None else f"degree {degree}"
     if tolerances:
         raise proved_step.NotWithinTolerances(

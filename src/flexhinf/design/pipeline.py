@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -489,7 +489,8 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
     s, states = specification, 5 * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
-    solved, rays = len(by_step.tried_degrees(states, s.degrees)), by_step.rays_of(states, s.rays)
+    solved = len(by_step.tried_degrees(states, s.degrees))
+    rays = by_step.rays_of(states, s.rays) if laws is None else 0
     degrees = solved + (solved > 1) + (rays > 0) * (1 if s.degrees is None else solved)
     # `proved` has about six candidates and a proof instead of degrees and their regions
     synthesis = (6 + 1 if preset == "proved" else degrees) + len(s.via) + limited
@@ -551,7 +552,7 @@ def compare(
     progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")
-    synthesis = steps.synthesise(robot, s, progress)
+    synthesis = steps.synthesise(robot, replace(s, rays=0), progress)  # no region is compared
     setup, _ = checks.end_limit_cycle(synthesis.setup(robot, s))
     progress("what all laws share: load, move, criterion")
     linear = LawEvaluation(DESIGN, setup, other_noise=False)

@@ -435,7 +435,7 @@ def step_requirements(
     """
     joint, worst = of_several(response.joints, response.overshoot.joint), response.overshoot.value
     return [
-        REQUIREMENTS["overshoot"].judge(s, s.overshoot, worst, where, joint=joint),
+        REQUIREMENTS["overshoot"].judge(s, s.overshoot_limit, worst, where, joint=joint),
         *limit_requirements(limits, response, where, unlimited),
     ]
 
@@ -494,7 +494,7 @@ def sample_requirements(s: Specification, limits: JointLimits, samples: MonteCar
     speed = limit_use(samples.speeds if finite else None, limits.speed, limits.joints, limits.speed_units)
     return [
         REQUIREMENTS["unsettled"].judge(None, 0.0, samples.unsettled, where),
-        REQUIREMENTS["overshoot"].judge(s, s.overshoot, samples.overshoot.max(), where, joint=joint),
+        REQUIREMENTS["overshoot"].judge(s, s.overshoot_limit, samples.overshoot.max(), where, joint=joint),
         *_limit_lines(limits, peak, speed, where),
     ]
 

@@ -51,8 +51,9 @@ AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 #: link moves it little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
-#: Default limits of the running loop. See docs/decisions.md for what they cost with the link alone measured.
-PEAK_SENSITIVITY, GAIN_MARGIN = 2.5, 1.8
+#: Default limits of the running loop, and of the overshoot, per cent. See docs/decisions.md for what the margins cost
+#: with the link alone measured.
+PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
 RINGS = 0.1
@@ -143,12 +144,12 @@ class Specification:
         default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")
     peak_effort: options.PerJoint | None = option(None, LIMITS,
         "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
-        "V, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
+        "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
     peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
         "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
-    overshoot: options.Positive = option(5.0, LOOP,
-        "Largest overshoot of every link position, in per cent of the step.", "5", "%")
+    overshoot: options.Positive | None = option(None, LOOP,
+        "Largest overshoot of every link position, in per cent of the step.", "5", "%", default=f"{OVERSHOOT:g}")
     peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
@@ -192,7 +193,7 @@ class Specification:
     measurement_noise: options.Positive = option(1e-8, ADVANCED,
         "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")
     saturation: options.PerJoint | None = option(None, LIMITS,
-        "Limit ± of every input, or one per joint 87,87,12.", "24", "V, N·m or N", zero=NO_LIMIT,
+        "Limit ± of every input, or one per joint 87,87,12.", "24", "V, A, N·m or N", zero=NO_LIMIT,
         default="the robot's effort limits, or none")
     extras: options.Names = option((), HARDWARE,
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
@@ -266,6 +267,11 @@ class Specification:
     def gain_margin_limit(self) -> float:
         """Smallest gain margin that is allowed, a factor: as stated, or `GAIN_MARGIN`."""
         return GAIN_MARGIN if self.gain_margin is None else self.gain_margin
+
+    @property
+    def overshoot_limit(self) -> float:
+        """Largest overshoot that is allowed, per cent of the step: as stated, or `OVERSHOOT`."""
+        return OVERSHOOT if self.overshoot is None else self.overshoot
 
     @property
     def of_loop(self) -> Specification:

@@ -412,11 +412,14 @@ def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
         ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
         ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
     ]
-    return {"Comparison": [Setting(*row) for row in rows], **design_settings(comparison.synthesis, own)}
+    return {
+        "Comparison": [Setting(*row) for row in rows],
+        **design_settings(comparison.synthesis, own, region=False),
+    }
 
 
-def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Setting]]:
-    """Settings of a design in groups, in the order in which the design uses them."""
+def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Setting]]:
+    """Settings of a design in groups, in the order in which the design uses them; of its `region` too."""
     robot = e.setup.robot
     spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
     return {
@@ -429,7 +432,7 @@ def design_settings(synthesis: Synthesis, e: LawEvaluation) -> dict[str, list[Se
                     for p in robot.parameters
                 ),
             ],
-            "Synthesis": _synthesis(synthesis, e),
+            "Synthesis": _synthesis(synthesis, e, region),
             "Estimator": _estimator(e),
             "Simulation": _simulation(e),
         }.items()
@@ -444,16 +447,17 @@ def _source(s: Specification, name: str, otherwise: str = "") -> str:
     return f"{'default of' if default else 'option'} {option_name(name)}"
 
 
-def _synthesis(synthesis: Synthesis, e: LawEvaluation) -> Rows:
+def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
     s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
     proved, degrees = synthesis.proved, [c.degree for c in synthesis.choices]
-    counted = "for the number of states"
-    checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
-    last: Rows = [
-        ("checked γ/γ*", s.checked_gamma_ratio, "", _source(s, "checked_gamma_ratio")),
-        ("checked penalty", checked, "", _source(s, "checked_penalty")),
-        ("rays", synthesis.rays, "", _source(s, "rays", counted)),
-    ]
+    counted, last = "for the number of states", list[Any]()
+    if region and proved is None:
+        checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
+        last = [
+            ("checked γ/γ*", s.checked_gamma_ratio, "", _source(s, "checked_gamma_ratio")),
+            ("checked penalty", checked, "", _source(s, "checked_penalty")),
+            ("rays", synthesis.rays, "", _source(s, "rays", counted)),
+        ]
     if proved is not None:
         source = _source(s, "checked_penalty", "the robot's own, or Eq. (11)")
         last = [

@@ -116,6 +116,12 @@ def load_robot(
             "the package that states this reader, corrected",
         )
         return robot
+    refuse_if(
+        ending not in (".urdf", *MJCF),
+        f"{path.name}: a name with this ending is no robot's.",
+        f"expected .toml, .urdf, .xml, or that of an installed reader, got {value_text(ending)}",
+        "a robot's file, with its usual ending",
+    )
     if elastic is None:
         raise InvalidInput(
             f"{path.name}: a URDF or an MJCF file says nothing about elastic joints.",
@@ -289,7 +295,8 @@ class RobotFile:
         springs = [self._elastic(row) for row in table["joint"]]
         settings = self._settings(table["joint"])
         if isinstance(links[0], SingleLink) and len(links) == 1 and "down" not in settings:
-            robot = single_link_robot(self.name, joints[0], links[0], springs[0], **settings)
+            with located(file):
+                robot = single_link_robot(self.name, joints[0], links[0], springs[0], **settings)
         elif any(isinstance(link, SingleLink) for link in links):
             raise InvalidInput(
                 f"{file}: axis_inertia is for a single link about a horizontal axis.",
@@ -297,7 +304,8 @@ class RobotFile:
                 "mass, centre_of_mass and inertia of each link",
             )
         else:
-            robot = assembled(self.name, joints, links, springs, **settings)
+            with located(file):
+                robot = assembled(self.name, joints, links, springs, **settings)
         # A file states no shapes: a payload without a place of its own is where the link is drawn to end, at twice the
         # distance of the centre of mass.
         frames = {}
@@ -351,9 +359,9 @@ class RobotFile:
         # <limit effort> is a torque: it says nothing about a motor whose input is a voltage or a current.
         efforts = arm.efforts if springs[0].drive == "torque" else None
         settings = self._settings(kept, arm.gravity, arm.down, efforts, arm.speeds)
-        return self._finished(
-            assembled(self.name, placed, links, springs, **settings), arm.frames, arm.tips, payload
-        )
+        with located(file):
+            robot = assembled(self.name, placed, links, springs, **settings)
+        return self._finished(robot, arm.frames, arm.tips, payload)
 
     def _settings(
         self,

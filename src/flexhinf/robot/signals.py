@@ -18,7 +18,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.plant.penalty import Penalty, check_weighted
 from flexhinf.robot.elastic import Layout, spring_torque
 from flexhinf.robot.parameters import parameter_units, per_joint
-from flexhinf.validation import checked_names, distinct
+from flexhinf.validation import checked_names, distinct, nearest
 
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -84,7 +84,7 @@ def expanded(
         unknown or not requested,
         f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
         f"expected one or more of {list(known)}, got {list(requested)}",
-        "measured=('link_position',)",
+        "measured=" + nearest(unknown[0] if unknown else "", known, "'link_position'"),
     )
     singles = tuple(name for part in requested for name in known[part])
     distinct("Of the measured signals", singles)

@@ -161,6 +161,20 @@ def test_a_reduction_of_ones_own(made):
     assert np.isnan(found["fastest"][TORN])
 
 
+@pytest.mark.parametrize("returned", [lambda kept: kept[0], lambda kept: np.array([kept[0], 0.0])])
+def test_a_reduction_of_another_length_is_refused(made, returned):
+    loop, arguments = prepared(made)
+
+    def longer(kept, now):
+        return returned(kept)
+
+    ensemble = loop.ensemble(**arguments, reductions=[Reduction((0.0,), longer, lambda kept, command: {})])
+    with pytest.raises(InvalidInput, match=r"longer[\s\S]*expected 1 [\s\S]*\((2,)?\)"):
+        ensemble.run(rows(3), [0, 1, 2])
+    with pytest.raises(InvalidInput, match=r"start=\(0.0,\)"):
+        Reduction(0.0, longer, lambda kept, command: {})  # type: ignore[arg-type]
+
+
 def test_what_does_not_fit_is_refused(made):
     loop, arguments = prepared(made)
     ensemble = loop.ensemble(**arguments)

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import unknown_name, value_text
 
@@ -265,6 +265,25 @@ class Reduction:
     update: Callable[[Any, Instant], Any]
     result: Callable[[np.ndarray, Command], dict[str, np.ndarray]]
     key: Hashable = field(default=None)
+
+    def __post_init__(self) -> None:
+        refuse_if(
+            np.ndim(self.start) != 1,
+            "A reduction does not say what it remembers.",
+            f"expected a sequence of numbers as its start, got {value_text(self.start)}",
+            "start=(0.0,) for one number",
+        )
+
+    def updated(self, memory: Any, now: Instant) -> Any:
+        """Memory (k,) after a sample; InvalidInput where `update` gives another number of elements."""
+        after = np.asarray(self.update(memory, now))
+        refuse_if(
+            after.shape != (len(self.start),),
+            f"The reduction {getattr(self.update, '__qualname__', 'of a user')!r} changes the length of its memory.",
+            f"expected {len(self.start)} numbers in a sequence, as its start has, got the shape {after.shape}",
+            "a start with a number for each that `update` returns; np.array([…]) around a single one",
+        )
+        return after
 
     @property
     def code_key(self) -> Hashable:

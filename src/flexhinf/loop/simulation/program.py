@@ -315,16 +315,8 @@ def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) 
         if not reductions:
             return step + 1.0
         memories = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
-        return np.concatenate([np.asarray(rule.update(part, now)) for rule, part in memories]), step + 1.0
+        return np.concatenate([rule.updated(part, now) for rule, part in memories]), step + 1.0
 
-    widths = (
-        1,
-        _memory_size(reductions),
-        sizes["x"],
-        sizes["estimate"],
-        sizes["y"],
-        sizes["u"],
-        r,
-        1 + 3 * r,
-    )
+    kept, n, m = _memory_size(reductions), sizes["x"], sizes["u"]
+    widths = (1, kept, n, sizes["estimate"], sizes["y"], m, r, 1 + 3 * r)
     return trace(reduce, *widths, name="reduce")

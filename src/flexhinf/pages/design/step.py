@@ -382,7 +382,7 @@ def _metrics(e: LawEvaluation, samples: MonteCarlo) -> list[tuple[str, str, np.n
 def _histograms(e: LawEvaluation, samples: MonteCarlo) -> Figure:
     s, peaks = e.setup.specification, e.setup.limits.peak
     same = np.isfinite(peaks[0]) and len(set(peaks.tolist())) == 1
-    limits, grains = (s.overshoot, None, float(peaks[0]) if same else None), (0.0, s.period, 0.0)
+    limits, grains = (s.overshoot_limit, None, float(peaks[0]) if same else None), (0.0, s.period, 0.0)
     figure, (axes,) = panels(1, 3, 2.5)
     for axis, (name, unit, every, own, _), limit, grain in zip(axes, _metrics(e, samples), limits, grains):
         values = every[np.isfinite(every)]
