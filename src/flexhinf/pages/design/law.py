@@ -70,7 +70,6 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
 
     def grows(axes: Any) -> None:
-        axes.margins(x=0.06)
         axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
 
     return draw_figure(
@@ -137,8 +136,11 @@ def poles(design: Design) -> Blocks:
         *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
         *([("running loop (sampled, estimator, delay)", running, looks[-1])] if len(running) else []),
         *(
-            (f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes], {"marker": mark, "color": SERIES[3]})
-            for loop, mark in zip(design.rigid.loops if design.rigid else (), "12")
+            (
+                f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes],
+                {"marker": mark, "color": SERIES[3], "markerfacecolor": "none"},
+            )
+            for loop, mark in zip(design.rigid.loops if design.rigid else (), "sD")
         ),
     ]  # fmt: skip
     yield from (
