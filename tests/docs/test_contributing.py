@@ -69,9 +69,9 @@ def test_a_requirement_is_judged_after_the_printed_edits(repository: Path, tmp_p
         cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(source)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 1, done.stderr
-    requirements = json.loads((tmp_path / "arm" / "design.json").read_text(encoding="utf-8"))["requirements"]
+    requirements = json.loads((tmp_path / "arm" / "design.json").read_text(encoding="utf-8"))["specification"]
     (line,) = [each for each in requirements if each["what"] == "rise time"]
-    assert line["limit"] == 0.1
+    assert line["asked"] == 0.1
     assert 0.1 < line["found"] < 5.0
 
 
