@@ -30,8 +30,8 @@ PRESETS = {
     "paper": "Preset paper: weights on positions and their integrals, as in Eq. (11) of the paper",
     "damped": "Preset damped: weights found by a search for bandwidth and damping",
     "robust": "Preset robust: weights and noise levels searched on the running loop for the tolerances of the robot",
-    "proved": "Preset proved: weights, damping and γ searched for the step's smallest gain that is proved for all "
-    "tolerances of the robot, with the true state fed back",
+    "proved": "Preset proved: weights, damping and γ of the first candidate, by rising gain, whose step is proved for "
+    "all tolerances of the robot, with the true state fed back",
     "given": "Weights as given",
 }
 
