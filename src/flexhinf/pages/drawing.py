@@ -152,10 +152,7 @@ def draw_figure(
         figure.align_ylabels(axes)
     named = (axis for axis, part in zip(axes, parts) if sum(line.name is not None for line in part.lines) > 1)
     if (first := next(named, None)) is not None:
-        if columns:
-            legend_above(figure, first, columns)
-        else:
-            legend(first)
+        legend_above(figure, first, columns) if columns else legend(first)
     return figure_block(name, figure, caption, title)
 
 

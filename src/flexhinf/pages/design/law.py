@@ -69,9 +69,6 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
 
-    def grows(axes: Any) -> None:
-        axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-
     return draw_figure(
         "poles",
         (
@@ -82,7 +79,8 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
             ),
             Panel(
                 "damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True,
-                y=(max(low, -1.05), 1.08), also=grows,
+                y=(max(low, -1.05), 1.08),
+                also=lambda axes: axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0),
             ),
         ),
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "

@@ -41,7 +41,7 @@ ROWS = 6
 
 def weights(design: Design) -> Blocks:
     """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
-    problem, names = design.design_problem, design.problem.disturbance_names
+    problem, names, robust = design.design_problem, design.problem.disturbance_names, design.synthesis.robust
     kinds = [
         text
         for kind, text in (
@@ -59,7 +59,7 @@ def weights(design: Design) -> Blocks:
         f"{number(problem.gamma)}."
     )
     if problem.search is not None and problem.target is not None:
-        yield from _search(problem.search, problem.target, _replaced(design))
+        yield from _search(problem.search, problem.target, robust is not None and robust.better)
     yield from whole_loop(design)
     if problem.robustness is not None:
         yield from (robust_table(problem.robustness), Paragraph(_robust_text(problem.robustness)))
@@ -90,11 +90,6 @@ def weights(design: Design) -> Blocks:
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _replaced(design: Design) -> bool:
-    """Whether the weights in use are of the search on the running loop instead, whose candidate is the last one."""
-    return design.synthesis.robust is not None and design.synthesis.robust.better
-
-
 def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Blocks:
     candidates = sorted(search.candidates[: -1 if replaced else None], key=lambda c: c.damping_weight)
     yield Paragraph(
@@ -104,11 +99,10 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
         "on the linear part with the true state fed back, each by its worst over the nominal robot and corners of its "
         f"tolerances.{' The weights in use are of the search on the running loop (below).' if replaced else ''}"
     )
-    groups = [(candidates, {"marker": "o", "markersize": 3.5, "linewidth": 1.2}, "{}")]
-    if replaced:
-        groups.append(
-            ([search.chosen], {"marker": "s", "markersize": 6.0, "linestyle": "none"}, "in use, {}")
-        )
+    groups = [
+        (candidates, {"marker": "o", "markersize": 3.5, "linewidth": 1.2}, "{}"),
+        *[([search.chosen], {"marker": "s", "linestyle": "none"}, "in use, {}")] * replaced,
+    ]
 
     def lines(value: Callable[[Candidate], float], name: str, color: str) -> list[Line]:
         return [
@@ -132,15 +126,13 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
         ),
         Panel("γ*", "", lines(lambda c: c.gamma_star, "γ*", SERIES[0]), **over),
     )  # fmt: skip
-    squares = (
-        " Squares: the weights in use, which the search on the running loop found; the joints have a bandwidth of "
-        f"{range_text(search.chosen.behaviour.bandwidth)} rad/s with them."
-    )
     yield from (
         lambda: draw_figure(
             "search", panels,
             "Candidates at the required bandwidth. The dotted line is the ζ that is used."
-            f"{squares if replaced else ''}", "Search for the weights", 3.2, columns=3,
+            + " Squares: those in use, which the search on the running loop found, with a bandwidth of "
+            f"{range_text(search.chosen.behaviour.bandwidth)} rad/s." * replaced,
+            "Search for the weights", 3.2, columns=3,
         ),
         candidate_table(search, replaced),
     )  # fmt: skip
