@@ -162,7 +162,7 @@ def _wrapped(names: list[str], indent: str) -> list[str]:
 #: Of the figure, px.
 WIDTH, HEIGHT, BOX, GAP = 860, 62, 96, 18
 
-#: Where a floor stands beside the middle, px, so that few lines run behind a box; of further floors 0.
+#: Where a floor stands beside the middle, px, so that no line runs behind a box; of further floors 0.
 ASIDE = (20, 20, -140, 20, -240, 80, 250, -160, 0, -20, 340, -20, 0, -300, -200, 60)
 
 #: Rooms that all others may import; their lines would say nothing.
