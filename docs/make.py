@@ -162,8 +162,8 @@ def _wrapped(names: list[str], indent: str) -> list[str]:
 #: Of the figure, px.
 WIDTH, HEIGHT, BOX, GAP = 860, 62, 96, 18
 
-#: Where the only room of a floor stands beside the middle, px, so that no line runs behind a box.
-ASIDE = (0, -200, 160, 0, 60, 0, 0, 150, 0, -150)
+#: Where a floor stands beside the middle, px, so that no line runs behind a box; of further floors 0.
+ASIDE = (20, 20, -140, 20, -240, 80, 250, -160, 0, -20, 340, -20, 0, -300, -200, 60)
 
 #: Rooms that all others may import; their lines would say nothing.
 EVERYWHERE = {"errors", "notebook"}
@@ -173,11 +173,17 @@ def figure() -> str:
     """SVG: one row per floor, one box per room, a line for every import that no other import implies."""
     rows = [row for row in floors() if row not in (["__main__"],)]
     places = {}
-    for y, row in enumerate(rows):
-        aside = ASIDE[y % len(ASIDE)] if len(row) == 1 else 0
+    for y, (row, aside) in enumerate(itertools.zip_longest(rows, ASIDE[: len(rows)], fillvalue=0)):
         left = (WIDTH - len(row) * BOX - (len(row) - 1) * GAP) / 2 + aside
         places |= {room: (left + x * (BOX + GAP), 14 + y * HEIGHT) for x, room in enumerate(row)}
-    graph = {room: imports(room) & places.keys() - EVERYWHERE for room in places}
+    graph = {  # downwards: the contract names the few imports upwards, which happen when they are called
+        room: {
+            other
+            for other in imports(room) & places.keys() - EVERYWHERE
+            if places[other][1] > places[room][1]
+        }
+        for room in places
+    }
     drawn = [
         (room, other) for room in graph for other in sorted(graph[room]) if not _implied(graph, room, other)
     ]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import tokenize
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 from tests.refusals import refused_with
 
 from flexhinf.certify import Certificate, Function, Parameter, Signal, Start, Term, load_certificate
+from flexhinf.certify.claim import Observer
 from flexhinf.errors import InvalidInput
 
 
@@ -147,3 +150,15 @@ def test_the_page_counts_the_checker_s_lines(repository: Path) -> None:
     for which, column in (("`--every-cell`", 3), ("quick", 4)):
         needed = [row[0] for row in rows if row[column] == "yes" and row[0] != "statements.py"]
         assert stated[f"all that decides, {which}"] == sum(counted[name] for name in needed)
+
+
+def test_the_page_describes_every_key_of_the_file(repository: Path) -> None:
+    page = (repository / "docs" / "files.md").read_text(encoding="utf-8")
+    page = page.partition("## Certificates")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (`.+?`) \|", page, re.MULTILINE)
+    assert sorted(name for row in rows for name in re.findall(r"`(\w+)`", row)) == sorted(
+        json.loads(pendulum().text())
+    )
+    described = [set(re.findall(r'"(\w+)"', part)) for part in re.findall(r'\{"[^}]+\}', page)]
+    for part in (Parameter, Function, Term, Signal, Start, Observer):
+        assert {field.name for field in fields(part)} in described

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 from html import unescape
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -17,9 +17,12 @@ from tests.refusals import unnamed
 from flexhinf.analysis import Margins
 from flexhinf.design import Design
 from flexhinf.design.pipeline import Status
+from flexhinf.design.problem.weights import Behaviour, Candidate, SearchResult, TargetBehaviour
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Response
+from flexhinf.hinf import HJISolution
 from flexhinf.pages import design_page
+from flexhinf.pages.design import weights
 from flexhinf.pages.design.frequency import corner_rows, corner_table, corners_text, margin_table
 from flexhinf.pages.design.law import mode_table
 from flexhinf.pages.design.region import level_table, region, widest_step
@@ -176,6 +179,29 @@ def test_the_search_is_shown_with_the_candidate_that_is_used(report_design: Make
     (used,) = [row for row in rows if row[-1]]
     assert (used[0], used[5]) == (search.chosen.damping_weight, search.chosen.gamma_star)
     assert f"evaluated {len(weights)} candidates" in text_of(design, "weights")
+
+
+@pytest.mark.parametrize("replaced", [False, True])
+def test_a_candidate_of_another_search_is_no_point_of_the_curve(
+    monkeypatch: pytest.MonkeyPatch, replaced: bool
+) -> None:
+    found: list[Any] = []
+    monkeypatch.setattr(weights, "draw_figure", lambda name, parts, *rest, **named: found.extend(parts))
+    behaviour = Behaviour(np.array([3.0]), 0.2, 0.3, np.array([0.2]), [0])
+    first, second, last = (
+        Candidate(np.array([4.0]), np.array([zeta]), cast(HJISolution, None), star, behaviour)
+        for zeta, star in ((0.1, 50.0), (0.3, 52.0), (0.2, 40.0))
+    )
+    search = SearchResult(last, (first, second, last))
+    figure, _ = list(weights._search(search, TargetBehaviour(np.array([3.0]), 0.2), replaced))[1:]
+    assert callable(figure)
+    figure()
+    for panel in found:
+        curves = [line.x.tolist() for line in panel.lines if line.style.get("linestyle") != "none"]
+        apart = [line.x.tolist() for line in panel.lines if line.style.get("linestyle") == "none"]
+        assert all(curve == ([0.1, 0.3] if replaced else [0.1, 0.2, 0.3]) for curve in curves)
+        assert apart == (len(curves) * [[0.2]] if replaced else [])
+    assert len(found) == 2
 
 
 @pytest.mark.slow

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import shlex
+from importlib import metadata
 
+import pytest
+
+import flexhinf
 from flexhinf import report
 
 
@@ -28,3 +32,8 @@ def test_versions_name_the_project_and_what_it_runs_on() -> None:
     found = report.versions()
     assert {"flexhinf", "numpy", "scipy", "casadi", "Python"} <= set(found)
     assert "pytest" not in found
+
+
+def test_the_version_is_that_of_the_code_that_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metadata, "version", lambda name: "an installed one")
+    assert report.versions()["flexhinf"] == flexhinf.__version__

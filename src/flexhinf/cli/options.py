@@ -76,7 +76,7 @@ class PointOptions:
         "centre of mass there (m). Default: the file's own.", "2kg", "kg@link")
     pose_xyz: Text = option("", WAY,
         "Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints are "
-        "found for it; out of reach is refused, a pose near a singular one told.", "0.4,0,0.3", "x,y,z")
+        "found for it; out of reach is refused, near a singular pose there is a note.", "0.4,0,0.3", "x,y,z")
     tool: Text = option("", WAY,
         "The point that --pose-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the link's "
         "joint, in the link's frame (m). Default: the origin of the last link.", "hand:0,0,0.1", "link:x,y,z")

@@ -132,7 +132,8 @@ class Specification:
         default="the unit of the poses")
     preset: PresetName | None = option(None, LOOP,
         "Where the weights come from: paper (the robot's own), damped (searched for bandwidth and damping), "
-        "robust (searched on the running loop for its tolerances), proved (the step's least gain proved for all).",
+        "robust (searched on the running loop for its tolerances), proved (the first candidate, by "
+        "rising gain, that is proved for all tolerances).",
         "damped", default="the robot's own weights, or damped where a bandwidth or a damping is required")
     bandwidth: options.Frequencies | None = option(None, LOOP,
         "Least bandwidth, where |command → link position| falls below 1/√2: 4 (rad/s), one per joint 4,6, or with a "

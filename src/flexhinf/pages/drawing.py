@@ -108,6 +108,8 @@ class Panel:
         """Draw the panel, without the name of its horizontal axis."""
         for x, y, name, style in self.lines:
             axes.plot(x, y, label=name, **style)
+        if any("marker" in line.style for line in self.lines):
+            axes.margins(x=0.05)  # so that no marker is cut at an edge
         for value in self.dotted:
             reference_line(axes, value)
         for value, color, name in self.dashed:
@@ -142,17 +144,15 @@ def draw_figure(
                 # Matplotlib's own labels start its reader of formulas, a quarter of a second; a mark takes 1 ms
                 axis.set_xscale("log")
                 axis.xaxis.set_major_locator(LogLocator(subs=(1.0,), numticks=12))
-                axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                plain, (low, high) = FuncFormatter(lambda value, _: f"{value:g}"), axis.get_xlim()
+                axis.xaxis.set_major_formatter(plain)
                 axis.xaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0), numticks=12))
-                axis.xaxis.set_minor_formatter(NullFormatter())
+                axis.xaxis.set_minor_formatter(NullFormatter() if high > 30.0 * low else plain)
     if not columns:
         figure.align_ylabels(axes)
     named = (axis for axis, part in zip(axes, parts) if sum(line.name is not None for line in part.lines) > 1)
     if (first := next(named, None)) is not None:
-        if columns:
-            legend_above(figure, first, columns)
-        else:
-            legend(first)
+        legend_above(figure, first, columns) if columns else legend(first)
     return figure_block(name, figure, caption, title)
 
 

@@ -20,6 +20,7 @@ from importlib import metadata
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from flexhinf import __version__
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.report.figure import LIGHT
 
@@ -544,11 +545,11 @@ class Provenance(Block):
         return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 
 
-def versions(distribution: str = "flexhinf") -> dict[str, str]:
-    """Versions of a distribution, of what it requires, of Python, and the kind of machine."""
-    required = (r for r in metadata.requires(distribution) or () if "extra" not in r.partition(";")[2])
-    names = (distribution, *(re.split(r"[^A-Za-z0-9._-]", line.strip(), maxsplit=1)[0] for line in required))
+def versions() -> dict[str, str]:
+    """Versions of the flexhinf that runs, of the packages that it requires, of Python, and the kind of machine."""
+    required = (r for r in metadata.requires("flexhinf") or () if "extra" not in r.partition(";")[2])
+    names = (re.split(r"[^A-Za-z0-9._-]", line.strip(), maxsplit=1)[0] for line in required)
     return {
-        **{name: metadata.version(name) for name in names},
+        "flexhinf": __version__, **{name: metadata.version(name) for name in names},
         "Python": platform.python_version(), "on": f"{platform.system()} {platform.machine()}",
     }  # fmt: skip

@@ -280,7 +280,7 @@ def _nyquist(loops: Sequence[Loop], joints: Sequence[str]) -> Figure:
             y=(-0.5 * NYQUIST, 0.5 * NYQUIST), also=lambda axes: axes.set_aspect("equal"),
         )],
         f"{LOOP_CAPTION} Opened at one input, positive frequencies, negative feedback.{others}{closest}",
-        "Nyquist diagram", 4.6,
+        "Nyquist diagram", 4.1,
     )  # fmt: skip
 
 

@@ -69,10 +69,6 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
         low = min([low, *(value - 0.05 for value in ratio.tolist() if value > -1.0 + 1e-9)])
         damping.append(Line(np.abs(upper) / (2.0 * np.pi), ratio, name, style))
 
-    def grows(axes: Any) -> None:
-        axes.margins(x=0.06)
-        axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0)
-
     return draw_figure(
         "poles",
         (
@@ -83,7 +79,8 @@ def poles_figure(groups: Sequence[PoleGroup]) -> Figure:
             ),
             Panel(
                 "damping ratio", "", damping, (0.0,), across="frequency |λ|/2π (Hz)", log=True,
-                y=(max(low, -1.05), 1.08), also=grows,
+                y=(max(low, -1.05), 1.08),
+                also=lambda axes: axes.axhspan(-2.0, 0.0, color=SERIES[1], alpha=0.08, linewidth=0),
             ),
         ),
         "Left: poles λ in the s-plane, upper half, near the imaginary axis; dotted rays have damping ratio "
@@ -137,8 +134,11 @@ def poles(design: Design) -> Blocks:
         *((name, [m.eigenvalue for m in modes], look) for (name, modes), look in zip(_modes(design).items(), looks)),
         *([("running loop (sampled, estimator, delay)", poles, looks[-1])] if len(poles) else []),
         *(
-            (f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes], {"marker": mark, "color": SERIES[3]})
-            for loop, mark in zip(design.rigid.loops if design.rigid else (), "12")
+            (
+                f"rigid law, {loop.side} side", [m.eigenvalue for m in loop.modes],
+                {"marker": mark, "color": SERIES[3], "markerfacecolor": "none"},
+            )
+            for loop, mark in zip(design.rigid.loops if design.rigid else (), "sD")
         ),
     ]  # fmt: skip
     yield from (

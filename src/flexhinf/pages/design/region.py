@@ -259,8 +259,8 @@ def _degree_text(design: Design) -> str:
     used = f"V of degree {chosen.degree} is used, a {law_name(chosen.degree)} law"
     if proved is not None:
         return (
-            f"{used}: of {count_text(proved.candidates, 'candidate')} within the largest input the one with the "
-            "smallest gain that is proved."
+            f"{used}: of {count_text(proved.candidates, 'candidate')} within the largest input, by rising gain, the "
+            "first that is proved."
         )
     if not higher:
         return f"{used}: the only one that was tried."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design.pipeline import Design
 from flexhinf.design.problem.presets import Robustness, required_damping
-from flexhinf.design.problem.weights import SearchResult, TargetBehaviour
+from flexhinf.design.problem.weights import Candidate, SearchResult, TargetBehaviour
 from flexhinf.design.synthesis.noise import MOST_NOISE, NoiseCandidate, NoiseSearch
 from flexhinf.design.synthesis.steps import NOISE, WholeLoopSearch
 from flexhinf.pages.drawing import (
@@ -30,8 +30,8 @@ PRESETS = {
     "paper": "Preset paper: weights on positions and their integrals, as in Eq. (11) of the paper",
     "damped": "Preset damped: weights found by a search for bandwidth and damping",
     "robust": "Preset robust: weights and noise levels searched on the running loop for the tolerances of the robot",
-    "proved": "Preset proved: weights, damping and γ searched for the step's smallest gain that is proved for all "
-    "tolerances of the robot, with the true state fed back",
+    "proved": "Preset proved: weights, damping and γ of the first candidate, by rising gain, whose step is proved for "
+    "all tolerances of the robot, with the true state fed back",
     "given": "Weights as given",
 }
 
@@ -41,7 +41,7 @@ ROWS = 6
 
 def weights(design: Design) -> Blocks:
     """Weights: preset, search and values; for the preset robust also coverage and cost of the tolerance channels."""
-    problem, names = design.design_problem, design.problem.disturbance_names
+    problem, names, robust = design.design_problem, design.problem.disturbance_names, design.synthesis.robust
     kinds = [
         text
         for kind, text in (
@@ -59,7 +59,7 @@ def weights(design: Design) -> Blocks:
         f"{number(problem.gamma)}."
     )
     if problem.search is not None and problem.target is not None:
-        yield from _search(problem.search, problem.target)
+        yield from _search(problem.search, problem.target, robust is not None and robust.better)
     yield from whole_loop(design)
     if problem.robustness is not None:
         yield from (robust_table(problem.robustness), Paragraph(_robust_text(problem.robustness)))
@@ -90,44 +90,55 @@ def weights(design: Design) -> Blocks:
 
 
 # The search for bandwidth and damping -------------------------------------------------------------------
-def _search(search: SearchResult, target: TargetBehaviour) -> Blocks:
+def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Blocks:
+    candidates = sorted(search.candidates[: -1 if replaced else None], key=lambda c: c.damping_weight)
     yield Paragraph(
         "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
         f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
-        f"has a damping ratio of {target.damping:g}. The search evaluated "
-        f"{count_text(len(search.candidates), 'candidate')} on the linear part with the true state fed back, each by "
-        "its worst over the nominal robot and corners of its tolerances."
+        f"has a damping ratio of {target.damping:g}. The search evaluated {count_text(len(candidates), 'candidate')} "
+        "on the linear part with the true state fed back, each by its worst over the nominal robot and corners of its "
+        f"tolerances.{' The weights in use are of the search on the running loop (below).' if replaced else ''}"
     )
-    candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
+    groups = [
+        (candidates, {"marker": "o", "markersize": 3.5, "linewidth": 1.2}, "{}"),
+        *[([search.chosen], {"marker": "s", "linestyle": "none"}, "in use, {}")] * replaced,
+    ]
 
-    def line(values: Sequence[float], name: str | None, color: str) -> Line:
-        seen, weights = np.array(values, dtype=float), np.array([c.damping_weight for c in candidates])
-        style = {"color": color, "marker": "o", "markersize": 3.5, "linewidth": 1.2}
-        return Line(weights, np.where(np.isfinite(seen), seen, np.nan), name, style)
+    def lines(value: Callable[[Candidate], float], name: str, color: str) -> list[Line]:
+        return [
+            Line(
+                np.array([c.damping_weight for c in each]),
+                np.array([v if np.isfinite(v := value(c)) else np.nan for c in each]),
+                text.format(name), {"color": color, **style},
+            )
+            for each, style, text in groups
+        ]  # fmt: skip
 
     over: dict[str, Any] = {"vertical": search.chosen.damping_weight, "across": "largest damping weight ζ"}
+    panels = (
+        Panel(
+            "smallest damping ratio", "",
+            [
+                *lines(lambda c: c.behaviour.damping, "worst of the tolerances", SERIES[1]),
+                *lines(lambda c: c.behaviour.nominal_damping, "nominal robot", SERIES[0]),
+            ],
+            dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
+        ),
+        Panel("γ*", "", lines(lambda c: c.gamma_star, "γ*", SERIES[0]), **over),
+    )  # fmt: skip
     yield from (
         lambda: draw_figure(
-            "search",
-            (
-                Panel(
-                    "smallest damping ratio", "",
-                    (
-                        line([c.behaviour.damping for c in candidates], "worst of the tolerances", SERIES[1]),
-                        line([c.behaviour.nominal_damping for c in candidates], "nominal robot", SERIES[0]),
-                    ),
-                    dashed=((target.damping, INK, "target"),), y=(0.0, None), **over,
-                ),
-                Panel("γ*", "", [line([c.gamma_star for c in candidates], None, SERIES[0])], **over),
-            ),
-            "Candidates at the required bandwidth. The dotted line is the ζ that is used.", "Search for the weights",
-            3.2, columns=3,
+            "search", panels,
+            "Candidates at the required bandwidth. The dotted line is the ζ that is used."
+            + " Squares: those in use, which the search on the running loop found, with a bandwidth of "
+            f"{range_text(search.chosen.behaviour.bandwidth)} rad/s." * replaced,
+            "Search for the weights", 3.2, columns=3,
         ),
-        candidate_table(search),
+        candidate_table(search, replaced),
     )  # fmt: skip
 
 
-def candidate_table(search: SearchResult) -> Table:
+def candidate_table(search: SearchResult, replaced: bool = False) -> Table:
     """Table of some candidates by ζ: the first, the last, the one in use, and its neighbours."""
     candidates = sorted(search.candidates, key=lambda c: c.damping_weight)
     used, last = next(k for k, c in enumerate(candidates) if c is search.chosen), len(candidates) - 1
@@ -135,7 +146,7 @@ def candidate_table(search: SearchResult) -> Table:
         (
             c.damping_weight, range_text(c.target_frequency), range_text(c.behaviour.bandwidth),
             finite(c.behaviour.damping), finite(c.behaviour.nominal_damping), c.gamma_star,
-            "used" if c is search.chosen else "",
+            ("used, of the running loop" if replaced else "used") if c is search.chosen else "",
         )
         for c in (candidates[k] for k in sorted({0, max(0, used - 1), used, min(last, used + 1), last}))
     ]  # fmt: skip
