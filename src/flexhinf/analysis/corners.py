@@ -5,7 +5,7 @@ if its multipliers there are inside the unit circle, at the equilibrium that it 
 
 The gain of a Kalman filter depends on the ratio of R^v to R^n alone, and on which states R^v has on its diagonal: every
 state, all velocities (model errors are torques), those of the links or those of the motors. A loop that is stable at
-all corners with one R^v need not be with another one, so each result names the R^v it is for.
+all corners with one R^v may be unstable with another, so each result names its R^v.
 
 No robot is needed here, only a function from signs (−1, 0 or 1 for each uncertain number) to parameters of a plant,
 `flexhinf.robot.Robot.corner`, and one from a random generator, `Robot.draw`.
@@ -32,7 +32,7 @@ ParametersAt = Callable[[Sequence[float]], Mapping[str, Any]]
 ALL_STATES, VELOCITIES = "all states", "velocities only"
 LINK_VELOCITIES, MOTOR_VELOCITIES = "link velocities only", "motor velocities only"
 
-#: Parts that a disturbed state's name has, by form of R^v; none where every state is disturbed.
+#: Words in the name of a disturbed state, by form of R^v; none if every state is disturbed.
 DISTURBED: dict[str, set[str]] = {
     ALL_STATES: set(),
     VELOCITIES: {"velocity"},
@@ -41,7 +41,7 @@ DISTURBED: dict[str, set[str]] = {
 }
 FORMS = tuple(DISTURBED)
 
-#: A linear loop of more states is large: fewer choices of R^v are looked at.
+#: Largest number of states of a small linear loop; for a large one fewer choices of R^v are evaluated.
 LARGE = 40
 
 #: Ratios q / R^n that are swept over, for loops of up to `LARGE` states and larger ones.

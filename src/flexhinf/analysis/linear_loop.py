@@ -19,10 +19,10 @@ from flexhinf.loop.simulation.metrics import LASTING, damping_ratio
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60
 
-#: An eigenvalue below this is gone after one sample; |z| of a mode that falls below 1/e within two samples.
+#: An eigenvalue below this decays within one sample; |z| of a mode that falls to 1/e within two samples.
 GONE, BRIEF = 1e-12, float(np.exp(-0.5))
 
-#: What a queue returns is an echo, and no oscillation, if less than this fraction of it is left after one delay.
+#: A mode of the queue is an echo, not an oscillation, if less than this fraction of it is left after one delay.
 ECHO = 0.1
 
 #: Points of a sweep for each turn of a delay.
@@ -38,7 +38,7 @@ TRIANGULAR = 48
 #: Eigenvalues this close to the imaginary axis (relative to the largest) lie on it.
 ON_AXIS = 1e-8
 
-#: Delays this close to a whole number of samples (in samples) are one.
+#: Delays this close (in samples) to a whole number of samples count as whole.
 WHOLE = 1e-9
 
 

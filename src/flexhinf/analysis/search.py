@@ -3,11 +3,11 @@ between its points.
 
 `climb` is implicit filtering [kelley2011] over the unit box, from several starts at once. Around each start the
 function is evaluated at ± one step along every axis. Central differences give the gradient, second differences the
-curvature along each axis. Points along the gradient, the corner that it points to, a Newton step and points ahead on
-the way of the last moves are tried, and the best of all becomes the next centre; where none is better, the step is a
-quarter as long. So the gradient leads while the step is long, and what is left is a search over a grid that shrinks:
-the function need neither be smooth nor free of jumps, as a settling time is not. Every round is one call with the
-points of all searches, so that lanes and threads are full. Searches that come to one point go on as one.
+curvature along each axis. The search tries points along the gradient, the corner in its direction, a Newton step and an
+extrapolation of the last moves. The best point becomes the next centre; if none is better, the step is reduced to a
+quarter. So the search follows the gradient while the step is long, and ends as a search on a shrinking grid. The
+function need not be smooth or continuous; a settling time is neither. Every round is one call with the
+points of all searches, so that lanes and threads are full. Searches that reach one point are merged.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ FIRST_STEP, FACTOR, LAST_STEP = 0.25, 0.25, 2.0**-13
 #: Lengths of the steps along the gradient, in steps of the differences.
 LENGTHS = (0.5, 1.0, 2.0, 4.0)
 
-#: How far ahead points are tried on the way of the last moves, which follows a ridge.
+#: Lengths of the extrapolation of the last moves, which follows a ridge.
 AHEAD = (1.0, 3.0)
 
-#: Searches at this distance are one, in the smaller one of their steps.
+#: Searches closer than this distance, in units of the smaller step, are merged.
 NEAR = 0.25
 
 #: Rounds, at most.
@@ -56,7 +56,7 @@ class _Search:
         return np.clip(self.point + np.vstack([moves, -moves]), 0.0, 1.0)
 
     def trials(self, values: np.ndarray) -> np.ndarray:
-        """Points (K, d) that the values (2d,) of the differences suggest."""
+        """Trial points (K, d) from the values (2d,) at the points of the differences."""
         d, around = len(self.point), self.differences()
         ahead, behind = around[:d].diagonal() - self.point, self.point - around[d:].diagonal()
         here = self.value if np.isfinite(self.value) else 0.0
@@ -137,13 +137,13 @@ def box_corners(d: int) -> np.ndarray:
 #: Peaks that are refined: those above this fraction of the largest. Steps of the refinement at most.
 HIGH, PEAK_STEPS = 0.9, 60
 
-#: The golden section, and how often it is taken instead of a parabola.
+#: The golden section, and the interval of steps at which it replaces a parabola.
 GOLDEN, EVERY = 0.381966, 3
 
 #: Steps towards a zero at most.
 ZERO_STEPS = 120
 
-#: By what a peak still grows, relative to it, and the relative width of the bracket of a zero, where refinement ends.
+#: Relative growth of a peak, and relative width of a zero's bracket, at which refinement ends.
 ACCURACY = 1e-12
 
 

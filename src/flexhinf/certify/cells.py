@@ -58,9 +58,7 @@ _VALUE = 2.0**-100  # K u times this exceeds what the balls of a table leave out
 _LARGEST = 1e150
 _ORDER = 4  # smallest degree M of the polynomial in ℓ that approximates a quotient
 _ENTRY = "flexhinf_cells"
-_ASYMMETRY = (
-    1e-9  # largest fraction of terms of the wrong parity for which opposite faces are treated together
-)
+_ASYMMETRY = 1e-9  # opposite faces are treated together up to this fraction of terms of the wrong parity
 
 
 def cells_of(face: np.ndarray, t: np.ndarray, h: np.ndarray, inner: np.ndarray, outer: np.ndarray) -> Records:

@@ -43,7 +43,7 @@ _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed
 _ROOM, _LARGER = (
     1.1,
     1.6,
-)  # factors of the reach, over the largest radius on the rays, and over a reach that was too small
+)  # factors of the reach over the largest radius seen, and over one that was too small
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
 #: Of the largest level over the one that a step needs: how large it may be, and the ratio at which its search ends.
 _MOST_LEVELS, _FINE = 1e6, 1.05

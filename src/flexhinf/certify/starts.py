@@ -209,11 +209,8 @@ def robot_start(statement: Certificate, side: float = -1.0) -> Start | None:
         and all(sum(powers) == 1 for law in statement.law for powers, _ in law)
     ):
         return None
-    path, functions, place = (
-        equilibrium[0].path,
-        list(equilibrium[0].functions),
-        int(np.flatnonzero(equilibrium[1])[0]),
-    )
+    start, integrators = equilibrium
+    path, functions, place = start.path, list(start.functions), int(np.flatnonzero(integrators)[0])
     ((rate, (divisor,)),), known = driven, dict(enumerate(path))
     try:  # the input at −a: −f_i/g2_i
         parts = [p for t in statement.drift[rate] for p in term_along(t, known, statement, functions)]

@@ -1,7 +1,6 @@
 """Runs of a design's controller as it is deployed: one on MuJoCo's robot, or a campaign on sampled robots.
 
-The robots may carry a payload, or have other parameters than the controller was designed for. The run on MuJoCo's robot
-goes at its period, on the wall clock.
+The robots may have a payload, or other parameters than those of the design. The run on MuJoCo's robot is in real time.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, s
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text
 
-#: Length of a run that states none, s: of a step, and of a move in parts of its own time.
+#: Default length of a run: of a step in s, of a move as a multiple of its duration.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
 
 WHERE = "this run, on MuJoCo's robot"
@@ -37,7 +36,7 @@ class DeployedRun:
     """A prepared run: loop, robot and options."""
 
     robot: Robot  # The driven one
-    # Of the robot that the controller was designed for, and of this run's specification: sensors, noise and limits
+    # Sensors, noise and limits, of the designed robot with this run's specification
     plants: loop_setup.LoopPlants
     box: MuJoCoPlant  # The driven robot in MuJoCo
     loop: Loop
@@ -52,7 +51,7 @@ class DeployedRun:
         return responses.Response(run.trajectory, self.goal, self.start, self.robot.joint_names)
 
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
-        """The requirements of the specification, and that no deadline of an input was missed."""
+        """The requirements of the specification, and the requirement that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
         lines = (
             required.step_requirements(s, limits, response, WHERE)
@@ -75,9 +74,9 @@ def prepare_run(
     load: float | None = None,
     load_at: float | None = None,
 ) -> DeployedRun:
-    """A run from start to goal as the controller is deployed, or along a stated move in error coordinates.
+    """A run of the deployed controller from start to goal, or along a stated move in error coordinates.
 
-    `designed`: robot and specification of the controller; `robot` is driven, as `specification` says.
+    `designed`: robot and specification of the controller. `robot` is the driven robot, with `specification`.
     `noise`: whether measurements have the stated noise.
     `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
     """
@@ -99,7 +98,7 @@ def prepare_run(
             )
         duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
-        controller = Controller(  # in error coordinates, as a design runs its moves
+        controller = Controller(  # in error coordinates, like the moves of a design
             controller.law, controller.estimator, controller.period,
             (controller.limits.lower, controller.limits.upper), moving=True,
             integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
@@ -120,7 +119,9 @@ def prepare_run(
         "noise": plants.noise if noise else None, "seed": s.seed,
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
-    if not np.allclose(begun, start, rtol=0.0, atol=1e-12):  # the controller is told, as firmware would be
+    if not np.allclose(
+        begun, start, rtol=0.0, atol=1e-12
+    ):  # the controller gets the holding input, as in firmware
         state, holding_input = model.operating_point(start)
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
@@ -166,7 +167,7 @@ def robot_sample(
 ) -> Sample:
     """True robot with the parameters of a sample and `extras`, in equilibrium at the sample's start.
 
-    The estimator starts at `start` (n,), rad or m. Raises an error for a robot that no input holds there: the sample
+    The estimator starts at `start` (n,), rad or m. Raises an error if no input holds the robot there; the sample then
     fails.
     """
     values = robot.plant_parameters(robot.nominal | {k: v for k, v in numbers.items() if k in robot.nominal})
@@ -214,7 +215,7 @@ def _varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Ro
 
 @dataclass(frozen=True, eq=False)
 class DesignCampaign:
-    """A design and the options of its campaign; the controller is that of the design's report if that is unchanged."""
+    """A design and the options of its campaign. An unchanged report of the design supplies the controller."""
 
     request: design_file.DesignRequest
     options: CampaignOptions
@@ -279,7 +280,7 @@ class DesignCampaign:
             else plans.move_reference(model, self.plan, plants.dry_friction)
         )
         options: dict[str, Any] = {"duration": duration, "noise": plants.noise, "reference": reference}
-        if o.disturbance:  # of one N·m or N; what a sample draws is the factor
+        if o.disturbance:  # of 1 N·m or 1 N; each sample has its own factor
             torque = Step(1.0, at=responses.LOAD_START * duration)
             options["disturbance"] = dict.fromkeys(signals.signal_names(TORQUE, robot.joint_names), torque)
         options = {name: value for name, value in options.items() if value is not None}

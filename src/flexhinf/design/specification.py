@@ -47,25 +47,24 @@ EstimatorName = Annotated[Literal["ukf", "ekf", "observer", "none"], options.CHO
 ShapingName = Annotated[Literal["jump", "quintic", "jerk-limited"], options.CHOICE]
 AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 
-#: Default variance of the velocities per sample: with the default R^n the estimator is then so fast that a load on the
-#: link moves it little more than with the true state fed back, see docs/design.md.
+#: Default variance of the velocities per sample. With the default R^n the estimator is so fast that a load deflects the
+#: link little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
-#: Default limits of the running loop, and of the overshoot, per cent. See docs/decisions.md for what the margins cost
-#: with the link alone measured.
+#: Default limits of the running loop, and of the overshoot, per cent; docs/decisions.md has the cost of the margins when
+#: only the link is measured.
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
 RINGS = 0.1
 
-#: A figure that misses its limit by less than this fraction of it meets it: the width of the searches.
+#: Relative tolerance of every limit, which is also the accuracy of the searches.
 TOLERANCE = 0.02
 
-#: Longest run in samples. Beyond it a time was probably meant in ms: such a run takes minutes and shows nothing that a
-#: shorter one does not.
+#: Longest run in samples. A longer time was probably meant in ms: such a run takes minutes and adds no information.
 RUN_SAMPLES = 1_000_000
 
-#: Most of what only costs time and memory beyond, and why.
+#: Upper bounds of fields whose larger values only cost time and memory, with the reasons.
 MOST = {
     "draws": (100_000, "more take hours, and the memory of every run"),
     "rays": (100_000, "ascent finds what so many directions miss; more take hours"),
@@ -82,7 +81,7 @@ class SpecificationError(InvalidInput):
     field : str
         The name of the field; it need not be one of `FIELDS`.
     example : str
-        A value that can be used, as on the command line; "" where the advice is another one.
+        A valid value, as on the command line; "" if the advice is a different one.
     """
 
     def __init__(self, field: str, what: str, found: str, advice: str = "", example: str = "") -> None:
@@ -98,7 +97,7 @@ class SpecificationError(InvalidInput):
 
 @dataclass(frozen=True, kw_only=True)
 class Specification:
-    """What a design is asked for; a field that is None is chosen by the rule that its help states.
+    """The requirements on a design. A field that is None is chosen by the rule in its help.
 
     Every field takes numbers in SI units, or the text that the command line takes: ``pose="90deg"``, ``delay="5ms"``.
 
@@ -276,7 +275,8 @@ class Specification:
 
     @property
     def of_loop(self) -> Specification:
-        """Copy without the searched bandwidth, so that no loop reads it; unchanged where it shapes the command."""
+        """A copy without the bandwidth, so that no loop depends on it; unchanged if the bandwidth shapes the
+        command."""
         return replace(self, bandwidth=None) if self.shaping == "jump" else self
 
     @property

@@ -475,9 +475,7 @@ class _Search:
     fastest: float  # target frequency that is tried, rad/s
     start: np.ndarray  # (n,), target frequencies
     tried: list[Candidate] = field(default_factory=list)
-    reached: float = (
-        0.0  # largest fraction of the required bandwidths that a stable loop had in all joints at once
-    )
+    reached: float = 0.0  # largest fraction of the bandwidths that a stable loop had in all joints at once
 
     def fit(self, damping_weight: float | np.ndarray) -> Candidate | None:
         """The inner search: the candidate of a ζ, or None if no target frequencies give the bandwidth."""

@@ -143,12 +143,10 @@ class Controller(Summarised):
                 f"expected blend_time=None for one law that starts from zero, got {value_text(blend_time)}",
                 "start='bumpless', or a Schedule of several laws",
             )
-        self.blend_time_option, what = blend_time, "The time constant of the bias"
-        self.blend_time = (
-            BLEND_TIME
-            if blend_time is None
-            else checked_positive(what, blend_time, "seconds", "blend_time=0.5")
-        )
+        self.blend_time_option, self.blend_time = blend_time, BLEND_TIME
+        if blend_time is not None:
+            what = "The time constant of the bias"
+            self.blend_time = checked_positive(what, blend_time, "seconds", "blend_time=0.5")
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         #: Names of the command's elements: the tracked states, or all states and inputs of a moving reference.
         self.commanded = (*self.states, *solution.input_names) if moving else self.tracked

@@ -284,15 +284,12 @@ def loop_program(
 def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:
     """The reductions of a program of many runs alone, of the recorded signals of one run."""
     b = _Buffers()
-    step, reduction_memory = (
-        b.whole("step", 1, "state"),
-        b.whole("reduction_memory", _memory_size(reductions), "state"),
-    )
+    step, memory = b.whole("step", 1, "state"), b.whole("reduction_memory", _memory_size(reductions), "state")
     signals = {"state": "x", "estimate": "estimate", "output": "y", "input": "u", "reference": "r"}
     rows = [piece for name, size in signals.items() for piece in b.row(name, sizes[size], "in")]
     facts = b.whole("facts", 1 + 3 * sizes["r"], "in")
     function = drop_empty(_reduce_function(sizes, reductions))
-    reduce = Call(function, (*step, *reduction_memory, *rows, *facts), (*reduction_memory, *step))
+    reduce = Call(function, (*step, *memory, *rows, *facts), (*memory, *step))
     return Program("reductions", tuple(b.values()), (Repeat("steps", (reduce,)),), ("steps",))
 
 
@@ -317,6 +314,5 @@ def _reduce_function(sizes: Mapping[str, int], reductions: Sequence[Reduction]) 
         memories = zip(reductions, np.split(kept, np.cumsum([len(rule.start) for rule in reductions])[:-1]))
         return np.concatenate([rule.updated(part, now) for rule, part in memories]), step + 1.0
 
-    kept, n, m = _memory_size(reductions), sizes["x"], sizes["u"]
-    widths = (1, kept, n, sizes["estimate"], sizes["y"], m, r, 1 + 3 * r)
-    return trace(reduce, *widths, name="reduce")
+    widths = (sizes[name] for name in ("x", "estimate", "y", "u"))
+    return trace(reduce, 1, _memory_size(reductions), *widths, r, 1 + 3 * r, name="reduce")
