@@ -17,9 +17,9 @@ from flexhinf import pages
 from flexhinf.cli.arguments import with_options
 from flexhinf.cli.commands import app
 from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS
+from flexhinf.cli.without_effect import without_effect, without_effect_on_run
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis import by_step
-from flexhinf.design.without_effect import without_effect, without_effect_on_run
 from flexhinf.options import CampaignOptions, declared, option_name
 from flexhinf.paper import PaperSettings
 

@@ -116,7 +116,7 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
 
 def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool) -> None:
     """Refuse options that cannot change what a command computes of this request; `options` as for `without_effect`."""
-    from flexhinf.design.without_effect import without_effect
+    from flexhinf.cli.without_effect import without_effect
 
     command = str(context.info_name)
     refuse_stated(context, without_effect(command, request.robot, request.specification, **options))

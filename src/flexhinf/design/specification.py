@@ -51,7 +51,7 @@ AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
 #: link little more than with the true state fed back, see docs/design.md.
 TORQUE_NOISE = 1e-7
 
-#: Default limits of the running loop, and of the overshoot, per cent; docs/decisions.md has the cost of the margins when
+#: Default limits of the running loop, and of the overshoot, per cent; docs/decisions.md has the cost of the margins if
 #: only the link is measured.
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
