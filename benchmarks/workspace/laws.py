@@ -7,8 +7,9 @@ sample later. Inputs are in the robot's own unit.
 The rule of tuning: a rival has one number, the share s: joint j gets the bandwidth ω_j = s √(K_j / M_jj), a part of its
 own vibration with the motor held, at home, and at most `FASTEST`. Of `SHARES` the rival gets the one with which it
 arrives most often in `TUNING` moves that are not those of the benchmark, then with the smallest worst remaining error.
-Before others come those that there tolerate one more sample of delay (springs damped by 0.5 %) and a gain of two, and
-stay below 1.5 % of ripple. So a rival is tuned for the criterion by which it is judged.
+Before others come those that there tolerate one more sample of delay (springs damped by 0.5 %) and a gain of two; then
+those that stay below 1.5 % of ripple; where none does, the least ripple decides between those that arrive as often. So
+a rival is tuned for the criterion by which it is judged.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The numbers of a move, of the true link positions, as docs/workspace.md defines them.
 
-Joints that slide count in m where others count in rad; percentages are of travels of joints of the same kind.
+Joints that slide count in m where others count in rad. Where a travel is compared with the largest one, that of a joint
+of the other kind counts by its share of the joint range.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.workspace.arm import PERIOD
-from benchmarks.workspace.goals import STEP, Move
+from benchmarks.workspace.goals import Move
 
 __all__ = ["ARRIVED", "PUSH", "PUSHED", "TAIL", "MoveMetrics", "metrics", "summary"]
 
@@ -58,26 +59,27 @@ def metrics(
     if len(q) < len(move):
         return MoveMetrics(True, np.inf, np.inf, np.inf, np.inf, ripple, saturation, np.inf, np.inf)
     wanted, travel = move.states[:, :n], np.abs(move.goal - move.start)
-    largest = np.array([travel[slides == kind].max() for kind in slides])
+    largest = np.array(
+        [np.where(slides == kind, travel, own * travel / span).max() for kind, own in zip(slides, span)]
+    )
     scale = np.maximum(travel, LEAST * largest)
     low, high = (np.minimum(move.start, move.goal), np.maximum(move.start, move.goal))
     up = move.goal > move.start
     wrong = np.where(up, low - q.min(axis=0), q.max(axis=0) - high)
     moving = travel > 0.0
     away = np.max(np.abs(q - wanted), axis=0)
-    whole = np.where(largest > 0.0, largest, STEP * span)
     error = np.abs(q - move.goal)
     peak, back = 0.0, 0.0
     if pushed:
         after = error[-PUSHED:]
-        outside = np.any(after > BACK * whole, axis=1)
+        outside = np.any(after > BACK * largest, axis=1)
         peak = float(after.max())
         back = np.inf if outside[-1] else PERIOD * float(np.max(np.flatnonzero(outside), initial=-1) + 1)
     return MoveMetrics(
         False,
         float(error[-TAIL:].max()),
         float(np.max(100.0 * np.maximum(wrong, 0.0)[moving] / scale[moving], initial=0.0)),
-        float(np.max(100.0 * away[~moving] / whole[~moving], initial=0.0)),
+        float(np.max(100.0 * away[~moving] / largest[~moving], initial=0.0)),
         float(away.max()),
         ripple,
         saturation,

@@ -93,8 +93,9 @@ def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[float, l
         one |= {key: done[key] for key in ("arrived", "remaining_worst", "ripple")}
 
     def order(one: dict[str, Any]) -> tuple[Any, ...]:
-        worst, ripple = one["remaining_worst"], one["ripple"]
-        return ripple is None or ripple > TUNED_RIPPLE, -one["arrived"], np.inf if worst is None else worst
+        worst, ripple = (np.inf if one[key] is None else one[key] for key in ("remaining_worst", "ripple"))
+        rings = ripple > TUNED_RIPPLE
+        return rings, -one["arrived"], ripple if rings else worst
 
     return min((one for one in tried if one["place"] == first), key=order)["share"], tried
 
