@@ -14,7 +14,7 @@ from scipy.linalg import expm
 
 from benchmarks.workspace.arm import PERIOD, Arm
 
-__all__ = ["Linear", "closed", "damping", "held", "judged", "late", "margin", "outputs"]
+__all__ = ["DELAYS", "GAINS", "Linear", "closed", "damping", "held", "judged", "late", "margin", "outputs"]
 
 #: A sampled controller: A, B, C, D.
 Linear = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

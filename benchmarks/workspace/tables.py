@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.workspace.laws import LAWS
+from benchmarks.workspace.linear import DELAYS, GAINS
 from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, law_name, row_name
 from benchmarks.workspace.trip import CONDITIONS
@@ -25,7 +26,9 @@ def moves(folder: Path) -> str:
     for robot, law in _laws(folder, MUJOCO):
         row, others = _row(folder, robot, law, "nominal"), ("payload", "sampled", "late")
         arrive = [_arrive(row), *(_arrive(_row(folder, robot, law, name)) for name in others)]
-        lines.append(_cells(robot, LAWS[law].title, *arrive, *_numbers(row)))
+        left = row["left_out"] if row else 0
+        name = f"{robot} ({left} goals left out)" if left else robot
+        lines.append(_cells(name, LAWS[law].title, *arrive, *_numbers(row)))
     return "\n".join(lines)
 
 
@@ -56,7 +59,7 @@ def loops(folder: Path) -> str:
                 lines.append(_cells(robot, choice.title, f"refused: {record['refused']}", *[""] * 7))
                 continue
             row = _row(folder, robot, law, "nominal")
-            delay = f"{_number(record['delay'])} ({_number(record['damped_delay'])})"
+            delay = f"{_margin(record['delay'], DELAYS)} ({_margin(record['damped_delay'], DELAYS)})"
             lines.append(
                 _cells(
                     robot,
@@ -66,7 +69,7 @@ def loops(folder: Path) -> str:
                     _number(record["damping"]),
                     _number(record["fast"]),
                     delay,
-                    _number(record["gain"]),
+                    _margin(record["gain"], GAINS),
                     f"{record['design_cpu']:.0f} s",
                     "" if row is None else f"{1e6 * row['step_cpu']:.0f} µs",
                 )
@@ -156,17 +159,22 @@ def _both(row: dict[str, Any] | None) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "unstable" if value is None else f"{value:.2g}" if abs(value) < 0.1 else f"{value:.2f}"
+    return "no loop" if value is None else f"{value:.2g}" if abs(value) < 0.1 else f"{value:.2f}"
+
+
+def _margin(value: float | None, tried: Sequence[float]) -> str:
+    return "unstable" if value is None else f"≥ {value:g}" if value >= tried[-1] else f"{value:.2f}"
 
 
 def _milli(value: float | None) -> str:
     """In mrad, or mm where a joint slides."""
-    if value is None:
-        return "lost"
-    return f"{1e3 * value:.2g} mrad" if 1e3 * value < 100.0 else f"{1e3 * value:.0f} mrad"
+    return "lost" if value is None else f"{_digits(1e3 * value)} mrad"
 
 
 def _percent(value: float | None) -> str:
-    if value is None:
-        return "lost"
-    return f"{value:.2g} %" if value < 100.0 else f"{value:.0f} %"
+    return "lost" if value is None else f"{_digits(value)} %"
+
+
+def _digits(value: float) -> str:
+    """Two digits, none after the point from ten on; nothing below a thousandth."""
+    return "0" if value < 1e-3 else f"{value:.2g}" if value < 9.95 else f"{value:.0f}"
