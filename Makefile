@@ -1,7 +1,7 @@
 # make demo      set everything up in .venv and reproduce the paper
 # make test      set up what the tests need and run the quick ones, with the import contract (some minutes)
 # make check     everything: lint, format, types, import contract, tests
-# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-firmware, make bench-certificates: measure;  make clean;  make locks
+# make slow      the long tests, and every command of the docs as printed;  make bench, make bench-hji, make bench-arm, make bench-jitter, make bench-hardware, make bench-workspace, make bench-firmware, make bench-certificates: measure;  make clean;  make locks
 # make pages     the tables, transcripts and figures of the docs, computed anew
 #
 # Needs Python 3.11 or newer, pip and make. A stamp in .venv remembers what was installed from which lock:
@@ -23,7 +23,7 @@ PIP     := if $(PY) -m pip --version >/dev/null 2>&1; then pip="$(PY) -m pip"; e
 # All cores; the tests of a file stay together, so that what they share is made once.
 SHARED  := -n auto --maxprocesses 8 --dist loadfile
 
-.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-firmware bench-certificates peers pages mutants locks clean environment environment-dev
+.PHONY: demo test check slow bench bench-hji bench-arm bench-jitter bench-campaign bench-hardware bench-workspace bench-firmware bench-certificates peers pages mutants locks clean environment environment-dev
 .DELETE_ON_ERROR:
 
 demo: environment
@@ -81,6 +81,10 @@ bench-jitter: environment-dev
 # Rows that are missing in benchmarks/hardware/rows, one after the other; with every row missing, an hour or two.
 bench-hardware: environment-dev
 	$(PY) -m benchmarks.hardware
+
+# Rows that are missing in benchmarks/workspace/rows for 200 goals of each robot; with every row missing, hours.
+bench-workspace: environment-dev
+	$(PY) -m benchmarks.workspace
 
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev

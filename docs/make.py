@@ -391,6 +391,10 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
     "reasons": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "reasons")),
     "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),
+    "workspace-moves": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "moves")),
+    "workspace-loops": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "loops")),
+    "workspace-others": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "others")),
+    "workspace-plants": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "plants")),
     "certificates": ("docs/certificate.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
 }

@@ -58,7 +58,7 @@ friction = 0.3
 
 def test_the_catalogue_holds_these_robots_and_loads_them_by_name():
     assert set(catalogue()) == {
-        "paper", "quanser-rotflex", "vertical-rig", "planar-two-link", "spatial-three-link", "seven-link",
+        "paper", "quanser-rotflex", "vertical-rig", "planar-two-link", "spatial-three-link", "scara", "seven-link",
     }  # fmt: skip
     assert load_robot("vertical-rig").name == "vertical-rig"
     with pytest.raises(InvalidInput, match="quanser-rotflex"):

@@ -1,0 +1,6 @@
+"""A controller judged as a robot is used: random goals over the whole joint range, through a real loop; see `__main__`.
+
+``arm`` holds a robot's numbers and its rigid-body dynamics by Pinocchio, ``plants`` two simulators that share no code
+with flexhinf, ``goals`` the moves, ``laws`` what is compared, ``linear`` damping and margins at random poses, ``trip``
+one run, ``metrics`` its numbers, ``tables`` the tables of docs/workspace.md.
+"""

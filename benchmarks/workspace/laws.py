@@ -1,0 +1,289 @@
+"""What is compared: rivals as their proponents would build them, tuned by one stated rule, and the law of one pose.
+
+A law is anything with the three methods of `Law`; `LAWS` says how each is made. All get the same reference with exact
+feedforward (`goals.Reference`), encoders of links and motors or of motors alone, and know that their input acts one
+sample later. Inputs are in the robot's own unit.
+
+The rule of tuning: a rival has one number, the share s: joint j gets the bandwidth ω_j = s √(K_j / M_jj), a part of its
+own vibration with the motor held, at home, and at most `FASTEST`. Of `SHARES` the rival gets the one with which it
+arrives most often in `TUNING` moves that are not those of the benchmark, then with the smallest worst remaining error.
+Before others come those that there tolerate one more sample of delay (springs damped by 0.5 %) and a gain of two; then
+those that stay below 1.5 % of ripple; where none does, the least ripple decides between those that arrive as often. So
+a rival is tuned for the criterion by which it is judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import comb
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from benchmarks.workspace.arm import PERIOD, Arm
+from benchmarks.workspace.goals import Reference
+from benchmarks.workspace.linear import Linear, held, outputs
+
+__all__ = ["LAWS", "SHARES", "TUNING", "Choice", "DifferenceLaw", "FlatnessLaw", "Law"]
+
+#: Shares that are tried; moves that each is tried in, and the seed of their goals; the largest bandwidth, rad/s.
+SHARES, TUNING, TUNING_SEED = (0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.5, 4.0), 8, 77
+FASTEST = 120.0
+#: Damping ratio of a PD, rate of an integral in parts of ω, what a new difference counts in the filtered velocity.
+DAMPING, INTEGRAL, BLEND = 0.8, 0.4, 0.6
+#: By torque feedback a rotor feels so much lighter; the torque is extrapolated by so many samples. Joints whose own
+#: vibration is faster than this, rad/s, have none: within the latency it would excite them.
+LIGHTER, LEAD, TORQUE_FAST = 0.5, 2.0, 180.0
+#: Gains of a law with a filter are made anew every so many samples, while the command moves.
+EVERY = 50
+#: Kalman filter: noise of the encoders (rad, m), random torques each sample in parts of the limits, links and motors.
+NOISE, LINKS, MOTORS = 1e-5, 0.005, 0.03
+
+
+class Law(Protocol):
+    """A controller, for the benchmark."""
+
+    def start(self, q: np.ndarray) -> None:
+        """Begin at rest at a pose, with the input that holds the model there."""
+        ...
+
+    def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
+        """Input (n,) for the measured positions of links and motors (2n,), or of motors alone (n,)."""
+        ...
+
+    def linear(self, q: np.ndarray) -> Linear:
+        """(A, B, C, D) of the sampled controller near rest at a pose, limits left out: y to u, deviations."""
+        ...
+
+
+def bandwidths(arm: Arm, share: float) -> np.ndarray:
+    """ω_j (n,), rad/s, of the rule of tuning."""
+    own = np.sqrt(arm.stiffness / np.diag(arm.inertia_matrix(arm.home)))
+    return np.minimum(share * own, FASTEST)
+
+
+class DifferenceLaw:
+    """PD on the motors about the command, velocities by filtered differences; torque feedback; integral of the links.
+
+        u' = −Ω M̄ Ω e_θ − (2ζ √Ω M̄ √Ω − B J_θ/J) ė_θ − 0.4 Ω^1.5 M̄ Ω^1.5 ∫ e,
+        τ = (J / J_θ) u' + (1 − J / J_θ) K (e_θ − e_q)⁺
+
+    e are deviations from the reference; Ω = diag(ω_j); M̄ is M(q) + J_θ at the commanded pose, or at home its diagonal.
+    With J_θ = J there is no torque feedback; ⁺ is an extrapolation over the latency. The integral is in N·m, of the
+    links' error, or of the motors' where links are not measured, and stands still for a joint whose motor is at its
+    limit.
+    """
+
+    def __init__(
+        self, arm: Arm, links: bool, share: float, *,
+        matrix: bool = False, integral: bool = False, torque: bool = False,
+    ) -> None:  # fmt: skip
+        self.arm, self.links, self.matrix, self.torque = arm, links, matrix, links and torque
+        self.w, self.integral = bandwidths(arm, share), integral
+        own = np.diag(arm.inertia_matrix(arm.home))
+        slow = np.sqrt(arm.stiffness * (1.0 / own + 1.0 / arm.rotor)) < TORQUE_FAST
+        self.rotor = np.where(slow & torque, LIGHTER, 1.0) * arm.rotor  # J_θ
+        self.scale = arm.rotor / self.rotor
+        unit, w = (self.scale / arm.per_input)[:, None], self.w
+        #: M̄ times these, entry by entry, are the gains on e_θ, ė_θ and the sum of e T.
+        self.weights = [
+            unit * factor * np.outer(w, w) ** power
+            for factor, power in ((1.0, 1.0), (2.0 * DAMPING, 0.5), (INTEGRAL * integral, 1.5))
+        ]
+        self.friction, self.turn = np.diag(arm.viscous / arm.per_input), (1.0 - self.scale) / arm.per_input
+        self.at_home = None if matrix else self.gains_of(np.diag(own + self.rotor))
+        self.start(arm.home)
+
+    def gains_of(self, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gains (n, n) on e_θ, ė_θ and the sum of e T for M̄, in units of the input."""
+        p, d, i = (weight * inertia for weight in self.weights)
+        d = d - self.friction
+        # A motor that damps itself by more keeps its damping.
+        return p, d if self.matrix else np.maximum(d, 0.0), i
+
+    def gains(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same at a commanded pose."""
+        return self.at_home or self.gains_of(self.arm.inertia_matrix(q) + np.diag(self.rotor))
+
+    def start(self, q: np.ndarray) -> None:
+        """Begin at rest."""
+        n = self.arm.n
+        self.before: tuple[np.ndarray, np.ndarray] | None = None
+        self.twist: np.ndarray | None = None
+        self.velocity, self.sum = np.zeros(n), np.zeros(n)
+
+    def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
+        """Input for a measurement."""
+        arm, n, x = self.arm, self.arm.n, reference.state
+        link, motor = y[:n] - x[:n], y[-n:] - x[2 * n : 3 * n]
+        now = y[-n:], x[3 * n :]
+        before = self.before or now
+        rate = (now[0] - before[0]) / PERIOD - 0.5 * (now[1] + before[1])  # no blow where the command jumps
+        self.velocity = self.velocity + BLEND * (rate - self.velocity)
+        self.before = now
+        p, d, i = self.gains(x[:n])
+        wish = reference.input - p @ motor - d @ self.velocity - self.sum
+        if self.torque:
+            twist = motor - link
+            late = twist if self.twist is None else self.twist
+            self.twist = twist
+            wish = wish + self.turn * arm.stiffness * (twist + LEAD * (twist - late))
+        u = np.clip(wish, -arm.limit, arm.limit)
+        error = link if self.links else motor
+        if self.integral:
+            self.sum = self.sum + np.where(u == wish, PERIOD * (i @ error), 0.0)
+        return u
+
+    def linear(self, q: np.ndarray) -> Linear:
+        """States: e_θ before, its filtered rate, e_θ − e_q before, and the integral, if there is, as an input."""
+        n, unit, zero = self.arm.n, np.eye(self.arm.n), np.zeros((self.arm.n, self.arm.n))
+        p, d, i = self.gains(q)
+        spring = np.diag(self.turn * self.arm.stiffness)
+        a, b, c = np.zeros((4 * n, 4 * n)), np.zeros((4 * n, 2 * n)), np.zeros((n, 4 * n))
+        a[n : 2 * n, : 2 * n] = np.hstack([-BLEND / PERIOD * unit, (1.0 - BLEND) * unit])
+        a[3 * n :, 3 * n :] = unit
+        error = (PERIOD * i, zero) if self.links else (zero, PERIOD * i)
+        b[:] = np.block([[zero, unit], [zero, BLEND / PERIOD * unit], [-unit, unit], list(error)])
+        c[:] = np.hstack([d * BLEND / PERIOD, -(1.0 - BLEND) * d, -LEAD * spring, -unit])
+        through = np.hstack([-(1.0 + LEAD) * spring, (1.0 + LEAD) * spring - p - d * BLEND / PERIOD])
+        size, first = (4 if self.integral else 3) * n, 0 if self.links else n
+        return a[:size, :size], b[:size, first:], c[:, :size], through[:, first:]
+
+
+class FlatnessLaw:
+    """Flatness: each link's error is made a chain (s + ω_j)⁵ with its integral, whatever the other joints do.
+
+    With the robot frozen at the commanded pose, z = q − q_d, w = θ − θ_d: z̈ = M⁻¹ (K (w − z) − G' z), so
+
+        z⁗ = v = −Σ a_i z^(i) − a_I ∫ z    for    τ = J K⁻¹ (M v + (K + G') z̈) + K (w − z) + B ẇ.
+
+    The state comes from a Kalman filter about the command at the commanded pose, with both encoders or motors alone,
+    and is predicted to the sample at which the input acts.
+    """
+
+    def __init__(self, arm: Arm, links: bool, share: float) -> None:
+        self.arm, self.links, w = arm, links, bandwidths(arm, share)
+        self.chain = [comb(5, i) * w ** (5 - i) for i in range(5)]  # a_I, a_0 … a_3 of each joint
+        self.start(arm.home)
+
+    def gains(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State feedback (n, 4n) and the integral's gain (n, n), in units of the input."""
+        arm, n = self.arm, self.arm.n
+        m, slope, k = arm.inertia_matrix(q), arm.gravity_slope(q), np.diag(arm.stiffness)
+        rows = np.eye(4 * n)
+        z, dz, w, dw = (rows[i * n : (i + 1) * n] for i in range(4))
+        inverse = np.linalg.inv(m)
+        ddz = inverse @ (k @ (w - z) - slope @ z)
+        dddz = inverse @ (k @ (dw - dz) - slope @ dz)
+        integral, *chain = self.chain
+        v = -sum(a[:, None] * row for a, row in zip(chain, (z, dz, ddz, dddz)))
+        soft = (arm.rotor / arm.stiffness / arm.per_input)[:, None]
+        unit = 1.0 / arm.per_input[:, None]
+        feedback = soft * (m @ v + (k + slope) @ ddz) + unit * (k @ (w - z) + arm.viscous[:, None] * dw)
+        return -feedback, soft * m * integral
+
+    def model(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """F, G of one sample and the filter's gain at a pose."""
+        arm, n = self.arm, self.arm.n
+        a, b = arm.linear(q)
+        f, g = held(a, b, PERIOD)
+        push = np.zeros((4 * n, n))
+        push[n : 2 * n] = np.linalg.inv(arm.inertia_matrix(q))
+        limit = arm.per_input * arm.limit
+        spread = np.hstack([held(a, push, PERIOD)[1] * limit * LINKS, g * arm.limit * MOTORS])
+        scale = np.tile(np.repeat([NOISE, NOISE / PERIOD], n), 2)
+        c = outputs(n, self.links) * scale / NOISE
+        fs, ws = f * scale / scale[:, None], spread / scale[:, None]
+        p = solve_discrete_are(fs.T, c.T, ws @ ws.T + 1e-10 * np.eye(4 * n), np.eye(len(c)))
+        gain = p @ c.T @ np.linalg.inv(c @ p @ c.T + np.eye(len(c)))
+        return f, g, scale[:, None] * gain / NOISE
+
+    def start(self, q: np.ndarray) -> None:
+        """Begin at rest."""
+        n = self.arm.n
+        self.error, self.sent, self.sum = np.zeros(4 * n), np.zeros(n), np.zeros(n)
+        self.count, self._made_at = 0, None
+        self._begun_at: np.ndarray | None = q
+
+    def _schedule(self, q: np.ndarray) -> None:
+        if self._made_at is None or (self.count % EVERY == 0 and np.any(q != self._made_at)):
+            self._made_at = q.copy()
+            self._k, self._i = self.gains(q)
+            self._f, self._g, self._l = self.model(q)
+        self.count += 1
+
+    def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
+        """Correct, predict with the input that is on its way, feed back the prediction."""
+        arm, n, x = self.arm, self.arm.n, reference.state
+        self._schedule(x[:n])
+        if self._begun_at is not None:  # a command may begin with a jump
+            theta, held_there = arm.rest(self._begun_at)
+            self.error = np.concatenate([self._begun_at, np.zeros(n), theta, np.zeros(n)]) - x
+            self.sent, self._begun_at = held_there - reference.input, None
+        seen = np.concatenate([x[:n], x[2 * n : 3 * n]]) if self.links else x[2 * n : 3 * n]
+        mine = np.concatenate([self.error[:n], self.error[2 * n : 3 * n]])[-len(y) :]
+        corrected = self.error + self._l @ (y - seen - mine)
+        self.error = self._f @ corrected + self._g @ self.sent
+        wish = reference.input - self._k @ self.error - self.sum
+        u = np.clip(wish, -arm.limit, arm.limit)
+        integrated = (y - seen)[:n] if self.links else corrected[:n]
+        self.sum = self.sum + np.where(u == wish, PERIOD * (self._i @ integrated), 0.0)
+        self.sent = u - reference.input
+        return u
+
+    def linear(self, q: np.ndarray) -> Linear:
+        """States (predicted deviation, last input, the integral in units of the input)."""
+        n = self.arm.n
+        (k, i), (f, g, gain) = self.gains(q), self.model(q)
+        c, zero, unit = outputs(n, self.links), np.zeros((n, n)), np.eye(n)
+        stay = np.eye(4 * n) - gain @ c
+        ahead, ahead_y = np.hstack([f @ stay, g, np.zeros((4 * n, n))]), f @ gain
+        u = -k @ ahead - np.hstack([np.zeros((n, 5 * n)), unit])
+        u_y = -k @ ahead_y
+        pick = np.hstack([unit, np.zeros((n, 3 * n))])
+        if self.links:
+            error, error_y = np.zeros((n, 6 * n)), np.hstack([unit, zero])
+        else:
+            error, error_y = np.hstack([pick @ stay, np.zeros((n, 2 * n))]), pick @ gain
+        kept = np.hstack([np.zeros((n, 5 * n)), unit])
+        a = np.vstack([ahead, u, kept + PERIOD * i @ error])
+        b = np.vstack([ahead_y, u_y, PERIOD * i @ error_y])
+        return a, b, u, u_y
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A law of the benchmark: how it is called, how it is made from the nominal robot, and what it needs."""
+
+    title: str
+    make: Callable[..., Law]  # (arm, links, share), or (arm, links, folder) for what is designed
+    tuned: bool = True
+    needs_links: bool = False
+
+
+def _difference(**options: Any) -> Callable[..., Law]:
+    return lambda arm, links, share: DifferenceLaw(arm, links, share, **options)
+
+
+def _one_pose(arm: Arm, links: bool, folder: Any) -> Law:
+    from benchmarks.workspace.one_pose import OnePose
+
+    return OnePose(arm, links, folder)
+
+
+#: By name, rivals first. A later law of the product is one more row.
+LAWS = {
+    "pd": Choice("PD + gravity on motor encoders", _difference()),
+    "pd-integral": Choice(
+        "PD + integral of the link, full M(q)", _difference(matrix=True, integral=True)
+    ),
+    "torque": Choice(
+        "joint-torque feedback, gains by inertia, integral of the link",
+        _difference(matrix=True, integral=True, torque=True),
+        needs_links=True,
+    ),
+    "flatness": Choice("flatness, Kalman filter", FlatnessLaw),
+    "one-pose": Choice("flexhinf, law of one pose (home)", _one_pose, tuned=False),
+}  # fmt: skip
