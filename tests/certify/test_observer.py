@@ -183,8 +183,8 @@ def test_the_file_and_the_theorem_say_it(tmp_path: Any) -> None:
     state = theorem_text(replace(certificate, observer=None, feedback="state"), found)
     assert "6." not in state
     assert (
-        "An estimator instead of the true state, sampling and hold, delay, saturation, quantisation and noise"
-        in state
+        "An estimator instead of the true state, sampling and hold, latency and delay, saturation, quantisation "
+        "and noise" in state
     )
 
 

@@ -47,8 +47,8 @@ CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
 
 #: Fields that change a run and not its controller.
 RUN_FIELDS = (
-    "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "delay", "quantisation",
-    "measurement_noise", "load", "duration", "seed",
+    "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "unknown_delay",
+    "quantisation",     "measurement_noise", "load", "duration", "seed",
 )  # fmt: skip
 
 #: An option of its own for the largest input by the kind of drive, beside ``--peak-effort``.

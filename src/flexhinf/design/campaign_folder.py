@@ -41,7 +41,16 @@ FOLDERS = ("a", "b")
 
 #: Fields of a specification that say on what robot, with which sensors and motors the law runs; all others say which
 #: law that is. Start, goal and limits are compared as numbers.
-SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
+SHARED = (
+    "measured",
+    "measurement_noise",
+    "quantisation",
+    "period",
+    "latency",
+    "unknown_delay",
+    "extras",
+    "move",
+)
 
 
 @dataclass(eq=False)

@@ -84,8 +84,9 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
             terms = tuple(
                 budget_terms(
                     law, setup.model, s.period, np.inf if level is None else level,
-                    delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
-                    start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
+                    latency=s.known_latency, delay=s.unknown_delay or None,
+                    estimator=setup.estimator(setup.start), saturation=setup.limits.saturated, start="bumpless",
+                    initial_state=x, initial_input=u, duration=duration, noise=setup.noise,
                     seed=s.seed,
                 )
             )  # fmt: skip
@@ -125,7 +126,8 @@ class SeveralJoints(InvalidInput):
 STEPPED = ("shaping", "quantisation", "friction_model")
 SEARCHED = (
     "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
-    "torque_noise", "measurement_noise", "extras", "delay",
+    "torque_noise", "measurement_noise", "extras", "latency",
+    "unknown_delay",
 )  # fmt: skip
 
 

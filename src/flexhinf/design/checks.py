@@ -130,8 +130,9 @@ def impulse_runs(
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     if any(run.diverged_at is not None for run in runs):
         return ImpulseRuns(runs, impulses, None)
+    late = setup.specification.known_latency + setup.specification.unknown_samples
     # The fit has all that the loop stores, as deviations from rest: state, estimate, last inputs, the newest last.
-    stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
+    stored, lags = [], range(min(late, MOST_LAGS), 0, -1)
     for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - held
         before = [np.vstack([np.zeros((lag, inputs.shape[1])), inputs[:-lag]]) for lag in lags]
@@ -337,8 +338,8 @@ def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMo
         margins(
             EquilibriumLoop(
                 laws[k], setup.estimator(pose), setup.smooth_plant, s.period,
-                equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
-                positions=setup.model.states[: len(pose)],
+                equilibrium=setup.robot.operating_point(pose), moving=True,
+                delay=s.unknown_samples, latency=s.known_latency, positions=setup.model.states[: len(pose)],
             )
         )
         for pose, k in zip(poses, places)

@@ -82,7 +82,7 @@ def sampled() -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1, 2, 5])
 def test_a_linear_loop_is_the_recursion_of_its_matrices(latency: int) -> None:
-    """With a queue of the inputs that wait and the prediction over them, written out; the unknown delay on top of it."""
+    """With a queue of the inputs that wait and the prediction over them, written out; an unknown delay on top."""
     phi, gamma = sampled()
     gain = np.asarray(estimator().initial.gain)
     loop = Loop(plant(), Controller(Gains(), estimator(), PERIOD, latency=latency), 1, delay=PERIOD)
@@ -127,7 +127,8 @@ def test_poles_are_those_of_the_loop_without_latency_and_zeros(latency: int, kin
         values = loop.modes([{}]).multipliers[0]
         poles.append(np.sort_complex(values[np.abs(values) > 0.2]))
         assert loop.delay == samples
-    assert len(poles[0]) == 4 and poles[1] == pytest.approx(poles[0], abs=1e-7)
+    assert len(poles[0]) == 4
+    assert poles[1] == pytest.approx(poles[0], abs=1e-7)
 
 
 @pytest.mark.oracle
@@ -205,7 +206,7 @@ def test_the_loop_in_python_control_has_the_queue(latency: int) -> None:
     run, system = loop.run(0.5, duration=0.4), loop.to_control()
     time, start = run.time, np.concatenate([np.zeros(2), controller.initial_memory()])
     response = control.input_output_response(system, time, np.full((1, len(time)), 0.5), start)
-    assert response.states[:2].T == pytest.approx(run.signals["state"], abs=1e-11)
+    assert pytest.approx(run.signals["state"], abs=1e-11) == response.states[:2].T
     with pytest.raises(InvalidInput, match="unknown delay"):
         Loop(plant(), controller, delay=PERIOD).to_control()
 

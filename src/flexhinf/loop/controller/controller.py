@@ -186,7 +186,8 @@ class Controller(Summarised):
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
             "moving": mode.moving, "start": mode.start, "fade": self.fade_option,
-            "before_first": self.first_input.option, "latency": mode.latency, "saturation": (limits.lower, limits.upper),
+            "before_first": self.first_input.option, "latency": mode.latency,
+            "saturation": (limits.lower, limits.upper),
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
             **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
                if mode.limits_command else {}),

@@ -12,10 +12,10 @@ without integrals, fewer integrals than inputs, a polynomial without such a root
 the input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
 composed kernels make them only when a law takes over.
 
-With a latency of N samples, the input computed from y(k) acts from sample k + N on. The memory has the inputs that wait;
-`predict_ahead` follows the estimator's model over them, and the law reads the state at which its input acts. Integrals
-count what is measured, so they end at sample k. A moving reference is that of sample k + N too, and the integrals
-compare y(k) with the one given N samples before.
+With a latency of N samples, the input computed from y(k) acts from sample k + N on. The memory has the inputs that
+wait; `predict_ahead` follows the estimator's model over them, and the law reads the state at which its input acts
+[manitius1979]. Integrals count what is measured, so they end at sample k. A moving reference is that of sample k + N
+too, and the integrals compare y(k) with the one given N samples before.
 """
 
 from __future__ import annotations
