@@ -37,6 +37,7 @@ OTHERS: dict[str, Any] = {
     "friction_model": True,
     "integral_dead_zone": (1e-3, 5e-4),
     "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
+    "delay_margin": 1.5,
     "effort": 10.0,
     "gamma_ratio": 1.7,
     "checked_gamma_ratio": 1.9,
