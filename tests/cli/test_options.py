@@ -26,6 +26,8 @@ WRITERS = ("dataclasses.py", "options.py", "design_file.py", "arguments.py")
 BEHIND = {
     "peak_sensitivity_limit": "peak_sensitivity",
     "gain_margin_limit": "gain_margin",
+    "known_latency": "latency",
+    "unknown_samples": "unknown_delay",
     "in_degrees": "angle_unit",
 }
 
