@@ -58,5 +58,5 @@ def _linear(design: Design, true: dict[str, Any]) -> EquilibriumLoop:
     plant = setup.smooth_plant.with_parameters(**setup.smooth_plant.parameters.known(true))
     return EquilibriumLoop(
         own.law, setup.estimator(setup.goal), plant, own.period, equilibrium=setup.goal_equilibrium,
-        moving=own.moving, delay=own.delay, positions=own.positions,
+        moving=own.moving, delay=own.delay - own.step.latency, latency=own.step.latency, positions=own.positions,
     )  # fmt: skip

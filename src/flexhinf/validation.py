@@ -220,8 +220,10 @@ def checked_name(
 
 
 def nearest(name: Any, known: Iterable[Any], otherwise: str = "one of these") -> str:
-    """The known name that is most like a wrong one, as an advice."""
-    close = difflib.get_close_matches(str(name)[:200], list(known), n=1)
+    """The known name that is most like a wrong one, or ends with it, as an advice."""
+    text, names = str(name)[:200], list(known)
+    ending = [other for other in names if text and str(other).endswith(text)]
+    close = difflib.get_close_matches(text, names, n=1) or ending
     return repr(close[0]) if close else otherwise
 
 

@@ -12,15 +12,21 @@ from flexhinf.analysis import EquilibriumLoop, FilteredLoop, frequency_response,
 from flexhinf.analysis.corners import MOTOR_VELOCITIES, VELOCITIES, ProcessNoise
 
 
-@pytest.fixture(scope="module")
-def loop() -> EquilibriumLoop:
+@pytest.fixture(scope="module", params=[0, 2])
+def loop(request: pytest.FixtureRequest) -> EquilibriumLoop:
     robot = fh.paper_arm()
     plant = robot.plant()
     law = fh.linear_law(robot.problem(), gamma=200.0)
     x, u = robot.operating_point(None)
     filter = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-7 * np.eye(4), 1e-8 * np.eye(1), x, 1e-6 * np.eye(4))
     return EquilibriumLoop(
-        law, filter, robot.plant(extras=("inductance",)), 1e-3, equilibrium=(x, u), delay=1
+        law,
+        filter,
+        robot.plant(extras=("inductance",)),
+        1e-3,
+        equilibrium=(x, u),
+        delay=1,
+        latency=request.param,
     )
 
 

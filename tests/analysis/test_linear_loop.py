@@ -19,25 +19,34 @@ SMALL = 1e-7
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("kind", [None, "ekf"])
-@pytest.mark.parametrize("delay", [0, 1, 40])
+@pytest.mark.parametrize(
+    ("kind", "delay", "latency"),
+    [(kind, delay, 0) for kind in (None, "ekf") for delay in (0, 1, 40)]
+    + [("ekf", 0, 1), ("ekf", 0, 3), ("ekf", 2, 1)],
+)
 def test_small_motions_are_those_of_the_compiled_loop(
-    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None, delay: int
+    made: SimpleNamespace,
+    two_link: Robot,
+    two_link_law: HJISolution,
+    kind: str | None,
+    delay: int,
+    latency: int,
 ) -> None:
     """From a small deviation, sample by sample, with the queue of the delay and the estimator at its gain."""
     plant, (x, _) = two_link.plant(), two_link.operating_point()
     filter = None if kind is None else made.filter(plant, x, kind)
-    resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD, delay=delay)
+    resting = EquilibriumLoop(two_link_law, filter, plant, PERIOD, delay=delay, latency=latency)
     linear = resting.linear()
     moved = SMALL * np.random.default_rng(2).normal(size=8)
     state, places = np.zeros(len(made.dense_system(linear).a)), resting.step.places
     state[:8] = moved
     memory = state[len(state) - resting.step.size :]
+    assert resting.delay == delay + latency
     memory[places["position"]] = -moved[
         :2
     ]  # no interval lies behind the first sample: half of it takes half away
     estimator = None if filter is None else ConstantGainFilter(filter, resting.gain(filter.process_noise))
-    loop = Loop(plant, Controller(two_link_law, estimator, PERIOD), delay=delay * PERIOD)
+    loop = Loop(plant, Controller(two_link_law, estimator, PERIOD, latency=latency), delay=delay * PERIOD)
     run = loop.run(duration=1.0, initial_state=x + moved)
     matrix = made.dense_system(linear).a
     multipliers = resting.modes([{}]).multipliers[0]

@@ -31,6 +31,8 @@ BEHIND = {
     "peak_sensitivity_limit": "peak_sensitivity",
     "gain_margin_limit": "gain_margin",
     "overshoot_limit": "overshoot",
+    "known_latency": "latency",
+    "unknown_samples": "unknown_delay",
     "in_degrees": "angle_unit",
 }
 

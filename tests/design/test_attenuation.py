@@ -20,7 +20,7 @@ def made() -> Design:
     """About 90°, torques at link and motor as disturbances, a step that starts inside the region."""
     asked = Specification(
         pose=[np.pi / 2], start=[np.pi / 2 - 0.3], preset="damped", disturbances=TORQUES, degrees=(4,), rays=500,
-        draws=0, compare_rigid=False, saturation=40.0, delay=1e-3,
+        draws=0, compare_rigid=False, saturation=40.0, unknown_delay=1e-3,
     )  # fmt: skip
     return design(fh.paper_arm(), asked)
 

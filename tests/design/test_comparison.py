@@ -203,11 +203,11 @@ def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
 
 @pytest.mark.slow
 def test_delay_and_quantisation_reach_all_laws(made: Callable[..., Comparison]) -> None:
-    worn = made(["lqr"], "none", draws=0, delay=0.02, quantisation=1e-3)
+    worn = made(["lqr"], "none", draws=0, unknown_delay=0.02, quantisation=1e-3)
     for row in worn.compared:
         found = row.evaluation
         assert found is not None
-        undelayed = replace(found.setup, specification=replace(found.setup.specification, delay=0.0))
+        undelayed = replace(found.setup, specification=replace(found.setup.specification, unknown_delay=0.0))
         plain = LawEvaluation("plain", undelayed).margins.delay_margin_s
         assert plain - found.margins.delay_margin_s == pytest.approx(0.02, abs=1e-4)
         steps = found.step.run.signals["output"] / 1e-3

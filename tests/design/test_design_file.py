@@ -38,6 +38,7 @@ OTHERS: dict[str, Any] = {
     "friction_model": True,
     "integral_dead_zone": (1e-3, 5e-4),
     "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
+    "delay_margin": 1.5,
     "effort": 10.0,
     "gamma_ratio": 1.7,
     "checked_gamma_ratio": 1.9,
@@ -53,7 +54,8 @@ OTHERS: dict[str, Any] = {
     "measurement_noise": 1e-300,
     "saturation": (24.0, 12.0),
     "extras": ("inductance", "coulomb_friction"),
-    "delay": 1e-3,
+    "latency": 2,
+    "unknown_delay": 1e-3,
     "quantisation": (2 * np.pi / 4096, 0.0),
     "load": -0.7,
     "draws": 0,
@@ -133,10 +135,11 @@ def test_the_schema_has_every_field_with_its_help() -> None:
 
 def test_texts_with_units_are_read_and_degrees_are_kept(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(
-        "[design]\nrobot = 'paper'\npose = '90°'\nbandwidth = '0.6Hz'\ndelay = '5ms'\n", encoding="utf-8"
+        "[design]\nrobot = 'paper'\npose = '90°'\nbandwidth = '0.6Hz'\nunknown_delay = '5ms'\n",
+        encoding="utf-8",
     )
     _, read = load_design(tmp_path / "mine.toml")
-    assert (read.pose, read.delay, read.in_degrees) == ((np.pi / 2,), 5e-3, True)
+    assert (read.pose, read.unknown_delay, read.in_degrees) == ((np.pi / 2,), 5e-3, True)
     file = written(tmp_path, read)
     assert "pose = [1.5707963267948966] # 90°" in file.read_text(encoding="utf-8")
     assert load_design(file)[1] == read

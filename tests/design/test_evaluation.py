@@ -33,6 +33,22 @@ def test_non_smooth_extras_are_left_out_of_the_linear_loop_in_one_place(setup_of
     assert margins(with_slope).delay_margin_s > 1.5 * rough.margins.delay_margin_s  # what was shown before
 
 
+@pytest.mark.oracle
+def test_the_second_delay_margin_is_that_of_the_robot_with_damped_springs(setup_of: Setups) -> None:
+    """Against the same loop round a plant whose own spring damping is D = 2ζ K/ω."""
+    law = LawEvaluation("law", setup_of("planar-two-link", (0.4, 0.6), latency=1, extras=("joint_damping",)))
+    stiffness, inertia = law.energy
+    twice = 1.0 / np.diag(inertia)[2:] + np.diag(np.linalg.inv(inertia[:2, :2]))
+    more = 2.0 * 0.005 * stiffness / np.sqrt(stiffness * twice)
+    robot = law.setup.robot
+    names = [f"damping_{joint}" for joint in law.setup.joints]
+    values = {name: robot.nominal[name] + d for name, d in zip(names, more, strict=True)}
+    known = robot.plant_parameters({**robot.nominal, **values})
+    expected = margins(law.setup.equilibrium_loop(values=known)).delay_margin_s
+    assert law.damped_delay_margin == pytest.approx(expected, rel=1e-8)
+    assert abs(expected / law.margins.delay_margin_s - 1.0) > 1e-5
+
+
 def test_the_inductance_stays_in_the_linear_loop(setup_of: Setups) -> None:
     coil = setup_of("paper", (np.pi / 2,), (0.0,), extras=("inductance",))
     assert coil.left_out == ()

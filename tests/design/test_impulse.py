@@ -94,7 +94,7 @@ def test_a_loop_that_rings_misses_the_line_with_its_joint(setup_of: Setups) -> N
 
 
 def test_a_delay_is_remembered(setup_of: Setups) -> None:
-    setup = setup_of("paper", (1.2,), delay=8e-3)
+    setup = setup_of("paper", (1.2,), unknown_delay=8e-3)
     runs = struck(setup, 0.1)
     assert runs.damping == pytest.approx(LawEvaluation("late", setup).margins.damping, rel=0.01)
 

@@ -263,8 +263,8 @@ def test_about_as_many_stages_are_told_as_announced(options: dict[str, Any]) -> 
         ({"measurement_noise": 0.0}, "measurement noise"),
         ({"duration": -1.0}, "duration"),
         ({"rays": -2}, "rays"),
-        ({"delay": 0.5e-3}, "delay"),
-        ({"delay": -1e-3}, "delay"),
+        ({"unknown_delay": 0.5e-3}, "unknown_delay"),
+        ({"unknown_delay": -1e-3}, "unknown_delay"),
         ({"bandwidth": 0.0}, "bandwidth"),
         ({"bandwidth": [2.0, -1.0]}, "bandwidth"),
         ({"damping": 1.0}, "damping"),
@@ -321,7 +321,7 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
     """223 against 92 ms of delay margin, 3.2 against 5.3 rad/s: two linear loops, of which one dropped the friction."""
     asked = Specification(
         extras=("coulomb_friction",),
-        delay="2ms",
+        unknown_delay="2ms",
         degrees=(2,),
         rays=0,
         draws=0,

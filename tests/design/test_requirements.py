@@ -65,7 +65,7 @@ class Linear:
         self, bandwidth: Any = (), damping: float = 1.0, peak: float = 1.0, gain: float = 9.0
     ) -> None:
         self.bandwidth, self.damping = np.array(bandwidth, dtype=float), damping
-        self.peak_sensitivity, self.gain_margin = peak, gain
+        self.peak_sensitivity, self.gain_margin, self.delay_margin_s = peak, gain, 1.5e-3
 
 
 def line(limit: float, found: float, at_most: bool) -> Requirement:
@@ -172,12 +172,17 @@ def test_an_unstable_loop_has_no_bandwidth() -> None:
 
 def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     found: Any = Linear(peak=2.2, gain=1.9)
-    peak, gain = margin_requirements(Specification(), found)
-    assert (peak.limit, gain.limit) == (PEAK_SENSITIVITY, GAIN_MARGIN)
+    peak, gain, delay = margin_requirements(Specification(), found)
+    assert (peak.limit, gain.limit, delay.limit) == (PEAK_SENSITIVITY, GAIN_MARGIN, 1.0)
+    assert (delay.found, delay.unit, delay.met) == (pytest.approx(1.5), "samples", True)
     assert (peak.met, gain.met, peak.stated_by) == (True, True, "default")
-    peak, gain = margin_requirements(Specification(peak_sensitivity=2.0, gain_margin=2.0), found)
-    assert (peak.met, gain.met) == (False, False)
-    assert (peak.stated_by, gain.stated_by) == ("--peak-sensitivity", "--gain-margin")
+    stated = Specification(peak_sensitivity=2.0, gain_margin=2.0, delay_margin=2.0)
+    peak, gain, delay = margin_requirements(stated, found, damped=4e-3)
+    assert (peak.met, gain.met, delay.met) == (False, False, False)
+    assert (peak.stated_by, gain.stated_by, delay.stated_by) == (
+        "--peak-sensitivity", "--gain-margin", "--delay-margin"
+    )  # fmt: skip
+    assert "; 4 samples" in delay.criterion
     assert "running loop" in peak.where
 
 

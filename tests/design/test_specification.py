@@ -73,8 +73,8 @@ def test_words_have_any_case() -> None:
         ({"gamma_ratio": 1e308}, "1e+06 (", "gamma_ratio=1.5", "--gamma-ratio 1.5"),
         ({"checked_gamma_ratio": 1e308}, "1e+06 (", "checked_gamma_ratio=1.6", "--checked-gamma-ratio 1.6"),
         ({"duration": -3.0}, "> 0, s, got -3.0", "duration=5.0", "--duration 5"),
-        ({"delay": 500}, "500 s are 500000 samples", "delay='500ms'", "--delay 500ms"),
-        ({"delay": 1.5e-3}, " 0.001 s, got 0.0015 s", "delay='5ms'", "--delay 5ms"),
+        ({"unknown_delay": 500}, "500 s are 500000 samples", "unknown_delay='500ms'", "--unknown-delay 500ms"),
+        ({"unknown_delay": 1.5e-3}, " 0.001 s, got 0.0015 s", "unknown_delay='5ms'", "--unknown-delay 5ms"),
         ({"period": 2}, "1e-5 to 0.1 s, got 2", "period='2ms'", "--period 2ms"),
         ({"duration": 5000}, "5000000 samples", "duration='5000ms'", "--duration 5000ms"),
         ({"preset": "smooth"}, "proved, got 'smooth'", "preset='damped'", "--preset damped"),
@@ -83,6 +83,9 @@ def test_words_have_any_case() -> None:
         ({"peak_sensitivity": 1.0}, "> 1, got 1.0", "peak_sensitivity=2.0", "--peak-sensitivity 2"),
         ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
         ({"dampng": 0.3}, "'dampng'", "'damping'", "'damping'"),
+        ({"delay": 0.01}, "'delay'", "'unknown_delay'", "'unknown_delay'"),
+        ({"latency": 11}, "at most 10 (", "latency=1", "--latency 1"),
+        ({"latency": 1, "estimator": "none"}, "expected 0", "latency=0", "--latency 0"),
     ],
 )  # fmt: skip
 def test_a_refusal_names_value_and_range_in_the_syntax_of_its_user(
@@ -94,6 +97,12 @@ def test_a_refusal_names_value_and_range_in_the_syntax_of_its_user(
     assert found in caught.value.found
     assert caught.value.advice == python
     assert error_text(caught.value).endswith(f"try:   {option}")
+
+
+def test_latency_and_unknown_delay_are_states_of_one_linear_loop() -> None:
+    assert Specification(latency=2, unknown_delay=0.198).unknown_samples == 198
+    with pytest.raises(SpecificationError, match="198 samples"):
+        Specification(latency=2, unknown_delay=0.199)
 
 
 def test_a_specification_cannot_be_changed_but_replaced() -> None:
@@ -128,7 +137,7 @@ def test_specification_and_linear_loop_refuse_the_same_delays(samples: int) -> N
     plant, problem = robot.plant(), robot.problem()
     law = fh.linear_law(problem, 2.0 * fh.smallest_gamma(problem))
     makers = (
-        lambda: Specification(delay=1e-3 * samples),
+        lambda: Specification(unknown_delay=1e-3 * samples),
         lambda: EquilibriumLoop(law, None, plant, 1e-3, delay=samples),
     )
     for make in makers:

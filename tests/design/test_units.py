@@ -87,7 +87,7 @@ def test_letters_of_prefixes_and_symbols_are_those_of_the_si(read: Any, text: st
     ("field", "text", "advice"),
     [
         ("period", "5 MS", "period='5ms'"), ("peak_speed", "3 MM/S", "peak_speed=0.003"),
-        ("pose", "2 M", "pose=(2.0,)"), ("delay", "5 MM", "delay="),
+        ("pose", "2 M", "pose=(2.0,)"), ("unknown_delay", "5 MM", "unknown_delay="),
     ],
 )  # fmt: skip
 def test_a_unit_of_a_specification_in_other_letters_is_told_the_right_ones(

@@ -126,5 +126,5 @@ def test_a_delay_longer_than_the_lowest_vibration_is_asked_for_its_unit() -> Non
     with pytest.raises(InvalidInput, match=f"delay(.|\n)* {longest:.3g} s,.*vibration"):
         check_delay(robot, 1.001 * longest)
     for judged in (fh.design, fh.compare):
-        with pytest.raises(InvalidInput, match="--delay 1ms"):
-            judged(robot, fh.Specification(pose=0.0, period=0.01, delay=1.0))
+        with pytest.raises(InvalidInput, match="--unknown-delay 1ms"):
+            judged(robot, fh.Specification(pose=0.0, period=0.01, unknown_delay=1.0))

@@ -167,6 +167,7 @@ def budget_terms(
     period: float = 1e-3,
     level: float = np.inf,
     *,
+    latency: int = 0,
     delay: float | None = None,
     estimator: Any = None,
     saturation: Any = None,
@@ -176,20 +177,23 @@ def budget_terms(
     """Run the same law with the exact state at the samples, then with delay, estimator and limits added in turn.
 
     The law has a value function, and the plant is its own: a budget says nothing of another. Period and delay are in
-    s, the delay a whole number of periods; None leaves a row out. `level` is c of {V ≤ c}; `estimator`, `saturation`
+    s, the delay a whole number of periods; None leaves a row out. The estimator knows the `latency`, samples that come
+    on top of the delay; before it is added, nothing does. `level` is c of {V ≤ c}; `estimator`, `saturation`
     and `start` are as of `flexhinf.loop.Controller`, `run` as of `Loop.run`, with noise only where the estimator is.
     What does not fit is refused as by `dissipation_budget`.
     """
     rows: list[BudgetTerm] = []
-    added = {"sampling": True, "delay": delay, "estimator": estimator, "saturation": saturation}
+    late = latency * period + (delay or 0.0)
+    added = {"sampling": True, "delay": late or delay, "estimator": estimator, "saturation": saturation}
     so_far: dict[str, Any] = {}
     for name, part in added.items():
         if part is None:
             continue
         so_far[name] = part
         observer = so_far.get("estimator")
-        controller = Controller(law, observer, period, so_far.get("saturation"), start=start)
-        loop = Loop(plant, controller, delay=so_far.get("delay", 0.0))
+        known = 0 if observer is None else latency
+        controller = Controller(law, observer, period, so_far.get("saturation"), start=start, latency=known)
+        loop = Loop(plant, controller, delay=so_far.get("delay", 0.0) - known * period)
         trajectory = loop.run(**{**run, "noise": run.get("noise") if observer is not None else None})
         if trajectory.diverged_at is None:
             budget = dissipation_budget(trajectory, loop, level, run.get("initial_input"))

@@ -61,8 +61,9 @@ class EquilibriumLoop:
     moving : bool
         The law acts on deviations from the goal, and its input adds to the one that holds it there, as
         `flexhinf.loop.Controller` with ``moving=True``.
-    period, delay : float, int
-        s; whole samples between an input and its effect, of which the estimator does not know, at most 200.
+    period, delay, latency : float, int, int
+        s; whole samples between an input and its effect, of which the estimator does not know, and samples that it
+        knows, see `flexhinf.loop.Controller`. At most 200 together, which is the loop's `delay`.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
@@ -80,6 +81,7 @@ class EquilibriumLoop:
         equilibrium: tuple[np.ndarray, np.ndarray] | None = None,
         moving: bool = False,
         delay: int = 0,
+        latency: int = 0,
         positions: str | Sequence[str] | None = None,
     ) -> None:
         if goal is not None and equilibrium is not None:
@@ -92,9 +94,9 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
-        check_delay(delay, period, LONGEST_LINEAR)
+        check_delay(delay + latency, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
-        self.moving, self.delay = moving, delay
+        self.moving, self.delay = moving, delay + latency
         #: Whether the gain follows from R^v: that of a Kalman filter.
         self.tunable = isinstance(filter, RecursiveFilter) and not isinstance(filter, OutputInjectionObserver)
         self._nominal: LinearLoop | None = None
@@ -122,14 +124,14 @@ class EquilibriumLoop:
             if self.tunable
             else self.filter
         )
-        self.step = SampledController(law, steady, period, moving)
+        self.step = SampledController(law, steady, period, moving, latency)
         x, u = self.model_equilibrium
         #: (x*, u*) of the law, or of the goal it moves with.
         self.centre = np.concatenate([x, law.operating_point[len(x) :], u]) if moving else self.step.centre
         #: Wanted values of the tracked states, (k,).
         self.command = x[[self._states.index(name) for name in self.step.tracked]]
         #: Number of states of the linear loop: true plant, inputs that wait in the delay, controller.
-        self.states = true_plant.n + delay * self.step.m + self.step.size
+        self.states = true_plant.n + self.delay * self.step.m + self.step.size
         self.positions = self.step.tracked if positions is None else true_plant.expanded(positions)
         self.sub_steps = Loop(true_plant, self.step.controller).sub_steps
 
@@ -168,7 +170,7 @@ class EquilibriumLoop:
     def by_loop(self, by: np.ndarray, by_y: np.ndarray) -> np.ndarray:
         """Derivatives (N, j, n + s) by plant and memory, from those by memory and measurement (N, j, s + p …), with
         ∂y/∂(x, last input) (N, p, n + m)."""
-        n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.places["u"]
+        n, s, p, place = self.plant.n, self.step.size, self.step.p, self.step.acted
         through = by[:, :, s : s + p] @ by_y
         whole = np.concatenate([through[:, :, :n], by[:, :, :s]], axis=2)
         whole[:, :, n + place.start : n + place.stop] += through[:, :, n:]
@@ -179,9 +181,9 @@ class EquilibriumLoop:
     ) -> tuple[Stepped, np.ndarray]:
         """The controller's step at loop states z (N, n + s), and ∂y/∂(x, last input) (N, p, n + m); with derivatives by
         command and centre if `outside`."""
-        n, place = self.plant.n, self.step.places["u"]
+        n = self.plant.n
         x, memory = z[:, :n], z[:, n:]
-        y, by_y = self.measure(np.hstack([x, memory[:, place]]), vectors)
+        y, by_y = self.measure(np.hstack([x, memory[:, self.step.acted]]), vectors)
         command = np.broadcast_to(self.command, (len(z), self.step.k))
         return self.step.step(memory, y, command, self.centre, fixed, outside=outside), by_y
 
@@ -219,7 +221,8 @@ class EquilibriumLoop:
             integral, position = self.law.operating_point[len(x) :], np.zeros(self.step.k)
         else:
             integral, position = equilibrium_integrals(self.step.law_rows, x, u), self.command
-        return np.concatenate([self._true_start(x, u), self.step.settled(x, u), u, integral, position])
+        rest = self.step.at_rest(u, self.command)
+        return np.concatenate([self._true_start(x, u), self.step.settled(x, u), u, integral, position, rest])
 
     def _true_start(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         plant, known = self.plant, dict(zip(self._states, x))

@@ -446,8 +446,8 @@ class FilteredLoop:
         self.grid = np.geomspace(BELOW * bandwidth, np.pi / loop.period, POINTS)
         own, (_, h), places = self.own, loop.model, loop.step.places
         gain = loop.gain(loop.filter.process_noise)
-        unused = np.zeros((len(h), len(own.memory) - places["u"].stop))
-        innovation = np.hstack([-h, -own.d, unused, np.eye(len(h))])
+        innovation = np.hstack([np.zeros((len(h), len(own.memory))), np.eye(len(h))])
+        innovation[:, places["belief"]], innovation[:, loop.step.acted] = -h, -own.d
 
         def split(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             moved = matrix[:, places["belief"]] @ np.linalg.inv(np.eye(h.shape[1]) - gain @ h)

@@ -338,16 +338,21 @@ class SampledController:
     """A law with an estimator of constant gain, or fed back the state.
 
     The memory is the moving part of the estimator's belief (x̂(k|k−1), or nothing without an estimator), the last
-    input, the integrals, and the tracked positions of the last sample (their errors, where the reference moves). The
-    centre is (x*, u*): of the law, or the moving reference.
+    input, the integrals, the tracked positions of the last sample (their errors, where the reference moves), and with a
+    latency the older inputs that wait, newest first, and commands of a moving reference likewise. The centre is
+    (x*, u*): of the law, or the moving reference.
 
     The estimator has a constant gain: a ConstantGainFilter, an OutputInjectionObserver, or another of whose belief
-    nothing but the mean moves, else an InvalidInput; or there is None. `moving` is as of `flexhinf.loop.Controller`.
+    nothing but the mean moves, else an InvalidInput; or there is None. `moving` and `latency` are as of
+    `flexhinf.loop.Controller`.
     """
 
-    def __init__(self, law: Law, estimator: Any, period: float, moving: bool = False) -> None:
+    def __init__(
+        self, law: Law, estimator: Any, period: float, moving: bool = False, latency: int = 0
+    ) -> None:
         self.law, self.estimator, self.period, self.moving = law, estimator, period, moving
-        control = self.controller = Controller(law, estimator, period, moving=moving)
+        self.latency = latency
+        control = self.controller = Controller(law, estimator, period, moving=moving, latency=latency)
         self.states, self.tracked, self.measured = control.states, control.tracked, control.measured
         self.n, self.m = len(self.states), len(law.input_names)
         self.k, self.p = len(self.tracked), len(self.measured)
@@ -366,11 +371,17 @@ class SampledController:
         ]
         #: Tracked positions by measurement (k, p) and estimate (k, n): the measurement where there is one.
         self.selections = np.reshape(from_y, (self.k, self.p)), np.reshape(from_state, (self.k, self.n))
-        sizes = {"belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k}
+        sizes = {
+            "belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k,
+            "queue": latency * self.m, "commands": latency * moving * self.k,
+        }  # fmt: skip
         ends = np.cumsum([*sizes.values()]).tolist()
         #: Where the parts of the memory are, and its length.
         self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends)}
         self.size = ends[-1]
+        #: Place of the input that acted until this sample.
+        self.acted = slice(self.places["queue"].stop - self.m, self.places["queue"].stop)
+        self.acted = self.acted if latency else self.places["u"]
         if self.parts == (0,) and estimator is not None:
             u = np.asarray(law.operating_input, dtype=float)
             mean, held = np.asarray(estimator.initial.mean, dtype=float), self._held(None)
@@ -411,31 +422,48 @@ class SampledController:
         past, seen, wanted, about = (
             _Dual(value, np.broadcast_to(row, (count, *row.shape))) for value, row in zip(parts, rows)
         )
-        estimate = belief = seen
+        estimate = belief = ahead = seen
+        beliefs: list[_Dual] = []
+        waiting = stacked(past[place["u"]], past[place["queue"]])[: self.latency * self.m]
         if self.estimator is not None:
             held = self._held(fixed)
             if self._flag.stop:
                 held = np.tile(held, (count, 1))
                 held[:, self._flag] = np.broadcast_to(started, (count,))[:, None]
-            before = stacked(past[place["belief"]], seen, past[place["u"]])
+            before = stacked(past[place["belief"]], seen, past[self.acted])
             belief = before.through(lambda v: self._correct(v, held))
             estimate = belief[: self.n]
+            beliefs = self._ahead(belief, waiting, held)
+            ahead = beliefs[-1][: self.n] if beliefs else estimate
         from_y, from_state = self.selections
         position = seen.moved(from_y) + estimate.moved(from_state)
         half = 0.5 * self.period * np.broadcast_to(started, (count,))
+        commands = stacked(wanted, past[place["commands"]])
         if self.moving:  # position stands for its error, before and now
-            position = position - wanted
+            position = position - commands[self.latency * self.k :]
         growth = (past[place["position"]] + position).times(half)
         integral = past[place["integral"]] + (growth if self.moving else growth - wanted.times(2.0 * half))
-        deviation = stacked(estimate, integral) - about[: self.n + self.k]
+        deviation = stacked(ahead, integral) - about[: self.n + self.k]
         at_goal = about[self.n + self.k :]
         placed = self.moving and self.law.depends_on_reference
         where = stacked(deviation, about[: self.n], at_goal) if placed else deviation
         u = at_goal + where.through(self.law_rows.about if placed else self.law_rows)
-        after = stacked(u, integral, position)
+        after = stacked(u, integral, position, waiting, commands[: self.latency * self.moving * self.k])
         if self.estimator is not None:
-            after = stacked(stacked(belief, u).through(lambda v: self._predict(v, held)), after)
+            after = stacked((beliefs or self._ahead(belief, u, held))[0], after)
         return Stepped(u, deviation, after)
+
+    def _ahead(self, belief: _Dual, waiting: _Dual, held: Any) -> list[_Dual]:
+        # beliefs after each of the waiting inputs, of which the last one acts first
+        beliefs = [belief]
+        for end in range(waiting.value.shape[1], 0, -self.m):
+            u = waiting[end - self.m : end]
+            beliefs.append(stacked(beliefs[-1], u).through(lambda v: self._predict(v, held)))
+        return beliefs[1:]
+
+    def at_rest(self, u: np.ndarray, command: np.ndarray) -> np.ndarray:
+        """The part of the memory that a latency adds, where input (m,) and command (k,) stand still."""
+        return np.concatenate([np.tile(u, self.latency), np.tile(command, self.latency * self.moving)])
 
     # The estimator -------------------------------------------------------------------------------------
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:

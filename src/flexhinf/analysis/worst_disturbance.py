@@ -82,7 +82,7 @@ class DisturbanceRuns:
                 "the same integrals",
             )
         self.problem, self.law, self.period, self.horizon = problem, law, period, horizon
-        self.loop = Loop(problem.plant, Controller(law, estimator, period))
+        self.loop = Loop(problem.plant, Controller(law, estimator, period, latency=0))
         self.times = np.arange(round(horizon / period) + 1) * period
         self.commands = len(problem.integrate) if problem.command else 0
         self.channels = len(problem.disturbance_names)

@@ -307,11 +307,11 @@ def theorem_parts(
             "Not proved",
             [
                 (
-                    "- Other estimators than the stated one, noise of the measurement, sampling and hold, delay, "
-                    "saturation, quantisation"
+                    "- Other estimators than the stated one, noise of the measurement, sampling and hold, latency "
+                    "and delay, saturation, quantisation"
                     if claim.observer
                     else "- An estimator instead of the true state, "
-                    "sampling and hold, delay, saturation, quantisation and noise"
+                    "sampling and hold, latency and delay, saturation, quantisation and noise"
                 )
                 + (", beyond what the budget of 4. covers." if verification.gradient_law else "."),
                 "- Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at "

@@ -55,7 +55,7 @@ COMMANDS = {
         design,
         "flexhinf design paper --pose 90deg",
         "flexhinf design planar-two-link --pose 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
-        "flexhinf design paper --preset robust --peak-voltage 24 --delay 2ms --out robust",
+        "flexhinf design paper --preset robust --peak-voltage 24 --unknown-delay 2ms --out robust",
         "flexhinf design flexhinf-design/design.toml --seed 1",
     ),
     "compare": (

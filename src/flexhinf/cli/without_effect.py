@@ -19,7 +19,8 @@ STATES = 5
 STEPPED = ("shaping", "quantisation", "friction_model", "integral_dead_zone")
 SEARCHED = (
     "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", "process_noise",
-    "torque_noise", "measurement_noise", "extras", "delay",
+    "torque_noise", "measurement_noise", "extras", "latency",
+    "unknown_delay",
 )  # fmt: skip
 
 #: What fields of a step would act on, where no step is run.

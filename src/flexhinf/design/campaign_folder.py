@@ -41,7 +41,16 @@ FOLDERS = ("a", "b")
 
 #: Fields of a specification that define robot, sensors and motors; all others define the law. Start, goal and limits
 #: are compared as numbers.
-SHARED = ("measured", "measurement_noise", "quantisation", "period", "delay", "extras", "move")
+SHARED = (
+    "measured",
+    "measurement_noise",
+    "quantisation",
+    "period",
+    "latency",
+    "unknown_delay",
+    "extras",
+    "move",
+)
 
 
 @dataclass(eq=False)

@@ -81,8 +81,9 @@ def attenuation(setup: LoopSetup, synthesis: Synthesis, duration: float) -> Atte
         with suppress(NumericalFailure):
             budget = budget_terms(
                 law, setup.model, s.period, np.inf if level is None else level,
-                delay=s.delay or None, estimator=setup.estimator(setup.start), saturation=setup.limits.saturated,
-                start="bumpless", initial_state=x, initial_input=u, duration=duration, noise=setup.noise, seed=s.seed,
+                latency=s.known_latency, delay=s.unknown_delay or None, estimator=setup.estimator(setup.start),
+                saturation=setup.limits.saturated, start="bumpless", initial_state=x, initial_input=u,
+                duration=duration, noise=setup.noise, seed=s.seed,
             )  # fmt: skip
             terms = tuple(budget)
     return Attenuation(attained, within_level(terms), failure)

@@ -142,7 +142,8 @@ def impulse_runs(
         return ImpulseRuns(runs, impulses, None)
     # The fit uses the whole state of the loop as deviations from rest: state, estimate and past inputs, the newest
     # last.
-    stored, lags = [], range(min(round(setup.specification.delay / period), MOST_LAGS), 0, -1)
+    late = setup.specification.known_latency + setup.specification.unknown_samples
+    stored, lags = [], range(min(late, MOST_LAGS), 0, -1)
     for signals in (response.run.signals for response in runs):
         inputs = signals["input"] - holding_input
         before = [np.vstack([np.zeros((lag, inputs.shape[1])), inputs[:-lag]]) for lag in lags]
@@ -349,8 +350,8 @@ def margins_along(setup: LoopSetup, plan: Plan, limits: MarginLimits) -> AlongMo
         margins(
             EquilibriumLoop(
                 laws[k], setup.estimator(pose), setup.smooth_plant, s.period,
-                equilibrium=setup.robot.operating_point(pose), moving=True, delay=round(s.delay / s.period),
-                positions=setup.model.states[: len(pose)],
+                equilibrium=setup.robot.operating_point(pose), moving=True,
+                delay=s.unknown_samples, latency=s.known_latency, positions=setup.model.states[: len(pose)],
             )
         )
         for pose, k in zip(poses, places)

@@ -102,6 +102,7 @@ def prepare_run(
             controller.law, controller.estimator, controller.period,
             (controller.limits.lower, controller.limits.upper), moving=True,
             integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
+            latency=controller.mode.latency,
         )  # fmt: skip
         reference = plans.move_reference(model, plan, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
@@ -125,7 +126,7 @@ def prepare_run(
         state, holding_input = model.operating_point(start)
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
-    loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.delay)
+    loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.unknown_delay)
     return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments)
 
 
@@ -273,7 +274,7 @@ class DesignCampaign:
         """The campaign with a controller and runs of this length, s."""
         s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
-        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.delay)
+        loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.unknown_delay)
         reference = (
             plans.step_command(model, s, *self.ends, controller.law)
             if self.plan is None

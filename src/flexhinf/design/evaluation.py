@@ -19,6 +19,7 @@ from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
 from flexhinf.plant import Law
+from flexhinf.robot.signals import signal_names
 from flexhinf.scalars import trace
 
 #: Ratios of R^v to R^n for which corners are computed, by the number of states of the linear loop: large loops afford
@@ -115,6 +116,23 @@ class LawEvaluation:
     def margins(self) -> analysis.Margins:
         """Margins of the running loop. Raises `FlexhinfError` if it has no equilibrium."""
         return analysis.margins(self.loop)
+
+    @cached_property
+    def damped_delay_margin(self) -> float:
+        """Delay margin of the running loop, s, with every spring damped by another `requirements.SPRING_DAMPING`.
+
+        Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
+        """
+        linear, plant, joints = self.loop.linear(), self.loop.plant, self.setup.joints
+        a, kinds = linear.a.copy(), ("motor_position", "motor_velocity", "link_velocity")
+        for names in zip(*(signal_names(kind, joints) for kind in kinds)):
+            if names[0] in plant.states:  # else a rigid joint
+                motor, motor_rate, link_rate = map(plant.index, names)
+                pull = linear.a[:, motor]
+                damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
+                a[:, motor_rate] += damped
+                a[:, link_rate] -= damped
+        return analysis.margins(replace(linear, a=a)).delay_margin_s
 
     @cached_property
     def linear_failure(self) -> str:

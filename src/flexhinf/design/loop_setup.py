@@ -197,7 +197,7 @@ class LoopPlants:
     """Plants, sensors, noise, limits and estimators of a loop: all of it except the control law."""
 
     robot: Robot
-    specification: Specification  # `of_loop`: sensors, estimator, period, delay, limits, extras and noise
+    specification: Specification  # `of_loop`: sensors, estimator, period, latency, limits, extras and noise
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -360,7 +360,7 @@ class LoopSetup(LoopPlants):
             self.law, self.estimator(at, deployed=True), self.specification.period, self.limits.saturated,
             moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
-            before_first=self.robot.operating_point(at)[1],
+            before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
         )  # fmt: skip
 
     def position_resolution(self, deviations: float = 1.0) -> float:
@@ -386,7 +386,11 @@ class LoopSetup(LoopPlants):
         """A loop with the true plant and these parameters, or with another plant; with delay and quantisation."""
         plant = _with_values(self.true_plant, values) if plant is None or values is not None else plant
         return Loop(
-            plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.delay
+            plant,
+            controller,
+            sub_steps,
+            quantisation=self.quantisation,
+            delay=self.specification.unknown_delay,
         )
 
     def equilibrium(
@@ -406,14 +410,16 @@ class LoopSetup(LoopPlants):
         s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
         return EquilibriumLoop(
             law, self.estimator(self.goal) if estimated else None, plant, s.period,
-            equilibrium=self.goal_equilibrium, moving=not has_integrals(law), delay=round(s.delay / s.period),
-            positions=self.model.states[: len(self.goal)],
+            equilibrium=self.goal_equilibrium, moving=not has_integrals(law), delay=s.unknown_samples,
+            latency=s.known_latency if estimated else 0, positions=self.model.states[: len(self.goal)],
         )  # fmt: skip
 
     def departure(self, law: Law) -> np.ndarray:
         """Deviation (N,) from the goal's equilibrium at which a law takes over at the start, integrals included."""
-        estimator, period = self.estimator(self.start), self.specification.period
-        controller = Controller(law, estimator, period, self.limits.saturated, start="bumpless")
+        estimator, s = self.estimator(self.start), self.specification
+        controller = Controller(
+            law, estimator, s.period, self.limits.saturated, start="bumpless", latency=s.known_latency
+        )
         x, u = self.equilibrium(self.start)
         x, known = x[: len(controller.states)], self.model.parameters.vector()
         controller.reset(None if estimator is None else x, input=u)

@@ -476,7 +476,10 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
     """Requirements on a law in `design` and `compare`: on margins, the nominal step, corners and sampled robots."""
     setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
-    margins = required.margin_requirements(s, evaluation.margins, setup.joints) if linear else []
+    margins = []
+    if linear:
+        damped = evaluation.damped_delay_margin
+        margins = required.margin_requirements(s, evaluation.margins, setup.joints, damped)
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
     robots = [] if corners is None else [required.corner_requirement(corners)]

@@ -4,9 +4,9 @@ Metrics of a step or a move on many robots are reductions, which are computed du
 designed one.
 
 `REQUIREMENTS` has a row for each requirement: its name, unit, kind of limit (upper or lower), the field of the
-specification that states the limit, and how the value is measured. Bandwidth, damping, peak sensitivity and gain margin
-are
-judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
+specification that states the limit, and how the value is measured. Bandwidth, damping, peak sensitivity, gain and delay
+margin are judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be
+linearised.
 """
 
 from __future__ import annotations
@@ -272,6 +272,10 @@ class RunMetrics:
         }
 
 
+#: Damping ratio of its own vibration that every spring is given in addition, for a second look at the delay margin:
+#: undamped vibrations decide it, and no real spring is undamped.
+SPRING_DAMPING = 5e-3
+
 #: The requirement of the links' speeds.
 SPEED = "link speed"
 
@@ -346,6 +350,8 @@ _ROWS = {
         "largest singular value of S at the plant's inputs, over all frequencies"),
     "gain_margin": ("gain margin", "", "≥", "gain_margin",
         "smallest factor, up or down, of one input's gain that makes the loop unstable"),
+    "delay_margin": ("delay margin", "samples", "≥", "delay_margin",
+        "smallest extra delay of all inputs together, on top of the latency, that makes the loop unstable"),
     "corners": ("unstable corners", "", "≤", "", "corners with a pole outside the unit circle"),
     "overshoot": ("overshoot", "%", "≤", "overshoot", "largest of all joints, per cent of the joint's own step"),
     "unsettled": ("runs that do not settle", "", "≤", "",
@@ -383,15 +389,21 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
 
 
 def margin_requirements(
-    s: Specification, margins: Margins, joints: Sequence[str] = ("",)
+    s: Specification, margins: Margins, joints: Sequence[str] = ("",), damped: float = math.nan
 ) -> list[Requirement]:
-    """Peak sensitivity and gain margin of the running loop; `joints` are those of the inputs."""
+    """Peak sensitivity, gain margin and delay margin of the running loop; `joints` are those of the inputs, and
+    `damped` the delay margin with more damping of the springs, s, which is told beside it."""
+    delays, row = np.array([margins.delay_margin_s, damped]) / s.period, REQUIREMENTS["delay_margin"]
+    told = (
+        f"{row.criterion}; {delays[1]:.3g} samples with springs damped by {100.0 * SPRING_DAMPING:g} % more"
+    )
     return [
         REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP),
         REQUIREMENTS["gain_margin"].judge(
             s, s.gain_margin_limit, margins.gain_margin, SAMPLED_LOOP,
             joint=joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
+        row.judge(s, s.delay_margin, delays[0], SAMPLED_LOOP, criterion=row.criterion if math.isnan(damped) else told),
     ]  # fmt: skip
 
 

@@ -7,7 +7,6 @@ schema and the table of options in docs/design.md derive from this class, see `f
 from __future__ import annotations
 
 import contextlib
-import difflib
 import functools
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
@@ -32,7 +31,7 @@ from flexhinf.options import (
     with_parameters,
 )
 from flexhinf.robot.waypoints import WaypointError, waypoints
-from flexhinf.validation import value_text
+from flexhinf.validation import nearest, value_text
 
 Move = Annotated[
     Any,
@@ -55,6 +54,10 @@ TORQUE_NOISE = 1e-7
 #: only the link is measured.
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
+#: Default latency of a loop with an estimator, samples.
+LATENCY = 0
+
+
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
 RINGS = 0.1
 
@@ -68,6 +71,7 @@ RUN_SAMPLES = 1_000_000
 MOST = {
     "draws": (100_000, "more take hours, and the memory of every run"),
     "rays": (100_000, "ascent finds what so many directions miss; more take hours"),
+    "latency": (10, "each beyond the first costs a step one more time update of the estimator"),
     "gamma_ratio": (1e6, "from there on the disturbance has no weight in the law, and it no longer changes"),
     "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
 }
@@ -99,7 +103,8 @@ class SpecificationError(InvalidInput):
 class Specification:
     """The requirements on a design. A field that is None is chosen by the rule in its help.
 
-    Every field takes numbers in SI units, or the text that the command line takes: ``pose="90deg"``, ``delay="5ms"``.
+    Every field takes numbers in SI units, or the text that the command line takes: ``pose="90deg"``,
+    ``unknown_delay="5ms"``.
 
     Raises
     ------
@@ -156,6 +161,8 @@ class Specification:
     gain_margin: options.AboveOne | None = option(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}")
+    delay_margin: options.NotNegative = option(1.0, LOOP,
+        "Least extra delay, in samples on top of the latency, that the running loop tolerates.", "1", "samples")
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
@@ -198,9 +205,12 @@ class Specification:
     extras: options.Names = option((), HARDWARE,
         "What the true plant has beside the model: inductance, joint_damping, spring_hardening, backlash, "
         "coulomb_friction, stribeck_friction.", "coulomb_friction")
-    delay: options.Seconds = option(0.0, HARDWARE,
-        "Delay of the inputs, a multiple of the period, at most 100,000 samples; the estimator "
-        "does not know of it.", "5ms", "s")
+    latency: options.Count | None = option(None, HARDWARE,
+        "Samples between a measurement and the effect of the input computed from it, at most 10; the estimator "
+        "predicts over them.", "1", default=f"{LATENCY}, or 0 where the true state is fed back")
+    unknown_delay: options.Seconds = option(0.0, HARDWARE,
+        "Delay of the inputs on top of the latency, a multiple of the period, at most 200 samples with it; the "
+        "estimator does not know of it.", "5ms", "s")
     quantisation: options.Quanta = option(0.0, HARDWARE,
         "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")
@@ -240,14 +250,17 @@ class Specification:
         for name, (most, why) in MOST.items():
             if (value := getattr(self, name)) is not None and value > most:
                 raise _refusal(name, f"expected at most {most:g} ({why}), got {value_text(value)}")
-        if self.delay:
+        if self.latency and self.estimator == "none":
+            found = f"expected 0 without an estimator, which predicts the state, got {self.latency}"
+            raise _refusal("latency", found, "0")
+        if self.unknown_delay:
             # Imported late: a tenth of the time of `--help`.
             from flexhinf.loop.simulation.program import LONGEST_LINEAR, WHOLE
 
-            self._check_length("delay", LONGEST_LINEAR, 1.0 + WHOLE)
-            samples = self.delay / self.period
-            if abs(samples - round(samples)) > WHOLE:
-                raise _refusal("delay", f"expected a multiple of {self.period:g} s, got {self.delay:g} s")
+            self._check_length("unknown_delay", LONGEST_LINEAR - self.known_latency, 1.0 + WHOLE)
+            if abs(self.unknown_delay / self.period - self.unknown_samples) > WHOLE:
+                found = f"expected a multiple of {self.period:g} s, got {self.unknown_delay:g} s"
+                raise _refusal("unknown_delay", found)
         self._check_length("duration", RUN_SAMPLES)
 
     def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
@@ -274,6 +287,17 @@ class Specification:
         return OVERSHOOT if self.overshoot is None else self.overshoot
 
     @property
+    def known_latency(self) -> int:
+        """Samples of latency that the estimator knows: as stated, or `LATENCY` where there is one."""
+        default = 0 if self.estimator == "none" else LATENCY
+        return default if self.latency is None else self.latency
+
+    @property
+    def unknown_samples(self) -> int:
+        """Samples of delay on top of the latency."""
+        return round(self.unknown_delay / self.period)
+
+    @property
     def of_loop(self) -> Specification:
         """A copy without the bandwidth, so that no loop depends on it; unchanged if the bandwidth shapes the
         command."""
@@ -297,12 +321,11 @@ def _checked(make: Any) -> Any:
     def init(self: Specification, **fields: Any) -> None:
         for name in fields:
             if name not in FIELDS:
-                close = difflib.get_close_matches(name, FIELDS, n=1)
                 raise SpecificationError(
                     name,
                     f"A specification has no field {name!r}.",
                     f"expected fields out of {list(FIELDS)}, got {name!r}",
-                    f"{close[0]!r}" if close else "one of these",
+                    nearest(name, FIELDS),
                 )
         if fields.get("angle_unit") is None:
             texts = (fields.get(name) for name in ("pose", "start", "via", "tracking_error"))

@@ -201,7 +201,7 @@ class ControllerCode:
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
             SUMMARY="\n * ".join(comment(f"{name}: {text}") for name, text in c.summary().items()),
-            P=sizes["y"], K=len(c.commanded), M=sizes["u"],
+            LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
@@ -219,7 +219,7 @@ class ControllerCode:
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         return fill(
             template("controller.c"), self.name, self.real,
-            START=start, ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
+            START=start, QUEUED=self._queued, ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
             DEFAULTS=self.numbers(self.controller.data_vector, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory),
@@ -255,6 +255,12 @@ class ControllerCode:
         call = f"{self.translator.function(holding_function(plant))}({', '.join(arguments)})"
         return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
 
+    @property
+    def _queued(self) -> str:
+        """That the inputs that wait at the start are the one before the first sample too."""
+        queue = self.controller.memory.places.get("queue")
+        return "" if queue is None else QUEUED.replace("@QUEUE@", str(queue.start))
+
     @cached_property
     def starts_anywhere(self) -> bool:
         """Whether the belief about another state is the initial one with another mean."""
@@ -275,6 +281,12 @@ BEGINS = """the estimate begins at the state that is stated with the constants
 START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
         @NAME@_copy(estimate, state->start, @BIG@_STATES);
         @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
+    }"""
+
+#: Inputs that wait at the start.
+QUEUED = """
+    for (int i = 0; i < @BIG@_LATENCY * @BIG@_INPUTS; ++i) {
+        state->start[@QUEUE@ + i] = state->start[@U@ + i % @BIG@_INPUTS];
     }"""
 
 #: The input that holds it there.

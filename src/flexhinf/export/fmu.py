@@ -61,8 +61,9 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
     """Write a controller as an FMU for co-simulation (FMI 2.0).
 
     One communication step is one sample, or several with the inputs held: measurements and commands are read at its
-    beginning, and ``u`` after it is what acts from there on. Limits of the input are parameters, and so is where the
-    estimate begins, ``start.…``: where the robot is then.
+    beginning, and ``u`` after it acts the controller's latency later: with one sample, at the
+    step's end. Limits of the input are parameters, and so is where the estimate begins, ``start.…``: where the robot is
+    then.
 
     Parameters
     ----------

@@ -146,7 +146,7 @@ class PaperSetup:
     def loop(self, law: Law, inductance: bool = False, estimator: Any = "settings") -> Loop:
         """A loop around the true plant; "settings" is the estimator of the settings."""
         estimator = self.estimator() if isinstance(estimator, str) else estimator
-        return Loop(self.true_plants[inductance], Controller(law, estimator, self.settings.period))
+        return Loop(self.true_plants[inductance], Controller(law, estimator, self.settings.period, latency=0))
 
     def deviation(self, loop: Loop) -> float | None:
         """Standard deviation of the simulated measurement noise, rad; None where the true state is fed back."""

@@ -117,7 +117,8 @@ def _beats_linear_about_the_goal(setup: PaperSetup) -> Finding:
                 solution = setup.law(degree=2 if law == "linear" else setup.settings.degree, pose=pose)
                 loop, period = setup.loop(solution, inductance=True), setup.settings.period
                 rows[name_goal(goal), f"{name} about {about}"] = Loop(
-                    loop.true_plant, Controller(solution, loop.controller.estimator, period, start="bumpless")
+                    loop.true_plant,
+                    Controller(solution, loop.controller.estimator, period, start="bumpless", latency=0),
                 ).run(
                     Step(goal), None, setup.deviation(loop), STEP_DURATION, state, setup.settings.seed, volts
                 )

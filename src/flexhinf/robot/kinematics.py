@@ -332,7 +332,7 @@ def check_delay(robot: Robot, delay: float) -> None:
         delay > longest,
         "The delay of the inputs is out of proportion to the robot.",
         f"expected at most {longest:.3g} s, a period of the lowest vibration with held motors, got {delay:g} s",
-        f"--delay {delay:g}ms, if milliseconds were meant",
+        f"--unknown-delay {delay:g}ms, if milliseconds were meant",
     )
 
 

@@ -95,7 +95,7 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
 @START@
     if (input != 0 && @NAME@_finite(input, @BIG@_INPUTS)) {
         limit(param, input, state->start + @U@);
-    }
+    }@QUEUED@
     begin(state);
     return state->refused;
 }

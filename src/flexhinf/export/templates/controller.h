@@ -19,6 +19,7 @@ typedef @REAL@ @NAME@_real;
 #define @BIG@_PERIOD @PERIOD@
 
 enum {
+    @BIG@_LATENCY = @LATENCY@, /* samples from a measurement until the input computed from it acts */
     @BIG@_MEASUREMENTS = @P@,
     @BIG@_COMMANDS = @K@,
     @BIG@_INPUTS = @M@,

@@ -19,13 +19,19 @@ int main(void)
         report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
         return 1;
     }
+    @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* without a measurement: the input before the first */
     for (;;) {
         int code;
         wait_for_sample();
         input.measured = read_sensors(input.y);
         read_command(input.r);
+        if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
+            drive_motors(output.u);
+        }
         code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-        drive_motors(output.u);
+        if (@BIG@_LATENCY == 0) {
+            drive_motors(output.u);
+        }
         if (code != @BIG@_OK) {
             report(code);
         }

@@ -40,6 +40,8 @@ public:
         if (@NAME@_init(&state_) != @BIG@_OK) { // compiled with flags that change results
             return controller_interface::CallbackReturn::ERROR;
         }
+        input_.measured = 0; // the output is then the input before the first sample
+        @NAME@_step(&state_, &@NAME@_defaults, &input_, &output_);
         return controller_interface::CallbackReturn::SUCCESS;
     }
 
@@ -52,14 +54,24 @@ public:
         for (int i = 0; i < @BIG@_COMMANDS; ++i) {
             input_.r[i] = reference_[i];
         }
+        if (@BIG@_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
+            drive();
+        }
         @NAME@_step(&state_, &@NAME@_defaults, &input_, &output_);
-        for (int i = 0; i < @BIG@_INPUTS; ++i) {
-            command_interfaces_[static_cast<std::size_t>(i)].set_value(static_cast<double>(output_.u[i]));
+        if (@BIG@_LATENCY == 0) {
+            drive();
         }
         return controller_interface::return_type::OK;
     }
 
 private:
+    void drive()
+    {
+        for (int i = 0; i < @BIG@_INPUTS; ++i) {
+            command_interfaces_[static_cast<std::size_t>(i)].set_value(static_cast<double>(output_.u[i]));
+        }
+    }
+
     @NAME@_state state_;
     @NAME@_input input_{};
     @NAME@_output output_{};

@@ -18,6 +18,7 @@ void setup()
     // The robot must be where @NAME@.h says; elsewhere @NAME@_start with its state.
     while (@NAME@_init(&state) != @BIG@_OK) { // compiled with flags that change results: the motors stay off
     }
+    @NAME@_step(&state, &@NAME@_defaults, &input, &output); // without a measurement: the input before the first
     due_us = micros();
 }
 
@@ -31,8 +32,13 @@ void loop()
     const bool missed = (long)(micros() - due_us) >= 0;
     input.measured = (!missed && read_sensors(input.y)) ? 1 : 0;
     read_command(input.r);
+    if (@BIG@_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
+        drive_motors(output.u);
+    }
     @NAME@_step(&state, &@NAME@_defaults, &input, &output);
-    drive_motors(output.u);
+    if (@BIG@_LATENCY == 0) {
+        drive_motors(output.u);
+    }
 }
 
 static bool read_sensors(@NAME@_real *y)

@@ -20,6 +20,7 @@ from flexhinf.loop.controller.options import (
     Limits,
     Windup,
     check_names,
+    checked_latency,
     checked_period,
     command_limits,
     dead_zone,
@@ -90,6 +91,10 @@ class Controller(Summarised):
     before_first : {"hold", "zero"} or (m,) array
         The input until the first good measurement, from which the first output continues: the one that holds the robot
         at the initial estimate (by its model; without one the operating input), zero, or these numbers.
+    latency : int
+        Samples between a measurement and the effect of the input computed from it, 0 to 10: u(k) acts from
+        t_k + latency·period on. The estimator predicts the state at that instant from the inputs that wait, and the law
+        reads the prediction; so a latency needs an estimator. With `moving`, the command is that of the same instant.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
 
@@ -116,6 +121,7 @@ class Controller(Summarised):
         input_rate: Any = None,
         integral_dead_zone: Any = None,
         before_first: Any = "hold",
+        latency: int = 0,
         windup: Windup | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
@@ -135,6 +141,7 @@ class Controller(Summarised):
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
+            checked_latency(latency, estimator),
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         if blend_time is not None and not self.mode.takes_over:
@@ -179,7 +186,8 @@ class Controller(Summarised):
         mode, limits, command = self.mode, self.limits, self.command_limits
         return {
             "moving": mode.moving, "start": mode.start, "blend_time": self.blend_time_option,
-            "before_first": self.first_input.option, "saturation": (limits.lower, limits.upper),
+            "before_first": self.first_input.option, "latency": mode.latency,
+            "saturation": (limits.lower, limits.upper),
             **({"input_rate": limits.rate} if mode.limits_input_rate else {}),
             **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
                if mode.limits_command else {}),
@@ -199,7 +207,7 @@ class Controller(Summarised):
 
     def to_control(self) -> Any:
         """The controller as a system of python-control (``nlsys`` with ``dt``): measurements ``y_…`` and commands
-        ``r_…`` in, inputs out; u of a sample depends on y of the same sample.
+        ``r_…`` in, inputs out; u of a sample depends on y of the same sample, and acts `latency` samples later.
 
         Its states are the controller's memory; `initial_memory` is the initial state. Needs the extra ``control``.
         """
@@ -239,6 +247,7 @@ class Controller(Summarised):
             ) if mode.limits_command else "",
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
+            "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
         }  # fmt: skip
         return {name: fact for name, fact in facts.items() if fact}
 
@@ -339,6 +348,9 @@ class Controller(Summarised):
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
             **({"command": zeros} if mode.limits_command else {}),
+            **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
+            **({"commands": np.tile(self.operating_reference, (mode.latency, 1))}
+               if mode.latency and mode.moving else {}),
         }  # fmt: skip
 
     # Code -----------------------------------------------------------------------------------------

@@ -261,7 +261,10 @@ def write_controller(
             arrays |= _prefixed(f"{name}.", vars(option))
         elif isinstance(option, np.ndarray):
             arrays[name] = option
-        elif (name, option) != ("before_first", "hold"):
+        elif (name, option) not in (
+            ("before_first", "hold"),
+            ("latency", 0),
+        ):  # what a file without them means
             plain[IN_FILE.get(name, name)] = option
     header = {
         "format": FORMAT, "version": VERSION, "period": period, "options": plain,
@@ -316,6 +319,7 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
         **{name: arrays[name] for name in ARRAYS if name in arrays},
         **{name: tuple(arrays[end] for end in ends) for name, ends in PAIRS.items() if ends[0] in arrays},
         **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
+        "latency": 0,
         **{str(names.get(name, name)): option for name, option in header["options"].items()},
     }
 

@@ -36,7 +36,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.loop.shared import share
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
-from flexhinf.validation import checked_positive, real_array, value_text
+from flexhinf.validation import checked_positive, real_array, real_number, value_text
 
 #: Shortest and longest sampling period of a controller, s.
 PERIODS = (1e-6, 1.0)
@@ -55,6 +55,27 @@ def checked_period(value: Any) -> float:
             meant if period > high else "a period in seconds: 1e-3 for 1 kHz",
         )
     return period
+
+
+#: Longest latency that an estimator predicts over, samples: each beyond the first costs a step one more time update.
+LONGEST_LATENCY = 10
+
+
+def checked_latency(value: Any, estimator: Estimator | None) -> int:
+    """Samples between a measurement and the effect of its input; what is none, or needs an estimator, is refused."""
+    samples = real_number(value)
+    most = 0 if estimator is None else LONGEST_LATENCY
+    if isinstance(value, bool) or not (0 <= samples <= most and samples == int(samples)):
+        raise InvalidInput(
+            "The latency cannot be predicted over."
+            if estimator is None
+            else "The latency is no number of samples.",
+            f"expected a whole number from 0 to {most}"
+            f"{', as nothing predicts the state without an estimator' if estimator is None else ''}, "
+            f"got {value_text(value)}",
+            "an estimator, or latency=0" if estimator is None else "latency=1, or a longer period",
+        )
+    return int(samples)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,11 @@ from the integrals as they are and the inverse slope at the operating point. The
 without integrals, fewer integrals than inputs, a polynomial without such a root) is held as a bias that decays, so that
 the input is continuous always. Every step is one evaluation of the law, so that it may be a polynomial of any degree;
 composed kernels make them only when a law takes over.
+
+With a latency of N samples, the input computed from y(k) acts from sample k + N on. The memory has the inputs that
+wait; `predict_ahead` follows the estimator's model over them, and the law reads the state at which its input acts
+[manitius1979]. Integrals count what is measured, so they end at sample k. A moving reference is that of sample k + N
+too, and the integrals compare y(k) with the one given N samples before.
 """
 
 from __future__ import annotations
@@ -127,7 +132,8 @@ class Mode:
     `moving`: the law acts about a moving reference (x_d, u_d) instead of the operating point. `start`: the integrals at
     the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
     active at a time. The flags say what has limits (the input itself always may), whether small errors are not
-    integrated, and whether integral action is bounded, as some input has no limit.
+    integrated, and whether integral action is bounded, as some input has no limit. `latency`: samples between a
+    measurement and the effect of the input computed from it.
     """
 
     moving: bool = False
@@ -137,6 +143,7 @@ class Mode:
     limits_input_rate: bool = False
     has_dead_zone: bool = False
     bounds_windup: bool = False
+    latency: int = 0
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -183,13 +190,19 @@ def controller_step(
     """
     estimate: Any = y
     belief: Any = None
+    queue, acted, waiting = None, memory.u, []
+    if mode.latency:
+        queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
+    beliefs, ahead = [], estimate
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
         if y is not None:
             belief = estimator.measurement_update_on(
-                run, belief, y, memory.u, data.parameters, data.measurement_noise
+                run, belief, y, acted, data.parameters, data.measurement_noise
             )
         estimate = belief.mean
+        beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
+        ahead = [belief, *beliefs][-1].mean
         if y is None:
             y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
     requested, held = r, memory.reference
@@ -211,9 +224,15 @@ def controller_step(
     elif mode.takes_over:
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     operating_input = r[len(estimate) :] if mode.moving else operating_input
-    others = (*((r,) if mode.moving else ()), *((data.integral_dead_zone,) if mode.has_dead_zone else ()))
+    wanted, commands = r, None
+    if mode.moving and mode.latency:
+        commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
+    others = (
+        *((r, wanted) if mode.moving else ()),
+        *((data.integral_dead_zone,) if mode.has_dead_zone else ()),
+    )
     position, growth, integral, deviation = run.call(
-        partial(_deviation, tracked, mode.moving), y, estimate, memory.position, held, memory.integral,
+        partial(_deviation, tracked, mode.moving), y, estimate, ahead, memory.position, held, memory.integral,
         memory.started, data.period, point, *others,
     )  # fmt: skip
     about: Any = None
@@ -223,6 +242,7 @@ def controller_step(
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
+    after |= {"queue": queue, "commands": commands}
     if mode.takes_over:
         wanted = run.call(np.subtract, memory.u, operating_input)
         feedback, growth, integral, after["bias"] = bumpless_transfer(
@@ -238,8 +258,29 @@ def controller_step(
     )  # fmt: skip
     u = after["u"]
     if estimator is not None:
-        after["belief"] = estimator.time_update_on(run, belief, u, data.parameters, data.process_noise)
+        after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
     return u, estimate, after
+
+
+def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[Any], data: Any) -> list[Any]:
+    """x(k+1|k), x(k+2|k), …: the estimator's beliefs after each of the inputs (m,), in the order in which they act."""
+    beliefs = [belief]
+    for u in inputs:
+        beliefs.append(estimator.time_update_on(run, beliefs[-1], u, data.parameters, data.process_noise))
+    return beliefs[1:]
+
+
+def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
+    """The next queue (N, m), and all inputs that were computed, newest first: N that wait, and the one that acted until
+    this sample."""
+    rows = [last, *queue]
+    return np.stack(rows[:-1]), *rows
+
+
+def _passed(started: Any, r: Any, last: Any, queue: Any) -> tuple[Any, Any, Any]:
+    """The next queue of commands, and those for this sample and the one before; the first command holds before it."""
+    rows = [where(started[0] > 0.5, row, r) for row in (last, *queue)]
+    return np.stack(rows[:-1]), *rows[-2:]
 
 
 def _deviation(
@@ -247,6 +288,7 @@ def _deviation(
     moving: bool,
     y: Any,
     estimate: Any,
+    ahead: Any,
     last: Any,
     reference: Any,
     integral: Any,
@@ -256,21 +298,21 @@ def _deviation(
     *others: Any,
 ) -> tuple[Any, Any, Any, Any]:
     """Tracked positions, growth of the integrals, integrals, and the law's argument: x − x*, or x − x_d about the
-    moving reference of this sample."""
+    moving reference, where x is the state `ahead`, at which the input acts."""
     n, places = len(estimate), [source.state for source in tracked]
     position = _positions(tracked, y, estimate)
     if moving:
         # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
-        error = 0.5 * ((last - reference[places]) + (position - others[0][places]))
+        error = 0.5 * ((last - reference[places]) + (position - others[1][places]))
     else:
         # ė = x_i − x_d: the command is held between samples, as u is; x_i goes in by the trapezoidal rule.
         error = 0.5 * (last + position) - reference
     # What lies beyond the dead zone ±zone (k,), where there is one.
-    for zone in others[1:] if moving else others:
+    for zone in others[2:] if moving else others:
         error = error - clip(error, -zone, zone)
     growth = started * period * error
     integral, centre = integral + growth, np.concatenate([others[0][:n], point[n:]]) if moving else point
-    return position, growth, integral, np.concatenate([np.asarray(estimate), integral]) - centre
+    return position, growth, integral, np.concatenate([np.asarray(ahead), integral]) - centre
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:

@@ -6,6 +6,7 @@ A true plant that integrates itself is stepped with the controller, one sample a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -65,7 +66,8 @@ class Loop(Summarised):
     quantisation : float or (p,) array, optional
         Step of the measurements, in their unit: 2π/4096 for an encoder of 12 bits.
     delay : float
-        Between an input and its effect, s; a whole number of periods. The estimator does not know of it.
+        Between an input and its effect, s; a whole number of periods. The estimator does not know of it: it comes on
+        top of the controller's latency.
 
     Raises
     ------
@@ -96,7 +98,8 @@ class Loop(Summarised):
                 f"expected an integer >= 1, got {value_text(sub_steps)}",
                 "4",
             )
-        self.channel = Channel.of(quantisation, delay, controller.period, controller.measured)
+        channel = Channel.of(quantisation, delay, controller.period, controller.measured)
+        self.channel = replace(channel, delay=channel.delay + controller.mode.latency)
         if isinstance(true_plant, BlackBox):
             return
         if not isinstance(true_plant, Plant):
@@ -131,13 +134,15 @@ class Loop(Summarised):
         Raises
         ------
         InvalidInput
-            If the true plant is a black box, or the loop has a delay or quantised sensors.
+            If the true plant is a black box, or the loop has a delay that the controller does not know, or quantised
+            sensors.
         """
         package, plant, controller, channel = python_control(), self.true_plant, self.controller, self.channel
-        if not isinstance(plant, Plant) or channel.delay or any(channel.quanta):
+        latency, queue = controller.mode.latency, controller.memory.places.get("queue", slice(0, 0))
+        if not isinstance(plant, Plant) or channel.delay > latency or any(channel.quanta):
             raise InvalidInput(
                 "The loop has no form in python-control.",
-                f"expected a Plant without delay and quantisation, got {type(plant).__name__} and {channel}",
+                f"expected a Plant without unknown delay and quantisation, got {type(plant).__name__} and {channel}",
                 "Loop(plant, controller).to_control()",
             )
         n, commanded, steps = plant.n, len(controller.commanded), self.sub_steps
@@ -152,6 +157,7 @@ class Loop(Summarised):
 
         def update(t: float, state: Any, v: Any, params: Any) -> np.ndarray:
             u, after = controller.evaluate(measured(state[:n]), v[:commanded], state[n:])
+            u = after[queue][-len(u) :] if latency else u  # the oldest of the inputs that wait acts now
             x = np.asarray(state[:n], dtype=float)
 
             def flow(x: Any, d: Any) -> np.ndarray:
@@ -293,7 +299,8 @@ class Loop(Summarised):
             **({"state": box.states} if box.states else {}),
         }
         recorded = {name: np.full((samples, len(several)), np.nan) for name, several in names.items()}
-        recorded |= {"reference": commands, "disturbance": d}
+        ahead = len(commands) - samples
+        recorded |= {"reference": commands[:samples], "disturbance": d}
         placed = initial_state is not None or set(controller.states) <= set(box.states)
         states = tuple(box.states) or controller.states
         box.reset(starting_state(initial_state, states, controller) if placed else None)
@@ -316,7 +323,7 @@ class Loop(Summarised):
                 code, last = PLANT_FAILED, k
                 break
             try:
-                u = stepped.step(y, commands[k] if controller.commanded else None)
+                u = stepped.step(y, commands[k + ahead] if controller.commanded else None)
             except NumericalFailure:
                 code, last = CONTROL_FAILED, k
                 break
@@ -384,8 +391,8 @@ class Loop(Summarised):
             raise InvalidInput(
                 "A black box cannot run in lanes.", "expected a Plant", "Loop.run, one plant after the other"
             )
-        _, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
-        command = Command.of(commands, controller.period)
+        times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
+        command = Command.of(commands[: len(times)], controller.period)
         start = {
             "x": starting_state(initial_state, plant.states, controller),
             "held": controller.input_before(initial_input),
@@ -423,9 +430,12 @@ class Loop(Summarised):
         self, reference: Any, disturbance: Any, noise: Any, duration: float, multi_turn: bool
     ) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
         """Times (N,), the command (N, k), and the trajectory's settings; elements without a command stay at the
-        operating point. A command that does not fit, or leaves the range of its state, is refused."""
+        operating point. A command that does not fit, or leaves the range of its state, is refused. A controller about a
+        moving reference is given that of the instant at which its input acts, so there are `latency` more rows."""
         controller, plant = self.controller, self.true_plant
-        times = np.arange(sample_count(duration, controller.period)) * controller.period
+        samples = sample_count(duration, controller.period)
+        ahead = controller.mode.latency * controller.mode.moving
+        times = np.arange(samples + ahead) * controller.period
         names, held = controller.commanded, controller.operating_reference
         value = held if reference is None else reference
         if isinstance(reference, Mapping):
@@ -437,7 +447,7 @@ class Loop(Summarised):
         if not multi_turn and reference is not None:
             check_turns(value, commands, names, units)
         check_ranges(commands, times, names, limits, units)
-        return times, commands, {
+        return times[:samples], commands, {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
             "noise": "none" if noise is None else str(noise), "seed": 0,
             "period": controller.period, "sub_steps": 0, "quantisation": list(self.channel.quanta) or "none",

@@ -140,7 +140,7 @@ class Ensemble:
     controller: Controller
     channel: Channel
     command: Command
-    commands: np.ndarray  # (N, r), which these are the facts about
+    commands: np.ndarray  # (N, r), which these are the facts about, and those that a latency looks ahead to
     start: Mapping[str, np.ndarray]  # what every run starts with, unless it has its own, by buffer
     shared: Mapping[str, np.ndarray]  # what all runs read, by buffer
     disturbance: Any  # as for `Loop.run`
@@ -245,7 +245,7 @@ class Ensemble:
                 )
                 kinds = ("state", "estimate", "output", "input")
                 signals = {kind: recorded[kind] for kind in kinds} | {
-                    "reference": self.commands,
+                    "reference": self.commands[: len(times)],
                     "disturbance": acting,
                 }
                 yield Trajectory.until(
@@ -377,7 +377,7 @@ class Ensemble:
             "truth": np.concatenate([[self.command.period / parts], plants.truth[k]]),
             "reference": self.commands.ravel(), "disturbance": values.ravel(),
         }  # fmt: skip
-        recorded = {"reference": self.commands, "disturbance": acting}
+        recorded = {"reference": self.commands[:samples], "disturbance": acting}
         return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, settings)
 
     # What the runs have -----------------------------------------------------------------------------

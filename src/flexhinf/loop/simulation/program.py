@@ -55,7 +55,7 @@ def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
 
 @dataclass(frozen=True)
 class Channel:
-    """Quantised measurements and delayed inputs; neither is known to the estimator.
+    """Quantised measurements and delayed inputs. Of the delay, the estimator knows the controller's latency.
 
     `quanta` are the steps of the measurements, in their unit, 0 for one that is not quantised; `delay` the samples
     between an input and its effect. Until the first one acts the input before the first sample does.
@@ -215,6 +215,8 @@ def loop_program(
     memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", many)
     truth = b.whole("truth", 1 + sizes["parameters"], "in")
     command = b.row("reference", sizes["r"], "in", many)
+    ahead = controller.mode.latency * controller.mode.moving * sizes["r"]
+    given = [replace(row, offset=ahead) for row in command]  # the command where the input of this sample acts
     if options is None:
         y, noise = b.row("outputs", sizes["y"], "out"), b.row("noise", sizes["y"], "in")
         estimate = b.row("estimates", sizes["estimate"], "out")
@@ -223,7 +225,7 @@ def loop_program(
         estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
     control, scratch = controller.steps(
         {
-            "y": y[0], "r": command[0] if command else None, "memory": memory[0], "data": data[0],
+            "y": y[0], "r": given[0] if given else None, "memory": memory[0], "data": data[0],
             "u": u[0], "estimate": estimate[0],
         }
     )  # fmt: skip
