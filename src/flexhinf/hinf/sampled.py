@@ -108,7 +108,7 @@ class CheckedMargin(Summarised):
         where = ", ".join(name for name, share in zip(self.state_names, shares, strict=True) if share > 0.1)
         if not self.semidefinite:
             return f"the checked pair is not weaker than the designed one (mainly in {where})"
-        return f"no margin in some direction (mainly {where}), so the remainder decides arbitrarily near 0"
+        return f"r has no margin at the operating point in some direction (mainly {where}); treat it as unchecked"
 
     def summary(self) -> dict[str, str]:
         """Rate, whether it is definite, and the checked pair, for ``repr``."""
