@@ -134,7 +134,8 @@ def impulse_runs(
     state, holding_input = setup.equilibrium(setup.goal)
     runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
     room = np.maximum(setup.limits.effort - np.abs(holding_input), 1e-12)
-    used = np.array([float((metrics.peak_of(run.inputs - holding_input) / room).max()) for run in runs])
+    with np.errstate(invalid="ignore"):  # of a run that diverges
+        used = np.array([float((metrics.peak_of(run.inputs - holding_input) / room).max()) for run in runs])
     if np.isfinite(used).all() and (used > ROOM).any():
         impulses = impulses * np.where(used > ROOM, KEPT / used, 1.0)
         runs = tuple(quiet.impulse_responses(impulses, duration, sub_steps))
