@@ -106,19 +106,19 @@ class Campaign:
 
     def __post_init__(self) -> None:
         loop = self.loop
-        if not isinstance(loop, Loop):
-            raise InvalidInput(
-                "A campaign needs a loop.",
-                f"expected a Loop, got {value_text(loop)}",
-                "fh.Loop(plant, controller)",
-            )
+        refuse_if(
+            not isinstance(loop, Loop),
+            "A campaign needs a loop.",
+            f"expected a Loop, got {value_text(loop)}",
+            "fh.Loop(plant, controller)",
+        )
         if not isinstance(self.draw, Draw):
-            if not callable(self.draw):
-                raise InvalidInput(
-                    "The draw is no function.",
-                    f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
-                    "robot.draw, or flexhinf.campaign.Tolerances([...])",
-                )
+            refuse_if(
+                not callable(self.draw),
+                "The draw is no function.",
+                f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
+                "robot.draw, or flexhinf.campaign.Tolerances([...])",
+            )
             self.draw = FunctionDraw(self.draw)
         check_counts(self.samples, self.seed, self.batch)
         self.batches = -(-self.samples // self.batch)
@@ -311,14 +311,12 @@ def check_counts(samples: Any, seed: Any, batch: Any) -> None:
 
 def checked_integer(name: str, value: Any, smallest: int, largest: int, example: str) -> int:
     """Return an integer between `smallest` and `largest`; anything else is refused with InvalidInput."""
-    if not is_integer(value) or not smallest <= int(value) <= largest:
-        raise InvalidInput(
-            f"No such {name}."
-            if name != "samples"
-            else "The number of the campaign's samples is not usable.",
-            f"expected an integer from {smallest} to {largest}, got {name}={value_text(value)}",
-            f"{name}={example}",
-        )
+    refuse_if(
+        not is_integer(value) or not smallest <= int(value) <= largest,
+        f"No such {name}." if name != "samples" else "The number of the campaign's samples is not usable.",
+        f"expected an integer from {smallest} to {largest}, got {name}={value_text(value)}",
+        f"{name}={example}",
+    )
     return int(value)
 
 
@@ -353,12 +351,12 @@ def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample
     }
     for place, (index, sample) in enumerate(zip(indices, samples)):
         row = sample.row()
-        if set(row) != names:
-            raise InvalidInput(
-                f"Sample {index} has other numbers than the first one.",
-                f"expected {sorted(names)}, got {list(row)}",
-                "a draw that names the same parameters every time",
-            )
+        refuse_if(
+            set(row) != names,
+            f"Sample {index} has other numbers than the first one.",
+            f"expected {sorted(names)}, got {list(row)}",
+            "a draw that names the same parameters every time",
+        )
         for name, value in row.items():
             columns[name][place] = value
         if sample.failure:

@@ -220,20 +220,20 @@ class Variable:
         checked_text("the name of a variable", self.name)
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         ends = (self.low, self.high)
-        if not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high:
-            raise InvalidInput(
-                f"The interval of {self.name!r} is not usable.",
-                f"expected finite low <= high, got {value_text(ends)}",
-                "its smallest and its largest value",
-            )
+        refuse_if(
+            not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high,
+            f"The interval of {self.name!r} is not usable.",
+            f"expected finite low <= high, got {value_text(ends)}",
+            "its smallest and its largest value",
+        )
         lowest, highest = self.normal(-FARTHEST), self.normal(FARTHEST)
-        if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
-            raise InvalidInput(
-                f"A normal distribution of {self.name!r} may change its sign.",
-                f"expected an interval of at most ±{100 * SIGMAS / FARTHEST:.3g} % about its middle, got "
-                f"[{self.low:g}, {self.high:g}], which is ±{SIGMAS:g} standard deviations",
-                "the distribution truncated-normal",
-            )
+        refuse_if(
+            self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest,
+            f"A normal distribution of {self.name!r} may change its sign.",
+            f"expected an interval of at most ±{100 * SIGMAS / FARTHEST:.3g} % about its middle, got "
+            f"[{self.low:g}, {self.high:g}], which is ±{SIGMAS:g} standard deviations",
+            "the distribution truncated-normal",
+        )
 
     def normal(self, deviations: Any) -> Any:
         """The number so many standard deviations above the middle of the interval."""

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
@@ -214,12 +214,12 @@ def chosen_metrics(metrics: Any, tracked: bool) -> tuple[Metrics, ...]:
     for part in [part for part in parts if not isinstance(part, (str, Metrics))]:
         own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): None}
         for name, function in own.items():
-            if not isinstance(name, str) or not name.isidentifier() or not callable(function):
-                raise InvalidInput(
-                    "A metric needs a name and a function.",
-                    f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
-                    "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
-                )
+            refuse_if(
+                not isinstance(name, str) or not name.isidentifier() or not callable(function),
+                "A metric needs a name and a function.",
+                f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
+                "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
+            )
             chosen.append(Metrics({name: ""}, function))
     return tuple(chosen)
 

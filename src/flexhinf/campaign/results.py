@@ -473,12 +473,12 @@ class PairedCampaigns:
 
     def metric(self, name: str) -> PairedMetric:
         """One metric of both campaigns; InvalidInput unless both have it."""
-        if name not in (*self.metrics, *self.parts):
-            raise InvalidInput(
-                f"Not both campaigns have a metric {name!r}.",
-                f"expected one of {', '.join(self.metrics) or 'none'}",
-                "campaigns with the same metrics",
-            )
+        refuse_if(
+            name not in (*self.metrics, *self.parts),
+            f"Not both campaigns have a metric {name!r}.",
+            f"expected one of {', '.join(self.metrics) or 'none'}",
+            "campaigns with the same metrics",
+        )
         best = any(rule.metric == name and not rule.at_most for rule in self.requirements)
         lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (

@@ -359,12 +359,12 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
     what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
-    if not os.path.exists(file) and source not in fh.catalogue():
-        raise InvalidInput(
-            f"There is no file or design {value_text(source, 120)}.",
-            f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-            "flexhinf design ROBOT --out DIR, then DIR in its place",
-        )
+    refuse_if(
+        not os.path.exists(file) and source not in fh.catalogue(),
+        f"There is no file or design {value_text(source, 120)}.",
+        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+        "flexhinf design ROBOT --out DIR, then DIR in its place",
+    )
     refuse_if(
         only_design and not is_design_file(file),
         only_design,

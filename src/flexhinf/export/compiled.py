@@ -118,12 +118,12 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     files = [file for file in sources if file.endswith(".c")]
     command = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InvalidInput(
-            "The C compiler does not compile the controller.",
-            f"{' '.join(command)}: {done.stderr.strip()[:400]}",
-            "another compiler in CC",
-        )
+    refuse_if(
+        done.returncode,
+        "The C compiler does not compile the controller.",
+        f"{' '.join(command)}: {done.stderr.strip()[:400]}",
+        "another compiler in CC",
+    )
     return folder / "built"
 
 
@@ -199,13 +199,13 @@ class CompiledController:
                 raise ValueError("no library of this version")
             about = json.loads(text)
             missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
-            if missing:
-                raise InvalidInput(
-                    "The library is for another processor.",
-                    f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
-                    "has not",
-                    "flexhinf compile DESIGN --processor portable, or on this machine",
-                )
+            refuse_if(
+                missing,
+                "The library is for another processor.",
+                f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
+                "has not",
+                "flexhinf compile DESIGN --processor portable, or on this machine",
+            )
             self._library = loaded(image, self.path.parent)
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
         except InvalidInput:

@@ -227,12 +227,12 @@ def run_realtime(
         ("real-time priority", priority, PRIORITIES, "80: above everything but the kernel's own threads"),
         ("processor core", core, (0, (os.cpu_count() or 1) - 1), "0"),
     ):
-        if number is not None and (not isinstance(number, int) or not low <= number <= high):
-            raise InvalidInput(
-                f"There is no such {what}.",
-                f"expected {low} to {high}, got {value_text(number)}",
-                advice,
-            )
+        refuse_if(
+            number is not None and (not isinstance(number, int) or not low <= number <= high),
+            f"There is no such {what}.",
+            f"expected {low} to {high}, got {value_text(number)}",
+            advice,
+        )
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
@@ -269,12 +269,12 @@ def _check_library(library: CompiledController, controller: Any) -> None:
     }  # fmt: skip
     for name, value in own.items():
         stated = getattr(library, name)
-        if stated != value:
-            raise InvalidInput(
-                f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
-                f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
-                "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
-            )
+        refuse_if(
+            stated != value,
+            f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
+            f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
+            "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
+        )
     expected = code_of(controller, "controller", "double").digest
     refuse_if(
         library.digest != expected,
@@ -564,12 +564,12 @@ def check_log(path: str | os.PathLike[str]) -> Path:
     found = f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}"
     refuse_if(path.suffix not in FORMATS, "The format of the log is not known.", found, csv)
     missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InvalidInput(
-            f"A log in {path.suffix[1:]} needs another package.",
-            f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
-            f"pip install 'flexhinf[log]', or {csv}",
-        )
+    refuse_if(
+        missing,
+        f"A log in {path.suffix[1:]} needs another package.",
+        f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
+        f"pip install 'flexhinf[log]', or {csv}",
+    )
     return check_place(path, "log")
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -194,12 +194,12 @@ def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
     Raises InvalidInput: `runs` does not have one column per time, or a number in it is not finite.
     """
     runs = np.asarray(runs, dtype=float)
-    if runs.ndim != 2 or not len(runs) or runs.shape[1] != len(time) or not np.isfinite(runs).all():
-        raise InvalidInput(
-            "A band needs one row per run and one finite number per time.",
-            f"expected (runs, {len(time)}), got {runs.shape}, {int((~np.isfinite(runs)).sum())} not finite",
-            "leave diverged runs out, and count them beside the figure",
-        )
+    refuse_if(
+        runs.ndim != 2 or not len(runs) or runs.shape[1] != len(time) or not np.isfinite(runs).all(),
+        "A band needs one row per run and one finite number per time.",
+        f"expected (runs, {len(time)}), got {runs.shape}, {int((~np.isfinite(runs)).sum())} not finite",
+        "leave diverged runs out, and count them beside the figure",
+    )
     low, lower, median, upper, high = np.quantile(runs, (0.0, 0.05, 0.5, 0.95, 1.0), axis=0)
     band: dict[str, Any] = {"color": SERIES[0], "linewidth": 0}
     axes.fill_between(time, low, high, alpha=0.15, label=f"all {len(runs)} runs", **band)
@@ -265,7 +265,9 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:
     got, *shapes = (np.shape(each) for each in (time, *signals) if each is not None)
-    if any(shape != got for shape in shapes):
-        raise InvalidInput(
-            "A signal and its times differ in length.", f"time {got}, signals {shapes}", "one value per time"
-        )
+    refuse_if(
+        any(shape != got for shape in shapes),
+        "A signal and its times differ in length.",
+        f"time {got}, signals {shapes}",
+        "one value per time",
+    )
