@@ -344,10 +344,10 @@ def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample
         else np.full(count, math.nan)
         for column in campaign.columns
     }
-    columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
     columns |= {
         "sample": np.array(indices, dtype=np.int64),
         "seed": sample_seeds(campaign.seed, indices),
+        **{name: np.full(count, "", dtype=object) for name in ("status", "failure")},
     }
     for place, (index, sample) in enumerate(zip(indices, samples)):
         row = sample.row()

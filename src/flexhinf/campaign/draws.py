@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.noise import philox, seed_key
-from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_text, distinct, is_real, one_of, value_text
+from flexhinf.validation import checked_kind, checked_text, distinct, is_real, one_of, value_text
 
 #: Significant digits of computed numbers (of a short run, or read by a function): last bits may differ between
 #: machines.
@@ -330,12 +330,13 @@ class FunctionDraw(Draw):
         generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
         values = [self.function(np.random.Generator(bits)) for bits in generators]
         for value in values:
-            if not isinstance(value, (Sample, Mapping)):
-                raise InvalidInput(
-                    "The draw gives no parameters.",
-                    f"expected a mapping by name or a Sample, got {value_text(value)}",
-                    "{'stiffness': rng.uniform(0.9, 1.1)}",
-                )
+            checked_kind(
+                "The draw gives no parameters.",
+                value,
+                (Sample, Mapping),
+                "a mapping by name or a Sample",
+                "{'stiffness': rng.uniform(0.9, 1.1)}",
+            )
         return [value if isinstance(value, Sample) else Sample(value) for value in values]
 
     @property

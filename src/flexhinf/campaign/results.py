@@ -335,10 +335,6 @@ class CampaignJudgement:
         numbers = np.column_stack([np.empty((len(rows), 0)), *(self.column(name)[rows] for name in names)])
         return sensitivity(names, numbers, values[rows])
 
-    def numbers(self, sample: int) -> dict[str, float]:
-        """Values of the varied numbers of a sample, by name."""
-        return self.table.numbers(sample)
-
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""
         return [rule for rule, bad in zip(self.requirements, self.violations[sample]) if bad]

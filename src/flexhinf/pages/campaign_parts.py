@@ -126,7 +126,7 @@ def _changes_text(
 def sample_changes(judged: CampaignJudgement, sample: int) -> str:
     """A sample by its numbers that are furthest from nominal, relative to their spread."""
     changes = []
-    for name, value in judged.numbers(sample).items():
+    for name, value in judged.table.numbers(sample).items():
         column, nominal = judged.column(name), judged.nominal.get(name)
         middle, spread = float(column.mean()) if nominal is None else nominal, float(column.std())
         if spread > 0.0 and value != middle:
