@@ -329,11 +329,8 @@ class _Clock:
         if k == 0:
             self._first = now() + LEAD_NS * self._real_time
             self.began = time.time_ns() + LEAD_NS * self._real_time
-        if not self._real_time:
-            self._due[k] = self._woken[k] = now()
-            return True
-        due = self._first + round(1e9 * k * self._period)
-        self._due[k], self._woken[k] = due, wait_until(due)
+        due = self._first + round(1e9 * k * self._period) if self._real_time else now()
+        self._due[k], self._woken[k] = due, wait_until(due) if self._real_time else due
         return True
 
     def step(self, y: Any, reference: Any) -> np.ndarray:
@@ -376,16 +373,15 @@ def wait_until(due: int) -> int:
 def _stopping() -> Iterator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
 
     def stop(number: int, frame: Any) -> None:
         if request and number == signal.SIGINT:
             raise KeyboardInterrupt
         request.append(number)
 
-    ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    own = threading.current_thread() is threading.main_thread()
+    names = ("SIGINT", "SIGTERM", "SIGHUP") if own else ()
+    ending = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {n: handler for n in ending if (handler := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in before:
         signal.signal(number, stop)
