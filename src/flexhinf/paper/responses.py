@@ -298,9 +298,8 @@ class RunGain(NamedTuple):
 
 def run_gain(run: Attained) -> RunGain:
     """Gain of a run of the paper's problem."""
-    if np.isinf(run.gain):
-        return RunGain(run.gain, run.energy, math.inf)
-    return RunGain(run.gain, run.energy, float(peak_of(run.trajectory.signals["state"][:, 0])))
+    angle = run.trajectory.signals["state"][:, 0]
+    return RunGain(run.gain, run.energy, math.inf if np.isinf(run.gain) else float(peak_of(angle)))
 
 
 def stated_disturbances() -> dict[str, Callable[[np.ndarray], np.ndarray]]:
