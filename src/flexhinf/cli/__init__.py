@@ -93,10 +93,8 @@ def _every_character() -> Iterator[None]:
                 try:
                     stream.flush()
                 except OSError:  # send to nowhere what stands in its buffer
-                    with suppress(OSError, ValueError):
-                        nowhere = os.open(os.devnull, os.O_WRONLY)
-                        os.dup2(nowhere, stream.fileno())
-                        os.close(nowhere)
+                    with suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
+                        os.dup2(nowhere.fileno(), stream.fileno())
                 with suppress(OSError):
                     stream.reconfigure(errors=errors)
 

@@ -168,9 +168,9 @@ def time_response(
     lead = f"{name}, " if name else ""
     if estimated is None:
         axes.plot(time, measured, color=colour, label=name or None)
-        return
-    axes.plot(time, measured, color=colour, linewidth=3.2, alpha=0.4, label=f"{lead}measured")
-    axes.plot(time, estimated, color=colour, linewidth=1.4, dashes=(4.0, 2.2), label=f"{lead}estimated")
+    else:
+        axes.plot(time, measured, color=colour, linewidth=3.2, alpha=0.4, label=f"{lead}measured")
+        axes.plot(time, estimated, color=colour, linewidth=1.4, dashes=(4.0, 2.2), label=f"{lead}estimated")
 
 
 @house_style()
