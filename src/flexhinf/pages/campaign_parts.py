@@ -24,7 +24,7 @@ from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
 from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import histogram_bins
-from flexhinf.pages.drawing import DASHED, figure_block, framed, panels
+from flexhinf.pages.drawing import DASHED, figure_block, framed
 from flexhinf.report import (
     INK,
     SERIES,
@@ -42,6 +42,7 @@ from flexhinf.report import (
     house_style,
     label,
     number,
+    panels,
 )
 
 #: Labels of metrics in sentences; others are written with spaces.

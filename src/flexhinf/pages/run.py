@@ -316,8 +316,7 @@ class ArmFilm:
         )
         self.factor = magnification(self.windup, self.slides, self.size)
         down = np.asarray(self.robot.links.down, dtype=float)
-        right, up, self.names = viewing_plane(down, self.extent, self.size)
-        self.plane = np.column_stack([right, up])
+        self.plane, self.names = viewing_plane(down, self.extent, self.size)
         self.scale = np.where(self.slides, 1e3, np.degrees(1.0))
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:

@@ -123,20 +123,34 @@ def _settings() -> dict[Any, Any]:
 
 
 @house_style()
-def new_figure(
-    rows: int = 1, *, width: float = WIDTH, height: float | None = None,
-    labels: Sequence[tuple[str, str]] = (), across: str = "time (s)",
-) -> tuple[Figure, list[Axes]]:  # fmt: skip
-    """A figure of stacked panels over one horizontal axis, and the panels from top to bottom.
+def panels(
+    rows: int, columns: int, height: float | None = None, width: float = WIDTH, **options: Any
+) -> tuple[Figure, list[list[Axes]]]:
+    """A grid of panels, each with an axis of its own unless the options of Matplotlib's ``subplots`` say otherwise.
 
-    `width` and `height` are in inches; without a height each panel gets what suits its number. `labels`: quantity and
-    unit of each panel's vertical axis.
+    `width` and `height` are in inches; without a height each row gets what suits their number.
     """
     from matplotlib.figure import Figure
 
     height = height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
+
+
+@house_style()
+def new_figure(
+    rows: int = 1,
+    *,
+    height: float | None = None,
+    labels: Sequence[tuple[str, str]] = (),
+    across: str = "time (s)",
+) -> tuple[Figure, list[Axes]]:
+    """A figure of stacked panels over one horizontal axis, and the panels from top to bottom.
+
+    `height` as for `panels`. `labels`: quantity and unit of each panel's vertical axis.
+    """
+    figure, grid = panels(rows, 1, height, sharex=True)
+    axes = [row[0] for row in grid]
     axes[-1].set_xlabel(across)
     for panel, named in zip(axes, labels):
         label(panel, *named)

@@ -85,11 +85,10 @@ class Claim(Anchored):
     def html(self) -> str:
         """The claim as HTML, with its evidence; colour is never the only sign of a verdict."""
         links = []
-        for name in self.figures:
-            if name not in self.ids():
-                word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
-                spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
-                links.append(f'<a href="#{name}">{escape(spoken)}</a>')
+        for name in (name for name in self.figures if name not in self.ids()):
+            word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
+            spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
+            links.append(f'<a href="#{name}">{escape(spoken)}</a>')
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
         return "\n".join(filter(None, (
             f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
