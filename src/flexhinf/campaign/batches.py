@@ -213,8 +213,11 @@ class Campaign:
         starts = [{**self.options, **sample.options}.get("initial_state") for sample in samples]
         inputs = [sample.options["initial_input"] for sample in samples if "initial_input" in sample.options]
         for name in {name for sample in samples for name in sample.loads}:
-            what = f"There is no disturbance {name!r} that a load could be a factor of."
-            one_of(what, name, plant.disturbances)
+            one_of(
+                f"There is no disturbance {name!r} that a load could be a factor of.",
+                name,
+                plant.disturbances,
+            )
         loaded = self.options.get("disturbance") is not None or any(sample.loads for sample in samples)
         loads = [[sample.loads.get(name, 1.0) for name in plant.disturbances] for sample in samples]
         return {

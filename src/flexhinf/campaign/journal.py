@@ -525,8 +525,12 @@ class Journal:
         """
         self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
-        damaged = ", ".join(f"{path}: {wrong}" for path, wrong in bad[:1])
-        refuse_if(bad, "A shard is damaged.", damaged, "the campaign's command again, which runs it again")
+        refuse_if(
+            bad,
+            "A shard is damaged.",
+            ", ".join(f"{path}: {wrong}" for path, wrong in bad[:1]),
+            "the campaign's command again, which runs it again",
+        )
         fresh = {batch: path for batch, path in there.items() if batch not in here}
         with disk_refusals(self.folder):
             for batch, path in fresh.items():

@@ -196,8 +196,12 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 def known_metric(name: str, known: Sequence[str]) -> str:
     """Check the name of a metric; InvalidInput lists the known ones."""
-    otherwise = "one of these, or a function of your own (metrics={'name': function})"
-    one_of(f"There is no metric {name!r}.", name, known, otherwise)
+    one_of(
+        f"There is no metric {name!r}.",
+        name,
+        known,
+        "one of these, or a function of your own (metrics={'name': function})",
+    )
     return name
 
 

@@ -109,9 +109,8 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
 
     def end(number: int, frame: object) -> None:
         received.append(number)
-        for other in handled:
-            if other != signal.SIGINT:
-                signal.signal(other, signal.SIG_IGN)
+        for other in handled.keys() - {signal.SIGINT}:
+            signal.signal(other, signal.SIG_IGN)
         if watched:
             signal.setitimer(signal.ITIMER_REAL, _LOOK_AGAIN, _LOOK_AGAIN)
         raise KeyboardInterrupt

@@ -120,8 +120,12 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]
-    found = f"expected NAME=x, got {', '.join(nameless[:1])!r}"
-    refuse_if(nameless, "The tolerance names no parameter.", found, "--tolerance stiffness=15%")
+    refuse_if(
+        nameless,
+        "The tolerance names no parameter.",
+        f"expected NAME=x, got {', '.join(nameless[:1])!r}",
+        "--tolerance stiffness=15%",
+    )
     values["tolerances"] = tuple(
         (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
     )
@@ -166,8 +170,9 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
     journals = []
     for folder in (o.folder, *o.others):
         if (stored := campaigns.Journal.read(folder)) is None:
-            found = f"expected its folder, got {folder}"
-            raise InvalidInput("There is no campaign.", found, "the --out of its command")
+            raise InvalidInput(
+                "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
+            )
         journals.append(stored)
     journal = journals[0]
     checked = [

@@ -391,8 +391,11 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     from flexhinf.design.plans import has_integrals
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
 
-    needs = "A run needs a design file, which states robot, start and goal."
-    path = file_of(o.source, needs, "flexhinf run DIR --mujoco")
+    path = file_of(
+        o.source,
+        "A run needs a design file, which states robot, start and goal.",
+        "flexhinf run DIR --mujoco",
+    )
     refuse_if(
         not o.mujoco,
         "It is not said which robot is driven.",

@@ -93,8 +93,12 @@ def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     path = checked_path("The folder", folder).absolute()
     found, full = f"expected a new or empty folder, got {path}", path.is_dir() and any(path.iterdir())
     refuse_if(path.exists() and not path.is_dir(), "The output is no folder.", found, "another name")
-    advice = "another folder, or force=True (--force): files of the same names are then replaced"
-    refuse_if(full and not force, "The output folder is not empty.", found, advice)
+    refuse_if(
+        full and not force,
+        "The output folder is not empty.",
+        found,
+        "another folder, or force=True (--force): files of the same names are then replaced",
+    )
     return path
 
 

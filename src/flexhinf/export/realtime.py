@@ -557,8 +557,12 @@ def check_log(path: str | os.PathLike[str]) -> Path:
     """
     path = checked_path("The log", path)
     csv = f"--log {path.stem or 'run'}.csv"
-    found = f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}"
-    refuse_if(path.suffix not in FORMATS, "The format of the log is not known.", found, csv)
+    refuse_if(
+        path.suffix not in FORMATS,
+        "The format of the log is not known.",
+        f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
+        csv,
+    )
     missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
     refuse_if(
         missing,
@@ -577,9 +581,10 @@ def check_place(path: Path, what: str) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except (OSError, ValueError) as error:
-        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
+            f"The {what} cannot be written.",
+            f"{path}: {getattr(error, 'strerror', None) or error}",
+            "a writable folder that exists",
         ) from error
     return path
 
