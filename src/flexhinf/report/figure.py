@@ -141,15 +141,16 @@ def panels(
 def new_figure(
     rows: int = 1,
     *,
+    width: float = WIDTH,
     height: float | None = None,
     labels: Sequence[tuple[str, str]] = (),
     across: str = "time (s)",
 ) -> tuple[Figure, list[Axes]]:
     """A figure of stacked panels over one horizontal axis, and the panels from top to bottom.
 
-    `height` as for `panels`. `labels`: quantity and unit of each panel's vertical axis.
+    `width` and `height` as for `panels`. `labels`: quantity and unit of each panel's vertical axis.
     """
-    figure, grid = panels(rows, 1, height, sharex=True)
+    figure, grid = panels(rows, 1, height, width, sharex=True)
     axes = [row[0] for row in grid]
     axes[-1].set_xlabel(across)
     for panel, named in zip(axes, labels):
