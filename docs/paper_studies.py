@@ -47,7 +47,7 @@ from flexhinf.paper.loop_setup import (
     name_goal,
     tracking_numbers,
 )
-from flexhinf.paper.responses import HORIZON, TRACKING_LIMIT, RunGain, run_gain, stated_disturbances
+from flexhinf.paper.responses import HORIZON, STATED_DISTURBANCES, TRACKING_LIMIT, RunGain, run_gain
 from flexhinf.paper.tolerances import SWEPT, ToleranceStudy, growth_with, unstable_of
 from flexhinf.plant import GeneralisedPlant, Law
 
@@ -358,7 +358,7 @@ def measure_gain(setup: PaperSetup, law: Law) -> dict[str, float]:
     def attain(disturbance: Callable[[np.ndarray], np.ndarray]) -> RunGain:
         return run_gain(search.runs.attained(disturbance(search.runs.times)[:, None]))
 
-    attained = in_two_threads(attain, list(stated_disturbances().values()))
+    attained = in_two_threads(attain, list(STATED_DISTURBANCES.values()))
     return {
         "norm": float(search.small()[0]),
         "gain": max((a.gain for a in attained if a.inside), default=math.inf),

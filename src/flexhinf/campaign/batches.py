@@ -106,19 +106,19 @@ class Campaign:
 
     def __post_init__(self) -> None:
         loop = self.loop
-        if not isinstance(loop, Loop):
-            raise InvalidInput(
-                "A campaign needs a loop.",
-                f"expected a Loop, got {value_text(loop)}",
-                "fh.Loop(plant, controller)",
-            )
+        refuse_if(
+            not isinstance(loop, Loop),
+            "A campaign needs a loop.",
+            f"expected a Loop, got {value_text(loop)}",
+            "fh.Loop(plant, controller)",
+        )
         if not isinstance(self.draw, Draw):
-            if not callable(self.draw):
-                raise InvalidInput(
-                    "The draw is no function.",
-                    f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
-                    "robot.draw, or flexhinf.campaign.Tolerances([...])",
-                )
+            refuse_if(
+                not callable(self.draw),
+                "The draw is no function.",
+                f"expected a Draw or a function of a generator, got {value_text(self.draw)}",
+                "robot.draw, or flexhinf.campaign.Tolerances([...])",
+            )
             self.draw = FunctionDraw(self.draw)
         check_counts(self.samples, self.seed, self.batch)
         self.batches = -(-self.samples // self.batch)
@@ -213,8 +213,11 @@ class Campaign:
         starts = [{**self.options, **sample.options}.get("initial_state") for sample in samples]
         inputs = [sample.options["initial_input"] for sample in samples if "initial_input" in sample.options]
         for name in {name for sample in samples for name in sample.loads}:
-            what = f"There is no disturbance {name!r} that a load could be a factor of."
-            one_of(what, name, plant.disturbances)
+            one_of(
+                f"There is no disturbance {name!r} that a load could be a factor of.",
+                name,
+                plant.disturbances,
+            )
         loaded = self.options.get("disturbance") is not None or any(sample.loads for sample in samples)
         loads = [[sample.loads.get(name, 1.0) for name in plant.disturbances] for sample in samples]
         return {
@@ -311,14 +314,12 @@ def check_counts(samples: Any, seed: Any, batch: Any) -> None:
 
 def checked_integer(name: str, value: Any, smallest: int, largest: int, example: str) -> int:
     """Return an integer between `smallest` and `largest`; anything else is refused with InvalidInput."""
-    if not is_integer(value) or not smallest <= int(value) <= largest:
-        raise InvalidInput(
-            f"No such {name}."
-            if name != "samples"
-            else "The number of the campaign's samples is not usable.",
-            f"expected an integer from {smallest} to {largest}, got {name}={value_text(value)}",
-            f"{name}={example}",
-        )
+    refuse_if(
+        not is_integer(value) or not smallest <= int(value) <= largest,
+        f"No such {name}." if name != "samples" else "The number of the campaign's samples is not usable.",
+        f"expected an integer from {smallest} to {largest}, got {name}={value_text(value)}",
+        f"{name}={example}",
+    )
     return int(value)
 
 
@@ -346,19 +347,19 @@ def rows_of(campaign: Campaign, indices: Sequence[int], samples: Sequence[Sample
         else np.full(count, math.nan)
         for column in campaign.columns
     }
-    columns |= {name: np.full(count, "", dtype=object) for name in ("status", "failure")}
     columns |= {
         "sample": np.array(indices, dtype=np.int64),
         "seed": sample_seeds(campaign.seed, indices),
+        **{name: np.full(count, "", dtype=object) for name in ("status", "failure")},
     }
     for place, (index, sample) in enumerate(zip(indices, samples)):
         row = sample.row()
-        if set(row) != names:
-            raise InvalidInput(
-                f"Sample {index} has other numbers than the first one.",
-                f"expected {sorted(names)}, got {list(row)}",
-                "a draw that names the same parameters every time",
-            )
+        refuse_if(
+            set(row) != names,
+            f"Sample {index} has other numbers than the first one.",
+            f"expected {sorted(names)}, got {list(row)}",
+            "a draw that names the same parameters every time",
+        )
         for name, value in row.items():
             columns[name][place] = value
         if sample.failure:

@@ -28,9 +28,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.noise import philox, seed_key
-from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_text, distinct, is_real, one_of, value_text
+from flexhinf.validation import checked_kind, checked_text, distinct, is_real, one_of, value_text
 
 #: Significant digits of computed numbers (of a short run, or read by a function): last bits may differ between
 #: machines.
@@ -220,20 +220,20 @@ class Variable:
         checked_text("the name of a variable", self.name)
         one_of("There is no such distribution.", self.distribution, DISTRIBUTIONS)
         ends = (self.low, self.high)
-        if not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high:
-            raise InvalidInput(
-                f"The interval of {self.name!r} is not usable.",
-                f"expected finite low <= high, got {value_text(ends)}",
-                "its smallest and its largest value",
-            )
+        refuse_if(
+            not all(is_real(end) and math.isfinite(end) for end in ends) or self.low > self.high,
+            f"The interval of {self.name!r} is not usable.",
+            f"expected finite low <= high, got {value_text(ends)}",
+            "its smallest and its largest value",
+        )
         lowest, highest = self.normal(-FARTHEST), self.normal(FARTHEST)
-        if self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest:
-            raise InvalidInput(
-                f"A normal distribution of {self.name!r} may change its sign.",
-                f"expected an interval of at most ±{100 * SIGMAS / FARTHEST:.3g} % about its middle, got "
-                f"[{self.low:g}, {self.high:g}], which is ±{SIGMAS:g} standard deviations",
-                "the distribution truncated-normal",
-            )
+        refuse_if(
+            self.distribution == "normal" and self.low * self.high > 0.0 >= lowest * highest,
+            f"A normal distribution of {self.name!r} may change its sign.",
+            f"expected an interval of at most ±{100 * SIGMAS / FARTHEST:.3g} % about its middle, got "
+            f"[{self.low:g}, {self.high:g}], which is ±{SIGMAS:g} standard deviations",
+            "the distribution truncated-normal",
+        )
 
     def normal(self, deviations: Any) -> Any:
         """The number so many standard deviations above the middle of the interval."""
@@ -330,12 +330,13 @@ class FunctionDraw(Draw):
         generators = (np.random.Philox(key=[seed, _FUNCTIONS], counter=[0, 0, 0, k]) for k in indices)
         values = [self.function(np.random.Generator(bits)) for bits in generators]
         for value in values:
-            if not isinstance(value, (Sample, Mapping)):
-                raise InvalidInput(
-                    "The draw gives no parameters.",
-                    f"expected a mapping by name or a Sample, got {value_text(value)}",
-                    "{'stiffness': rng.uniform(0.9, 1.1)}",
-                )
+            checked_kind(
+                "The draw gives no parameters.",
+                value,
+                (Sample, Mapping),
+                "a mapping by name or a Sample",
+                "{'stiffness': rng.uniform(0.9, 1.1)}",
+            )
         return [value if isinstance(value, Sample) else Sample(value) for value in values]
 
     @property

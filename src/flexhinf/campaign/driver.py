@@ -56,12 +56,12 @@ def in_cluster(address: str) -> Executor:
     the same call continues. The workers need flexhinf of the driver's version.
     InvalidInput for an address of another form, or where `distributed` is not installed.
     """
-    if not isinstance(address, str) or "://" not in address:
-        raise InvalidInput(
-            "The address of the cluster cannot be read.",
-            f"expected tcp://HOST:PORT, got {value_text(address)}",
-            "tcp://localhost:8786, which `dask scheduler` prints",
-        )
+    refuse_if(
+        not isinstance(address, str) or "://" not in address,
+        "The address of the cluster cannot be read.",
+        f"expected tcp://HOST:PORT, got {value_text(address)}",
+        "tcp://localhost:8786, which `dask scheduler` prints",
+    )
     extra_package(
         "distributed", "cluster", "A campaign on a cluster needs distributed, which is not installed."
     )
@@ -161,12 +161,12 @@ class Shard:
     def read(text: str) -> Shard:
         """Read ``3/8``; InvalidInput for another text."""
         number, _, of = (part.strip() for part in text.partition("/"))
-        if not (number.isdecimal() and of.isdecimal()):
-            raise InvalidInput(
-                "The shard cannot be read.",
-                f"expected i/n, got {value_text(text)}",
-                "--shard 1/8 … --shard 8/8",
-            )
+        refuse_if(
+            not (number.isdecimal() and of.isdecimal()),
+            "The shard cannot be read.",
+            f"expected i/n, got {value_text(text)}",
+            "--shard 1/8 … --shard 8/8",
+        )
         return Shard(int(number), int(of))
 
 

@@ -200,12 +200,12 @@ def check_own_folder(place: Path, what: str, names: Sequence[str]) -> None:
     """Refuse a path that is a file or below a file, or a folder that contains other names than these and hidden
     ones."""
     nearest = next(path for path in (place, *place.parents) if path.exists())
-    if not nearest.is_dir():
-        raise InvalidInput(
-            f"A {what} needs a folder, and there is a file.",
-            f"got {nearest}",
-            "another name",
-        )
+    refuse_if(
+        not nearest.is_dir(),
+        f"A {what} needs a folder, and there is a file.",
+        f"got {nearest}",
+        "another name",
+    )
     there = [path.name for path in place.iterdir()] if place.is_dir() else []
     if strangers := sorted(name for name in there if name[:1] != "." and name not in names):
         raise InvalidInput(
@@ -295,12 +295,12 @@ class Journal:
         self.refuse_other(other.settings)
         own, others = ({column.name for column in side.columns} for side in (self, other))
         strange = sorted(own ^ others)[:_LISTED]
-        if self.digest != other.digest:
-            raise InvalidInput(
-                "The folder is that of a campaign with other columns.",
-                f"{self.folder}: {', '.join(strange) or 'other kinds, units or instants'}",
-                "another folder",
-            )
+        refuse_if(
+            self.digest != other.digest,
+            "The folder is that of a campaign with other columns.",
+            f"{self.folder}: {', '.join(strange) or 'other kinds, units or instants'}",
+            "another folder",
+        )
 
     def refuse_other(self, settings: Mapping[str, str], partly: bool = False) -> None:
         """Refuse a campaign with other settings, and name those that differ; `partly`: compare only `settings`."""
@@ -525,8 +525,12 @@ class Journal:
         """
         self.refuse_campaign(other)
         here, (there, bad) = self.shards()[0], other.shards()
-        damaged = ", ".join(f"{path}: {wrong}" for path, wrong in bad[:1])
-        refuse_if(bad, "A shard is damaged.", damaged, "the campaign's command again, which runs it again")
+        refuse_if(
+            bad,
+            "A shard is damaged.",
+            ", ".join(f"{path}: {wrong}" for path, wrong in bad[:1]),
+            "the campaign's command again, which runs it again",
+        )
         fresh = {batch: path for batch, path in there.items() if batch not in here}
         with disk_refusals(self.folder):
             for batch, path in fresh.items():
@@ -542,13 +546,13 @@ class Journal:
 
         lacking = self.batches - len(good)
         first = islice((str(batch) for batch in range(self.batches) if batch not in good), _LISTED)
-        if lacking:
-            raise InvalidInput(
-                "The campaign is not complete.",
-                f"expected {self.batches} batches, got {len(good)}; missing: "
-                f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
-                "the campaign's command again, or the folders of the other shards",
-            )
+        refuse_if(
+            lacking,
+            "The campaign is not complete.",
+            f"expected {self.batches} batches, got {len(good)}; missing: "
+            f"{', '.join(first)}{' …' if lacking > _LISTED else ''}",
+            "the campaign's command again, or the folders of the other shards",
+        )
         schema, path, group = self._schema(), self.folder / TABLE, []
         with disk_refusals(self.folder), part_file(self.folder, f".{TABLE}.") as name:
             with parquet.ParquetWriter(name, schema, **FORMAT) as writer:

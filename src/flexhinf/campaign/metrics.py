@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Ensemble, EnsembleResult, Instant, Reduction, Trajectory
 from flexhinf.loop.simulation.ensemble import tracked_place
 from flexhinf.loop.simulation.inputs import sample_disturbance
@@ -196,8 +196,12 @@ STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
 
 def known_metric(name: str, known: Sequence[str]) -> str:
     """Check the name of a metric; InvalidInput lists the known ones."""
-    otherwise = "one of these, or a function of your own (metrics={'name': function})"
-    one_of(f"There is no metric {name!r}.", name, known, otherwise)
+    one_of(
+        f"There is no metric {name!r}.",
+        name,
+        known,
+        "one of these, or a function of your own (metrics={'name': function})",
+    )
     return name
 
 
@@ -214,12 +218,12 @@ def chosen_metrics(metrics: Any, tracked: bool) -> tuple[Metrics, ...]:
     for part in [part for part in parts if not isinstance(part, (str, Metrics))]:
         own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): None}
         for name, function in own.items():
-            if not isinstance(name, str) or not name.isidentifier() or not callable(function):
-                raise InvalidInput(
-                    "A metric needs a name and a function.",
-                    f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
-                    "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
-                )
+            refuse_if(
+                not isinstance(name, str) or not name.isidentifier() or not callable(function),
+                "A metric needs a name and a function.",
+                f"expected a name that is a Python identifier and a function of a run, got {value_text(name)}",
+                "metrics={'largest_torque': lambda run: abs(run.signals['input']).max()}",
+            )
             chosen.append(Metrics({name: ""}, function))
     return tuple(chosen)
 

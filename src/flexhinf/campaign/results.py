@@ -335,10 +335,6 @@ class CampaignJudgement:
         numbers = np.column_stack([np.empty((len(rows), 0)), *(self.column(name)[rows] for name in names)])
         return sensitivity(names, numbers, values[rows])
 
-    def numbers(self, sample: int) -> dict[str, float]:
-        """Values of the varied numbers of a sample, by name."""
-        return self.table.numbers(sample)
-
     def missed(self, sample: int) -> list[Requirement]:
         """The requirements that a completed sample misses."""
         return [rule for rule, bad in zip(self.requirements, self.violations[sample]) if bad]
@@ -473,12 +469,12 @@ class PairedCampaigns:
 
     def metric(self, name: str) -> PairedMetric:
         """One metric of both campaigns; InvalidInput unless both have it."""
-        if name not in (*self.metrics, *self.parts):
-            raise InvalidInput(
-                f"Not both campaigns have a metric {name!r}.",
-                f"expected one of {', '.join(self.metrics) or 'none'}",
-                "campaigns with the same metrics",
-            )
+        refuse_if(
+            name not in (*self.metrics, *self.parts),
+            f"Not both campaigns have a metric {name!r}.",
+            f"expected one of {', '.join(self.metrics) or 'none'}",
+            "campaigns with the same metrics",
+        )
         best = any(rule.metric == name and not rule.at_most for rule in self.requirements)
         lost = [side.columns["status"] != COMPLETED for side in (self.a, self.b)]
         a, b = (

@@ -93,10 +93,8 @@ def _every_character() -> Iterator[None]:
                 try:
                     stream.flush()
                 except OSError:  # send to nowhere what stands in its buffer
-                    with suppress(OSError, ValueError):
-                        nowhere = os.open(os.devnull, os.O_WRONLY)
-                        os.dup2(nowhere, stream.fileno())
-                        os.close(nowhere)
+                    with suppress(OSError, ValueError), open(os.devnull, "wb") as nowhere:
+                        os.dup2(nowhere.fileno(), stream.fileno())
                 with suppress(OSError):
                     stream.reconfigure(errors=errors)
 
@@ -111,9 +109,8 @@ def _ended_in_order(received: list[int]) -> Iterator[None]:
 
     def end(number: int, frame: object) -> None:
         received.append(number)
-        for other in handled:
-            if other != signal.SIGINT:
-                signal.signal(other, signal.SIG_IGN)
+        for other in handled.keys() - {signal.SIGINT}:
+            signal.signal(other, signal.SIG_IGN)
         if watched:
             signal.setitimer(signal.ITIMER_REAL, _LOOK_AGAIN, _LOOK_AGAIN)
         raise KeyboardInterrupt

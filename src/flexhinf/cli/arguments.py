@@ -93,12 +93,12 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
     """Robot and specification of a command, whose options win over a design file; prints notes."""
     stated, names = stated_options(context), ("peak_effort", *PEAKS)
     peaks = [name for name in names if name in stated]
-    if len(peaks) > 1:
-        raise InvalidInput(
-            "The peak of the input is given twice.",
-            f"expected one of {', '.join(map(option_name, names))}, got {', '.join(map(option_name, peaks))}",
-            "leave out one of them",
-        )
+    refuse_if(
+        len(peaks) > 1,
+        "The peak of the input is given twice.",
+        f"expected one of {', '.join(map(option_name, names))}, got {', '.join(map(option_name, peaks))}",
+        "leave out one of them",
+    )
     if peaks:
         stated["peak_effort"] = stated.pop(peaks[0])
     fields = {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}

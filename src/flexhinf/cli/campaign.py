@@ -120,8 +120,12 @@ def _request(o: BatchOptions, source: str) -> DesignCampaign:
 
     values: dict[str, Any] = {field.name: getattr(o, field.name) for field in fields(CampaignOptions)}
     nameless = [text for text in o.tolerance if "=" not in text]
-    found = f"expected NAME=x, got {', '.join(nameless[:1])!r}"
-    refuse_if(nameless, "The tolerance names no parameter.", found, "--tolerance stiffness=15%")
+    refuse_if(
+        nameless,
+        "The tolerance names no parameter.",
+        f"expected NAME=x, got {', '.join(nameless[:1])!r}",
+        "--tolerance stiffness=15%",
+    )
     values["tolerances"] = tuple(
         (name.strip(), value.strip()) for name, value in (text.split("=", 1) for text in o.tolerance)
     )
@@ -166,8 +170,9 @@ def merge(context: typer.Context, o: MergeOptions) -> int:
     journals = []
     for folder in (o.folder, *o.others):
         if (stored := campaigns.Journal.read(folder)) is None:
-            found = f"expected its folder, got {folder}"
-            raise InvalidInput("There is no campaign.", found, "the --out of its command")
+            raise InvalidInput(
+                "There is no campaign.", f"expected its folder, got {folder}", "the --out of its command"
+            )
         journals.append(stored)
     journal = journals[0]
     checked = [
@@ -238,8 +243,7 @@ def _finish(table: campaigns.MergedTable, requirements: list[campaigns.Requireme
         typer.echo(f"replay: {pages.replay_command(folder, what)}")
 
     judged = pages.write_campaign(
-        table, requirements, lambda sample: stored_campaign(folder)[0].replay(sample),
-        lambda case, plant: case.run(stored_campaign(folder)[0], plant),
+        table, requirements, lambda case, plant: case.run(stored_campaign(folder)[0], plant)
     )  # fmt: skip
     typer.echo(pages.campaign_verdict(judged))
     cases = campaigns.stored_worsts(journal)
@@ -274,7 +278,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
     Exit code: 0 when the report is written, whichever is better; 2 for a
     mistake; 130 if interrupted.
     """
-    from flexhinf.design import DesignPair, open_pair, stored_campaign
+    from flexhinf.design import DesignPair, open_pair
 
     shard, executor = campaigns.Shard.read(o.shard or "1/1"), _executor(o)
     names, command = (o.first, o.second), reproduce_command(context)
@@ -294,11 +298,7 @@ def compare(context: typer.Context, o: CompareCampaignsOptions) -> None:
         )
         return
 
-    def judged(table: campaigns.MergedTable) -> Any:
-        folder = table.journal.folder
-        return pages.write_campaign(table, checked, lambda sample: stored_campaign(folder)[0].replay(sample))
-
-    pair.judged = judged(tables[0]), judged(tables[1])
+    pair.judged = pages.write_campaign(tables[0], checked), pages.write_campaign(tables[1], checked)
     pair.paired = campaigns.compare(tables[0], tables[1], [rule.text() for rule in checked])
     path = pages.write_pair(pair)
     show([pages.pair_table(pair, pair.paired.metrics).terminal()])

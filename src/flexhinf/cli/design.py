@@ -359,12 +359,12 @@ def file_of(source: str, only_design: str = "", then: str = "") -> Path:
     path = checked_path("The design", source)
     file = path / "design.toml" if os.path.isdir(path) else path
     what = "path leads to no file and no" if file == path else f"folder {value_text(source, 120)} holds no"
-    if not os.path.exists(file) and source not in fh.catalogue():
-        raise InvalidInput(
-            f"There is no file or design {value_text(source, 120)}.",
-            f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
-            "flexhinf design ROBOT --out DIR, then DIR in its place",
-        )
+    refuse_if(
+        not os.path.exists(file) and source not in fh.catalogue(),
+        f"There is no file or design {value_text(source, 120)}.",
+        f"expected design.toml, the folder of a report or the file of a controller; the {what} design.toml",
+        "flexhinf design ROBOT --out DIR, then DIR in its place",
+    )
     refuse_if(
         only_design and not is_design_file(file),
         only_design,
@@ -391,8 +391,11 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     from flexhinf.design.plans import has_integrals
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed
 
-    needs = "A run needs a design file, which states robot, start and goal."
-    path = file_of(o.source, needs, "flexhinf run DIR --mujoco")
+    path = file_of(
+        o.source,
+        "A run needs a design file, which states robot, start and goal.",
+        "flexhinf run DIR --mujoco",
+    )
     refuse_if(
         not o.mujoco,
         "It is not said which robot is driven.",

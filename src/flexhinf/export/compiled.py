@@ -118,12 +118,12 @@ def build(sources: dict[str, str], folder: Path, flags: tuple[str, ...]) -> Path
     files = [file for file in sources if file.endswith(".c")]
     command = [compiler, "-std=c99", *flags, *files, "-lm", "-o", "built"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InvalidInput(
-            "The C compiler does not compile the controller.",
-            f"{' '.join(command)}: {done.stderr.strip()[:400]}",
-            "another compiler in CC",
-        )
+    refuse_if(
+        done.returncode,
+        "The C compiler does not compile the controller.",
+        f"{' '.join(command)}: {done.stderr.strip()[:400]}",
+        "another compiler in CC",
+    )
     return folder / "built"
 
 
@@ -199,13 +199,13 @@ class CompiledController:
                 raise ValueError("no library of this version")
             about = json.loads(text)
             missing = sorted(set(needed.split()) - instructions()) if needed.split() else []
-            if missing:
-                raise InvalidInput(
-                    "The library is for another processor.",
-                    f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
-                    "has not",
-                    "flexhinf compile DESIGN --processor portable, or on this machine",
-                )
+            refuse_if(
+                missing,
+                "The library is for another processor.",
+                f"expected one that has {', '.join(missing)}, for which {self.path.name} was compiled; this one "
+                "has not",
+                "flexhinf compile DESIGN --processor portable, or on this machine",
+            )
             self._library = loaded(image, self.path.parent)
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
         except InvalidInput:
@@ -266,16 +266,12 @@ class CompiledController:
 
     def _fill(self, place: np.ndarray, numbers: Any, what: str, names: tuple[str, ...]) -> None:
         try:
-            values = real_array(numbers, strict=True).reshape(-1)
-            fits = values.shape == place.shape
+            place[:] = real_array(numbers, strict=True).reshape(place.shape)
         except (TypeError, ValueError):
-            fits = False
-        if not fits:
             raise InvalidInput(
                 f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(numbers)}",
                 "an array of this length, or a plain number for one signal",
-            )  # fmt: skip
-        place[:] = values
+            ) from None  # fmt: skip
 
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget; the estimate starts at `state` (n,) and the input before the first sample is `input` (m,), if given.
@@ -389,10 +385,12 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
     without them, as "any"), the oldest ones of the platform, or those with all that this one has. Other platforms than
     PCs have the first two in common. Raises InvalidInput: for another word.
     """
-    otherwise = (
-        "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one"
+    one_of(
+        "There is no such choice of processors.",
+        processor,
+        ("portable", "any", "native"),
+        "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one",
     )
-    one_of("There is no such choice of processors.", processor, ("portable", "any", "native"), otherwise)
     pc = platform.machine() in X86
     if processor == "native":
         return ("-march=native" if pc else "-mcpu=native",)

@@ -51,13 +51,13 @@ def checked_identifier(name: object) -> str:
     """
     text = name if isinstance(name, str) else ""
     whole = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text) is not None and len(text) <= LONGEST
-    if not whole or text.lower() in RESERVED:
-        raise InvalidInput(
-            "This is no name for C.",
-            f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
-            f"header of its library, got {value_text(name)}",
-            identifier_of(text) if text else "my_arm",
-        )
+    refuse_if(
+        not whole or text.lower() in RESERVED,
+        "This is no name for C.",
+        f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
+        f"header of its library, got {value_text(name)}",
+        identifier_of(text) if text else "my_arm",
+    )
     return text
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from flexhinf import __version__
 from flexhinf.codegen.c import Real, Translator
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.export.compiled import shared_library
 from flexhinf.export.controller_c import (
     MISSING_LIMIT,
@@ -178,12 +178,12 @@ def export_plant_fmu(
 
 def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
     values = np.zeros(len(names)) if start is None else real_array(start)
-    if values.shape != (len(names),) or not np.isfinite(values).all():
-        raise InvalidInput(
-            f"The first {what} does not fit the plant.",
-            f"expected a finite number for each of {list(names)}, got {value_text(start)}",
-            f"{what}=None for zeros",
-        )
+    refuse_if(
+        values.shape != (len(names),) or not np.isfinite(values).all(),
+        f"The first {what} does not fit the plant.",
+        f"expected a finite number for each of {list(names)}, got {value_text(start)}",
+        f"{what}=None for zeros",
+    )
     return values
 
 

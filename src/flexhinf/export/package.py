@@ -93,8 +93,12 @@ def checked_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     path = checked_path("The folder", folder).absolute()
     found, full = f"expected a new or empty folder, got {path}", path.is_dir() and any(path.iterdir())
     refuse_if(path.exists() and not path.is_dir(), "The output is no folder.", found, "another name")
-    advice = "another folder, or force=True (--force): files of the same names are then replaced"
-    refuse_if(full and not force, "The output folder is not empty.", found, advice)
+    refuse_if(
+        full and not force,
+        "The output folder is not empty.",
+        found,
+        "another folder, or force=True (--force): files of the same names are then replaced",
+    )
     return path
 
 
@@ -122,12 +126,12 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
     arm-none-eabi-gcc is installed. Raises InvalidInput: if the period is another one, or code, constants or state are
     larger.
     """
-    if period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period:
-        raise InvalidInput(
-            "The firmware's period is not the controller's.",
-            f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
-            "a design with --period of that length",
-        )
+    refuse_if(
+        period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period,
+        "The firmware's period is not the controller's.",
+        f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
+        "a design with --period of that length",
+    )
     code = code_of(controller, "controller", real)
     whole, constants = cortex_m4_bytes(code) if flash else None, code.constants * code.real.bytes
     kind, where = (
@@ -140,12 +144,12 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
          "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
     )  # fmt: skip
     for option, stated, what, needed, where, advice in rows:
-        if stated and needed > _quantity(stated, BYTES):
-            raise InvalidInput(
-                f"The controller does not fit: its {what} more room.",
-                f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
-                advice,
-            )
+        refuse_if(
+            stated and needed > _quantity(stated, BYTES),
+            f"The controller does not fit: its {what} more room.",
+            f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
+            advice,
+        )
 
 
 #: Units of times and sizes.
@@ -158,12 +162,12 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
     value = -1.0
     with suppress(ValueError, KeyError):
         value = float(match.group(1)) * units[match.group(2)] if match else value
-    if not 0.0 < value < 1e30:
-        raise InvalidInput(
-            "This is no positive quantity.",
-            f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
-            f"1{list(units)[2]}",
-        )
+    refuse_if(
+        not 0.0 < value < 1e30,
+        "This is no positive quantity.",
+        f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
+        f"1{list(units)[2]}",
+    )
     return value
 
 

@@ -227,12 +227,12 @@ def run_realtime(
         ("real-time priority", priority, PRIORITIES, "80: above everything but the kernel's own threads"),
         ("processor core", core, (0, (os.cpu_count() or 1) - 1), "0"),
     ):
-        if number is not None and (not isinstance(number, int) or not low <= number <= high):
-            raise InvalidInput(
-                f"There is no such {what}.",
-                f"expected {low} to {high}, got {value_text(number)}",
-                advice,
-            )
+        refuse_if(
+            number is not None and (not isinstance(number, int) or not low <= number <= high),
+            f"There is no such {what}.",
+            f"expected {low} to {high}, got {value_text(number)}",
+            advice,
+        )
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
@@ -269,12 +269,12 @@ def _check_library(library: CompiledController, controller: Any) -> None:
     }  # fmt: skip
     for name, value in own.items():
         stated = getattr(library, name)
-        if stated != value:
-            raise InvalidInput(
-                f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
-                f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
-                "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
-            )
+        refuse_if(
+            stated != value,
+            f"The library is not one of this controller: its {name} {'is' if name == 'period' else 'are'} others.",
+            f"expected {value_text(value)}, got {value_text(stated)} in {library.path.name}",
+            "flexhinf compile with the same design (a move in error coordinates has a controller of its own)",
+        )
     expected = code_of(controller, "controller", "double").digest
     refuse_if(
         library.digest != expected,
@@ -329,11 +329,8 @@ class _Clock:
         if k == 0:
             self._first = now() + LEAD_NS * self._real_time
             self.began = time.time_ns() + LEAD_NS * self._real_time
-        if not self._real_time:
-            self._due[k] = self._woken[k] = now()
-            return True
-        due = self._first + round(1e9 * k * self._period)
-        self._due[k], self._woken[k] = due, wait_until(due)
+        due = self._first + round(1e9 * k * self._period) if self._real_time else now()
+        self._due[k], self._woken[k] = due, wait_until(due) if self._real_time else due
         return True
 
     def step(self, y: Any, reference: Any) -> np.ndarray:
@@ -376,16 +373,15 @@ def wait_until(due: int) -> int:
 def _stopping() -> Iterator[list[int]]:
     """A list that receives the number of a signal to stop; a second Ctrl-C interrupts as usual."""
     request: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
 
     def stop(number: int, frame: Any) -> None:
         if request and number == signal.SIGINT:
             raise KeyboardInterrupt
         request.append(number)
 
-    ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    own = threading.current_thread() is threading.main_thread()
+    names = ("SIGINT", "SIGTERM", "SIGHUP") if own else ()
+    ending = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {n: handler for n in ending if (handler := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
     for number in before:
         signal.signal(number, stop)
@@ -561,15 +557,19 @@ def check_log(path: str | os.PathLike[str]) -> Path:
     """
     path = checked_path("The log", path)
     csv = f"--log {path.stem or 'run'}.csv"
-    found = f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}"
-    refuse_if(path.suffix not in FORMATS, "The format of the log is not known.", found, csv)
+    refuse_if(
+        path.suffix not in FORMATS,
+        "The format of the log is not known.",
+        f"expected a name that ends with {', '.join(FORMATS)}, got {str(path)!r}",
+        csv,
+    )
     missing = [name for name in FORMATS[path.suffix][1] if importlib.util.find_spec(name) is None]
-    if missing:
-        raise InvalidInput(
-            f"A log in {path.suffix[1:]} needs another package.",
-            f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
-            f"pip install 'flexhinf[log]', or {csv}",
-        )
+    refuse_if(
+        missing,
+        f"A log in {path.suffix[1:]} needs another package.",
+        f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
+        f"pip install 'flexhinf[log]', or {csv}",
+    )
     return check_place(path, "log")
 
 
@@ -581,9 +581,10 @@ def check_place(path: Path, what: str) -> Path:
         with tempfile.TemporaryFile(dir=path.parent):
             pass
     except (OSError, ValueError) as error:
-        found = f"{path}: {getattr(error, 'strerror', None) or error}"
         raise InvalidInput(
-            f"The {what} cannot be written.", found, "a writable folder that exists"
+            f"The {what} cannot be written.",
+            f"{path}: {getattr(error, 'strerror', None) or error}",
+            "a writable folder that exists",
         ) from error
     return path
 

@@ -19,7 +19,7 @@ from flexhinf.campaign import (
 )
 from flexhinf.campaign.batches import PART, TRACE
 from flexhinf.campaign.metrics import COMPLETED, DIVERGED, NOT_RUN, UNDAMPED, UNSTABLE
-from flexhinf.design.campaign_folder import GainResults, stored_gains
+from flexhinf.design.campaign_folder import GainResults, stored_campaign, stored_gains
 from flexhinf.loop import Trajectory
 from flexhinf.pages.campaign_parts import (
     METRIC_LABELS,
@@ -70,7 +70,6 @@ from flexhinf.report import (
     quantile_band,
 )
 
-Run = Callable[[int], Trajectory]
 PlantRun = Callable[[WorstCase, EvaluatedPlant], Trajectory]
 
 #: What a level γ belongs to, by the claim of a `GainRow`.
@@ -88,12 +87,11 @@ _COLOURED: tuple[dict[str, Any], ...] = tuple({"color": colour, "linewidth": 1.1
 def write_campaign(
     table: MergedTable,
     requirements: Sequence[Requirement],
-    run: Run | None = None,
     plant_run: PlantRun | None = None,
 ) -> CampaignJudgement:
     """Write index.html beside the table, with the worst cases that are kept there; returns what the page says.
 
-    `run` runs a sample again, for a worst run whose signals are not kept; `plant_run` one of a worst case's plants.
+    `plant_run` runs one of a worst case's plants again.
     """
     judged, journal = CampaignJudgement(table, tuple(requirements)), table.journal
     settings, cases, gains = journal.settings, stored_worsts(journal), stored_gains(journal)
@@ -102,7 +100,7 @@ def write_campaign(
             Section("Success", _success(judged), "success"),
             Section("Worst case", _worst_case(judged, cases, plant_run), "worst-case"),
             Section("Worst disturbance", _worst_disturbance(judged, gains), "worst-disturbance"),
-            Section("Signals", _signals(judged, run), "signals"),
+            Section("Signals", _signals(judged), "signals"),
             Section("Metrics", _metrics(judged), "metrics"),
             Section("What matters", _sensitivities(judged), "sensitivity"),
             Section("Failures", _failures(judged), "failures"),
@@ -374,7 +372,7 @@ def _worst_disturbance(judged: CampaignJudgement, gains: GainResults) -> list[An
 
 
 # Signals and metrics -----------------------------------------------------------------------------------------
-def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
+def _signals(judged: CampaignJudgement) -> list[Any]:
     # the kept signals, and the end of the one that differs most; the worst run is drawn apart
     names = judged.table.names("trace")
     traces = [judged.table.trace(name).astype(float) for name in names]
@@ -385,8 +383,8 @@ def _signals(judged: CampaignJudgement, run: Run | None) -> list[Any]:
     lines: list[np.ndarray] = []  # of the worst sample: from the table, or run again
     if worst is not None and worst < len(ended):
         lines = [trace[worst] for trace in traces] if ended[worst] else []
-    elif worst is not None and run is not None:
-        again = run(worst)
+    elif worst is not None:  # its signals are not kept
+        again = stored_campaign(judged.table.journal.folder)[0].replay(worst)
         at = np.minimum(np.searchsorted(again.time, time - 1e-9), len(again.time) - 1)
         lines = [again.tracked(name.removeprefix(TRACE))[at] for name in names]
     spreads = [0.0] * len(names)  # how far apart runs are in the second half, relative to the range of all

@@ -24,7 +24,7 @@ from flexhinf.campaign.metrics import COMPLETED, DIVERGED, UNSTABLE
 from flexhinf.design.campaign_folder import FOLDERS, DesignPair, GainRow
 from flexhinf.files import write_file
 from flexhinf.pages.design.step import histogram_bins
-from flexhinf.pages.drawing import DASHED, figure_block, framed, panels
+from flexhinf.pages.drawing import DASHED, figure_block, framed
 from flexhinf.report import (
     INK,
     SERIES,
@@ -42,6 +42,7 @@ from flexhinf.report import (
     house_style,
     label,
     number,
+    panels,
 )
 
 #: Labels of metrics in sentences; others are written with spaces.
@@ -126,7 +127,7 @@ def _changes_text(
 def sample_changes(judged: CampaignJudgement, sample: int) -> str:
     """A sample by its numbers that are furthest from nominal, relative to their spread."""
     changes = []
-    for name, value in judged.numbers(sample).items():
+    for name, value in judged.table.numbers(sample).items():
         column, nominal = judged.column(name), judged.nominal.get(name)
         middle, spread = float(column.mean()) if nominal is None else nominal, float(column.std())
         if spread > 0.0 and value != middle:

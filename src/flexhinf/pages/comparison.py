@@ -30,7 +30,6 @@ from flexhinf.pages.drawing import (
     law_name,
     legend_above,
     line_style,
-    panels,
     pose_text,
     thin,
     units_of,
@@ -53,6 +52,7 @@ from flexhinf.report import (
     house_style,
     label,
     number,
+    panels,
 )
 from flexhinf.report.blocks import WIDTH
 

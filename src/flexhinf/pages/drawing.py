@@ -17,7 +17,6 @@ from flexhinf.report import (
     INK,
     MUTED,
     SERIES,
-    WIDTH,
     Block,
     Column,
     Figure,
@@ -28,6 +27,7 @@ from flexhinf.report import (
     label,
     legend,
     number,
+    panels,
 )
 from flexhinf.robot import Robot
 from flexhinf.robot.elastic import inactive_parameters
@@ -134,7 +134,7 @@ def draw_figure(
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     rows, side = (1, len(parts)) if columns else (len(parts), 1)
-    figure, grid = panels(rows, side, height or 0.7 + (2.6 if rows == 1 else 2.1 * rows), sharex=not columns)
+    figure, grid = panels(rows, side, height, sharex=not columns)
     axes = [axis for row in grid for axis in row]
     for axis, panel in zip(axes, parts):
         panel.draw(axis)
@@ -185,17 +185,6 @@ def joint_panel(
         y = middle - half, middle + half
     dashed = [(side, color, None if k else limit_name) for k, (side, color) in enumerate(bounds.items())]
     return Panel(quantity, unit, lines, (0.0,) if zero else (), dashed, vertical, y=y)
-
-
-@house_style()
-def panels(
-    rows: int, columns: int, height: float, width: float = WIDTH, **options: Any
-) -> tuple[Canvas, list[list[Axes]]]:
-    """A grid of panels, each with an axis of its own unless the options of Matplotlib's ``subplots`` say otherwise."""
-    from matplotlib.figure import Figure as Canvas
-
-    figure = Canvas(figsize=(width, height), layout="constrained")
-    return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
 
 
 def legend_above(figure: Canvas, axes: Axes, columns: int, **options: Any) -> None:

@@ -42,17 +42,21 @@ def design_files(
     and `beside` names files that the caller writes into the same folder: the page lists them.
     """
     e, proof = design.evaluation, design.proof
-    runs = {**_picked(e, RUNS), **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)}}
-    if design.mujoco is not None:
-        runs["step-mujoco"] = design.mujoco
+    runs = {
+        **_picked(e, RUNS),
+        **{f"ring-down-{k}": run for k, run in enumerate(e.ring_down.responses, 1)},
+        **({} if design.mujoco is None else {"step-mujoco": design.mujoco}),
+    }
     saved = {f"runs/{name}.{ENDING}": response.run.save for name, response in runs.items()}
     files = {
         "design.json": to_json(design_numbers(design)),
         **_saved({"controller": design.controller().save, **saved}),
+        **{
+            name: certified.certificate.text()
+            for name, certified in (("certificate.json", proof), (BOX_FILE, proof.box))
+            if certified is not None and certified.certificate is not None
+        },
     }
-    for name, certified in (("certificate.json", proof), (BOX_FILE, proof.box)):
-        if certified is not None and certified.certificate is not None:
-            files[name] = certified.certificate.text()
     return {"index.html": design_page(design, command, warnings, (*files, *beside)).html(), **files}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -54,9 +54,6 @@ from flexhinf.report import (
 )
 from flexhinf.robot import catalogue, load_robot
 from flexhinf.robot.signals import signal_names
-
-if TYPE_CHECKING:
-    from rich.table import Table as Terminal
 
 
 # Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
@@ -354,7 +351,7 @@ def _key_numbers(design: Design) -> list[KeyNumber]:
 
 
 # For a terminal of 80 columns --------------------------------------------------------------------------
-def design_tables(design: Design) -> list[Terminal]:
+def design_tables(design: Design) -> list[Any]:
     """The tables of the page that have a title for a terminal, in its order; of the modes fewer rows."""
     return [
         (law.mode_table(design, brief=True) if table.id == "table-modes" else table).terminal()
@@ -364,7 +361,7 @@ def design_tables(design: Design) -> list[Terminal]:
     ]
 
 
-def robots_table() -> Terminal:
+def robots_table() -> Any:
     """Table of the catalogue: what each robot is, and how many of its numbers have a source."""
     rows = []
     for name in catalogue():

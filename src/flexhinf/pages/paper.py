@@ -13,7 +13,6 @@ import numpy as np
 from flexhinf.analysis import FORMS
 from flexhinf.loop import Trajectory
 from flexhinf.options import option_name
-from flexhinf.pages.drawing import panels
 from flexhinf.paper.loop_setup import (
     FREQUENCY,
     GOALS,
@@ -53,6 +52,7 @@ from flexhinf.report import (
     label,
     legend,
     new_figure,
+    panels,
     quantile_band,
     reference_line,
     settling_band,

@@ -19,7 +19,7 @@ import numpy as np
 
 from flexhinf.design.deployed_run import DeployedRun
 from flexhinf.design.responses import Move
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
 from flexhinf.files import write_file
 from flexhinf.loop.simulation.metrics import peak_of
@@ -185,18 +185,18 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     encoder that is missing, a place that cannot be written."""
     path = checked_path("The film", path)
     gif = f"--record {path.stem or 'arm'}.gif"
-    if path.suffix not in FORMATS:
-        raise InvalidInput(
-            "The format of the film is not known.",
-            f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}",
-            gif,
-        )
-    if path.suffix == ".mp4" and _encoder() is None:
-        raise InvalidInput(
-            "A film in MP4 needs an encoder.",
-            f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}",
-            f"pip install 'flexhinf[video]', or {gif}",
-        )
+    refuse_if(
+        path.suffix not in FORMATS,
+        "The format of the film is not known.",
+        f"expected a name that ends with {' or '.join(FORMATS)}, got {str(path)!r}",
+        gif,
+    )
+    refuse_if(
+        path.suffix == ".mp4" and _encoder() is None,
+        "A film in MP4 needs an encoder.",
+        f"expected the program ffmpeg or the package 'imageio-ffmpeg', found neither, for {path.name}",
+        f"pip install 'flexhinf[video]', or {gif}",
+    )
     return check_place(path, "film")
 
 
@@ -289,8 +289,7 @@ class ArmFilm:
         state, inputs = trajectory.signals["state"], trajectory.signals["input"]
         bad = np.flatnonzero(~np.isfinite(np.hstack([state, inputs])).all(axis=1))
         kept = slice(0, int(bad[0]) if len(bad) else len(state))  # until the loop diverged
-        if not kept.stop:
-            raise InvalidInput("There is nothing to film.", "expected one sample at least", "a longer run")
+        refuse_if(not kept.stop, "There is nothing to film.", "expected one sample at least", "a longer run")
         commanded = trajectory.names.get("reference", ())
         columns = [
             trajectory.signal("reference", name) if name in commanded else np.full(len(state), goal)
@@ -309,16 +308,15 @@ class ArmFilm:
         poses = [*self.links[rows], *self.command[rows[[0, -1]]]]
         self.extent = np.concatenate([line for pose in poses for line in skeleton(self.robot, pose)])
         self.size = float(np.ptp(self.extent, axis=0).max())
-        if self.size < 1e-9:
-            raise InvalidInput(
-                "The arm cannot be drawn: its links have no length.",
-                f"expected a robot with joints or centres of mass apart, got {self.robot.name!r}",
-                "the run without --record",
-            )
+        refuse_if(
+            self.size < 1e-9,
+            "The arm cannot be drawn: its links have no length.",
+            f"expected a robot with joints or centres of mass apart, got {self.robot.name!r}",
+            "the run without --record",
+        )
         self.factor = magnification(self.windup, self.slides, self.size)
         down = np.asarray(self.robot.links.down, dtype=float)
-        right, up, self.names = viewing_plane(down, self.extent, self.size)
-        self.plane = np.column_stack([right, up])
+        self.plane, self.names = viewing_plane(down, self.extent, self.size)
         self.scale = np.where(self.slides, 1e3, np.degrees(1.0))
 
     def arm(self, pose: np.ndarray) -> list[np.ndarray]:

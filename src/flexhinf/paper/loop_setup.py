@@ -171,11 +171,13 @@ class PaperSetup:
 
     def runs(self, figure: str) -> dict[str, Trajectory]:
         """Runs of Figs. 3, 5, 7 ("03" …) by the name of the law, and of 11 and 12 by where the torque acts."""
-        if figure in COMMANDS and figure not in self._runs:
+        if figure not in self._runs:
             laws = {"nonlinear": self.nonlinear, "linear": self.linear}
-            self._runs[figure] = {name: self.run(law, *COMMANDS[figure]) for name, law in laws.items()}
-        elif figure not in self._runs:
-            self._runs[figure] = {c: self.load_response(self.nonlinear, LOADS[figure], c) for c in CHANNELS}
+            self._runs[figure] = (
+                {name: self.run(law, *COMMANDS[figure]) for name, law in laws.items()}
+                if figure in COMMANDS
+                else {c: self.load_response(self.nonlinear, LOADS[figure], c) for c in CHANNELS}
+            )
         return self._runs[figure]
 
     @cached_property

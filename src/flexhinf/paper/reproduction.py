@@ -66,21 +66,20 @@ class Reproduction:
 def reproduce(
     settings: PaperSettings,
     command: Sequence[str] = ("flexhinf", "paper"),
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str], None] = lambda stage: None,
 ) -> Reproduction:
     """Compute everything; nothing is written.
 
     `command` makes the report again; `progress` is called with the name of each next stage, `STAGES` times in all.
     Raises InfeasibleGamma: if γ is not above γ*.
     """
-    begin = progress or (lambda text: None)
-    begin("synthesis")
+    progress("synthesis")
     setup, figures = PaperSetup(settings), dict[str, dict[str, Any]]()
     judged: list[Claim] = []
     for figure in FIGURE_NUMBERS:
-        begin(f"figure {int(figure)}")
+        progress(f"figure {int(figure)}")
         figures[figure] = figure_numbers(setup, figure)
     for claim in CLAIMS:
-        begin(f"claim: {claim.id.replace('-', ' ')}")
+        progress(f"claim: {claim.id.replace('-', ' ')}")
         judged.append(judge(setup, claim))
     return Reproduction(setup, figures, tuple(judged[:-1]), tuple(judged[-1:]), tuple(command))

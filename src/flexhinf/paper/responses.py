@@ -299,24 +299,22 @@ class RunGain(NamedTuple):
 
 def run_gain(run: Attained) -> RunGain:
     """Gain of a run of the paper's problem."""
-    if np.isinf(run.gain):
-        return RunGain(run.gain, run.energy, math.inf)
-    return RunGain(run.gain, run.energy, float(peak_of(run.trajectory.signals["state"][:, 0])))
+    angle = run.trajectory.signals["state"][:, 0]
+    return RunGain(run.gain, run.energy, math.inf if np.isinf(run.gain) else float(peak_of(angle)))
 
 
-def stated_disturbances() -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """Pulses and decaying sines, small and large, by name: functions of arrays of times."""
-    return {
-        f"pulse of {degrees}°, {seconds:g} s": lambda t, d=degrees, s=seconds: np.where(
-            t < s, math.radians(d), 0.0
-        )
-        for degrees, seconds in ((10, 0.5), (10, 2.0), (90, 0.5), (90, 2.0), (180, 0.5))
-    } | {
-        f"sine of {degrees}°, {hertz:g} Hz, decaying in 3 s": lambda t, d=degrees, f=hertz: (
-            math.radians(d) * np.exp(-t / 3.0) * np.sin(2.0 * math.pi * f * t)
-        )
-        for degrees, hertz in ((10, 0.25), (10, 0.5), (90, 0.25), (90, 0.5), (90, 1.0))
-    }
+#: Pulses and decaying sines, small and large, by name: functions of arrays of times.
+STATED_DISTURBANCES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    f"pulse of {degrees}°, {seconds:g} s": lambda t, d=degrees, s=seconds: np.where(
+        t < s, math.radians(d), 0.0
+    )
+    for degrees, seconds in ((10, 0.5), (10, 2.0), (90, 0.5), (90, 2.0), (180, 0.5))
+} | {
+    f"sine of {degrees}°, {hertz:g} Hz, decaying in 3 s": lambda t, d=degrees, f=hertz: (
+        math.radians(d) * np.exp(-t / 3.0) * np.sin(2.0 * math.pi * f * t)
+    )
+    for degrees, hertz in ((10, 0.25), (10, 0.5), (90, 0.25), (90, 0.5), (90, 1.0))
+}
 
 
 def attained_gain(setup: PaperSetup) -> Finding:
@@ -324,7 +322,7 @@ def attained_gain(setup: PaperSetup) -> Finding:
     search = DisturbanceSearch(setup.problem, setup.nonlinear, None, setup.settings.period, HORIZON)
     stated = {
         name: run_gain(search.runs.attained(signal(search.runs.times)[:, None]))
-        for name, signal in stated_disturbances().items()
+        for name, signal in STATED_DISTURBANCES.items()
     }
     worst: dict[str, RunGain] = {}
     d: Any = search.small()[1]  # the worst sinusoid of small motions, (N, 1)

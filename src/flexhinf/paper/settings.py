@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.options import (
     ADVANCED,
     HARDWARE,
@@ -56,12 +56,12 @@ class PaperSettings:
         )
         for what, name, valid, expected in allowed:
             value = getattr(self, name)
-            if not valid or (isinstance(value, float) and not math.isfinite(value)):
-                raise InvalidInput(
-                    f"The {what} cannot be used.",
-                    f"expected {expected}, got {value!r}",
-                    f"{option_name(name)} {getattr(PaperSettings, name)}",
-                )
+            refuse_if(
+                not valid or (isinstance(value, float) and not math.isfinite(value)),
+                f"The {what} cannot be used.",
+                f"expected {expected}, got {value!r}",
+                f"{option_name(name)} {getattr(PaperSettings, name)}",
+            )
 
 
 PaperSettings.__doc__ = with_parameters(PaperSettings)

@@ -31,6 +31,7 @@ from .figure import (
     label as label,
     legend as legend,
     new_figure as new_figure,
+    panels as panels,
     quantile_band as quantile_band,
     reference_line as reference_line,
     settling_band as settling_band,

@@ -21,7 +21,7 @@ from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from flexhinf import __version__
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.report.figure import LIGHT
 
 if TYPE_CHECKING:
@@ -153,8 +153,7 @@ def _json(value: object, place: tuple[str, ...], margin: str) -> str:
     indent = f"{margin}  "
     if isinstance(value, Mapping):
         wrong = next((key for key in value if not isinstance(key, str)), "")
-        if wrong != "":
-            raise InvalidInput("A key of JSON is text.", f"got {wrong!r} in {where}", repr(str(wrong)))
+        refuse_if(wrong != "", "A key of JSON is text.", f"got {wrong!r} in {where}", repr(str(wrong)))
         lines = [
             f"{key}: {_json(each, (*place, name), indent)}"
             for key, (name, each) in zip(
@@ -209,10 +208,12 @@ class Anchored(Block):
     id: str
 
     def __post_init__(self) -> None:
-        if not re.fullmatch(r"[a-z][a-z0-9-]*", self.id):
-            raise InvalidInput(
-                "An anchor has small letters, digits, hyphens.", f"got {self.id!r}", "figure-03"
-            )
+        refuse_if(
+            not re.fullmatch(r"[a-z][a-z0-9-]*", self.id),
+            "An anchor has small letters, digits, hyphens.",
+            f"got {self.id!r}",
+            "figure-03",
+        )
 
     def ids(self) -> tuple[str, ...]:
         """The anchor, where the block has one."""
@@ -297,12 +298,12 @@ def inline(svg: str, prefix: str, described_by: str = "") -> str:
         raise InvalidInput("A figure is an SVG document.", f"got {svg[:40]!r} …", "figure_to_svg")
     body = drawing[root.end() : drawing.rindex("</svg>") + len("</svg>")]
     active = next(filter(None, map(_ACTIVE.search, _MARKUP.findall(body))), None)
-    if active or "<![CDATA[" in body:
-        raise InvalidInput(
-            "A figure of a report may neither run a script nor fetch anything.",
-            f"found {active.group() if active else '<![CDATA['!r} in the drawing for {prefix!r}",
-            "a drawing without it",
-        )
+    refuse_if(
+        active or "<![CDATA[" in body,
+        "A figure of a report may neither run a script nor fetch anything.",
+        f"found {active.group() if active else '<![CDATA['!r} in the drawing for {prefix!r}",
+        "a drawing without it",
+    )
 
     roles = {colour: f"var(--{role})" for role, colour in LIGHT.items()}
 
@@ -370,12 +371,12 @@ class Table(Anchored):
         if self.id:
             super().__post_init__()
         for index, row in enumerate(self.rows):
-            if not isinstance(row, str) and len(row) != len(self.columns):
-                raise InvalidInput(
-                    "A row of a table does not fit its columns.",
-                    f"expected {len(self.columns)} cells, got {len(row)} in row {index} of {self.caption!r}",
-                    "None for a cell that has no value",
-                )
+            refuse_if(
+                not isinstance(row, str) and len(row) != len(self.columns),
+                "A row of a table does not fit its columns.",
+                f"expected {len(self.columns)} cells, got {len(row)} in row {index} of {self.caption!r}",
+                "None for a cell that has no value",
+            )
 
     @classmethod
     def of(

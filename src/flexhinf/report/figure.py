@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -123,20 +123,35 @@ def _settings() -> dict[Any, Any]:
 
 
 @house_style()
-def new_figure(
-    rows: int = 1, *, width: float = WIDTH, height: float | None = None,
-    labels: Sequence[tuple[str, str]] = (), across: str = "time (s)",
-) -> tuple[Figure, list[Axes]]:  # fmt: skip
-    """A figure of stacked panels over one horizontal axis, and the panels from top to bottom.
+def panels(
+    rows: int, columns: int, height: float | None = None, width: float = WIDTH, **options: Any
+) -> tuple[Figure, list[list[Axes]]]:
+    """A grid of panels, each with an axis of its own unless the options of Matplotlib's ``subplots`` say otherwise.
 
-    `width` and `height` are in inches; without a height each panel gets what suits its number. `labels`: quantity and
-    unit of each panel's vertical axis.
+    `width` and `height` are in inches; without a height each row gets what suits their number.
     """
     from matplotlib.figure import Figure
 
     height = height or 0.7 + (2.6 if rows == 1 else 2.1 * rows)
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = list(figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0])
+    return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False, **options)]
+
+
+@house_style()
+def new_figure(
+    rows: int = 1,
+    *,
+    width: float = WIDTH,
+    height: float | None = None,
+    labels: Sequence[tuple[str, str]] = (),
+    across: str = "time (s)",
+) -> tuple[Figure, list[Axes]]:
+    """A figure of stacked panels over one horizontal axis, and the panels from top to bottom.
+
+    `width` and `height` as for `panels`. `labels`: quantity and unit of each panel's vertical axis.
+    """
+    figure, grid = panels(rows, 1, height, width, sharex=True)
+    axes = [row[0] for row in grid]
     axes[-1].set_xlabel(across)
     for panel, named in zip(axes, labels):
         label(panel, *named)
@@ -168,9 +183,9 @@ def time_response(
     lead = f"{name}, " if name else ""
     if estimated is None:
         axes.plot(time, measured, color=colour, label=name or None)
-        return
-    axes.plot(time, measured, color=colour, linewidth=3.2, alpha=0.4, label=f"{lead}measured")
-    axes.plot(time, estimated, color=colour, linewidth=1.4, dashes=(4.0, 2.2), label=f"{lead}estimated")
+    else:
+        axes.plot(time, measured, color=colour, linewidth=3.2, alpha=0.4, label=f"{lead}measured")
+        axes.plot(time, estimated, color=colour, linewidth=1.4, dashes=(4.0, 2.2), label=f"{lead}estimated")
 
 
 @house_style()
@@ -194,12 +209,12 @@ def quantile_band(axes: Axes, time: np.ndarray, runs: np.ndarray) -> None:
     Raises InvalidInput: `runs` does not have one column per time, or a number in it is not finite.
     """
     runs = np.asarray(runs, dtype=float)
-    if runs.ndim != 2 or not len(runs) or runs.shape[1] != len(time) or not np.isfinite(runs).all():
-        raise InvalidInput(
-            "A band needs one row per run and one finite number per time.",
-            f"expected (runs, {len(time)}), got {runs.shape}, {int((~np.isfinite(runs)).sum())} not finite",
-            "leave diverged runs out, and count them beside the figure",
-        )
+    refuse_if(
+        runs.ndim != 2 or not len(runs) or runs.shape[1] != len(time) or not np.isfinite(runs).all(),
+        "A band needs one row per run and one finite number per time.",
+        f"expected (runs, {len(time)}), got {runs.shape}, {int((~np.isfinite(runs)).sum())} not finite",
+        "leave diverged runs out, and count them beside the figure",
+    )
     low, lower, median, upper, high = np.quantile(runs, (0.0, 0.05, 0.5, 0.95, 1.0), axis=0)
     band: dict[str, Any] = {"color": SERIES[0], "linewidth": 0}
     axes.fill_between(time, low, high, alpha=0.15, label=f"all {len(runs)} runs", **band)
@@ -265,7 +280,9 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 def _same_length(time: np.ndarray, *signals: np.ndarray | None) -> None:
     got, *shapes = (np.shape(each) for each in (time, *signals) if each is not None)
-    if any(shape != got for shape in shapes):
-        raise InvalidInput(
-            "A signal and its times differ in length.", f"time {got}, signals {shapes}", "one value per time"
-        )
+    refuse_if(
+        any(shape != got for shape in shapes),
+        "A signal and its times differ in length.",
+        f"time {got}, signals {shapes}",
+        "one value per time",
+    )

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import ABANDONED_AFTER_S, exchange, locked, publish
 from flexhinf.report.blocks import to_json
 from flexhinf.validation import checked_path, file_digest, read_bytes
@@ -82,8 +82,12 @@ def check(path: str | os.PathLike[str]) -> Path:
             _refuse(target)
         # Can a folder be made where the target, or the first of its parents, will be?
         above = next(folder for folder in target.parents if folder.exists())
-        if not above.is_dir():
-            raise InvalidInput("A folder of the path is a file.", f"{above} in {target}", "another name")
+        refuse_if(
+            not above.is_dir(),
+            "A folder of the path is a file.",
+            f"{above} in {target}",
+            "another name",
+        )
         trial = above / _beside(target, "new").name
         trial.mkdir()
         trial.rmdir()
@@ -115,8 +119,12 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     contents: dict[str, bytes] = {}
     for name, content in files.items():
         pure, outside = PurePosixPath(name), "\\" in name or name == MARKER or not name.isprintable()
-        if outside or not pure.parts or ".." in pure.parts or pure.is_absolute():
-            raise InvalidInput("A file of a report has a relative path.", f"got {name!r}", "figure_03.svg")
+        refuse_if(
+            outside or not pure.parts or ".." in pure.parts or pure.is_absolute(),
+            "A file of a report has a relative path.",
+            f"got {name!r}",
+            "figure_03.svg",
+        )
         contents[name] = content.encode("utf-8") if isinstance(content, str) else content
     marker = {
         "what": _WHAT,
@@ -128,12 +136,12 @@ def write(path: str | os.PathLike[str], files: Mapping[str, str | bytes]) -> Pat
     with _refusals(path) as target:
         target.parent.mkdir(parents=True, exist_ok=True)
         with locked(_lock(target), _PATIENCE) as state:
-            if state == "busy":
-                raise InvalidInput(
-                    "Another run is writing this report.",
-                    f"{target}: its lock {_lock(target).name} was held for {_PATIENCE:g} s",
-                    "another folder; or end that run and try again",
-                )
+            refuse_if(
+                state == "busy",
+                "Another run is writing this report.",
+                f"{target}: its lock {_lock(target).name} was held for {_PATIENCE:g} s",
+                "another folder; or end that run and try again",
+            )
             _clear(target, sure=state == "held")
             _refuse(target)
             _replace(target, contents)
@@ -152,12 +160,12 @@ def _replace(target: Path, contents: Mapping[str, bytes]) -> None:
             str(path.relative_to(fresh).as_posix()): path.stat().st_size
             for path in [path for path in fresh.rglob("*") if path.is_symlink() or not path.is_dir()]
         }
-        if sizes != {str(PurePosixPath(name)): len(content) for name, content in contents.items()}:
-            raise InvalidInput(
-                "The report's folder was changed while it was written; nothing was published.",
-                f"expected {len(contents)} files, got {len(sizes)} in {fresh.name}",
-                "write again; and no other program that clears this folder",
-            )
+        refuse_if(
+            sizes != {str(PurePosixPath(name)): len(content) for name, content in contents.items()},
+            "The report's folder was changed while it was written; nothing was published.",
+            f"expected {len(contents)} files, got {len(sizes)} in {fresh.name}",
+            "write again; and no other program that clears this folder",
+        )
         _exchange(fresh, target)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
@@ -178,8 +186,7 @@ def _refuse(target: Path) -> None:
          "another name, or an empty folder"),
     )  # fmt: skip
     for refused, what, hint in refusals:
-        if refused:
-            raise InvalidInput(what, f"got {target}", hint)
+        refuse_if(refused, what, f"got {target}", hint)
     if folder:
         _refuse_strangers(target, target)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from importlib import resources
 from typing import Any, Literal, get_args
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.report.blocks import (
     Anchored,
     Block,
@@ -85,11 +85,10 @@ class Claim(Anchored):
     def html(self) -> str:
         """The claim as HTML, with its evidence; colour is never the only sign of a verdict."""
         links = []
-        for name in self.figures:
-            if name not in self.ids():
-                word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
-                spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
-                links.append(f'<a href="#{name}">{escape(spoken)}</a>')
+        for name in (name for name in self.figures if name not in self.ids()):
+            word, _, tail = name.partition("-")  # figure-03 is read as Figure 3
+            spoken = f"{word.capitalize()} {tail.lstrip('0') or tail}".strip()
+            links.append(f'<a href="#{name}">{escape(spoken)}</a>')
         seen = f' <span class="seen">See {", ".join(links)}.</span>' if links else ""
         return "\n".join(filter(None, (
             f'<article class="claim" id="claim-{self.id}"><h3>{prose(self.text)}</h3>',
@@ -204,22 +203,22 @@ class Page:
 
     def __post_init__(self) -> None:
         names = [*(name for section in self.sections for name in section.ids()), "settings", "again"]
-        if twice := sorted(name for name, times in Counter(names).items() if times > 1):
-            raise InvalidInput(
-                "Every anchor of a report page is there once ('settings' and 'again' are the page's own).",
-                f"used more than once: {', '.join(twice)}",
-                "another id",
-            )
+        refuse_if(
+            twice := sorted(name for name, times in Counter(names).items() if times > 1),
+            "Every anchor of a report page is there once ('settings' and 'again' are the page's own).",
+            f"used more than once: {', '.join(twice)}",
+            "another id",
+        )
         blocks = [block for section in self.sections for block in section.blocks]
         pointed = {n for b in blocks if isinstance(b, Claim) for n in b.figures} | {
             f"claim-{c.id}" for b in blocks if isinstance(b, Claims) for c in b.claims
         }
-        if lost := sorted(pointed - set(names)):
-            raise InvalidInput(
-                "A claim points at a figure or at evidence that is not on the page.",
-                f"not found: {', '.join(lost)}",
-                "a Figure, or a Claim for each",
-            )
+        refuse_if(
+            lost := sorted(pointed - set(names)),
+            "A claim points at a figure or at evidence that is not on the page.",
+            f"not found: {', '.join(lost)}",
+            "a Figure, or a Claim for each",
+        )
 
     def html(self) -> str:
         """The whole page as text; the same page gives the same text."""

@@ -27,7 +27,6 @@ from flexhinf.pages.drawing import (
     legend_above,
     listed,
     note,
-    panels,
     settling_text,
     units_of,
 )
@@ -46,6 +45,7 @@ from flexhinf.report import (
     legend,
     new_figure,
     number,
+    panels,
     quantile_band,
     settling_band,
 )
@@ -252,8 +252,7 @@ def arm_figure(
     size = float(np.ptp(points, axis=0).max())
     if size < 1e-9:
         return None
-    right, up, names = viewing_plane(np.asarray(robot.links.down, dtype=float), points, size)
-    view = np.column_stack([right, up])
+    view, names = viewing_plane(np.asarray(robot.links.down, dtype=float), points, size)
     low, high = (points @ view).min(axis=0) - 0.08 * size, (points @ view).max(axis=0) + 0.08 * size
     tall = float((high - low)[1] / (high - low)[0])  # of each panel, over its width
     # beside the arm, inches: legend, titles and names of the axes in height, numbers in width
@@ -282,17 +281,16 @@ def arm_figure(
     )  # fmt: skip
 
 
-def viewing_plane(
-    down: np.ndarray, points: np.ndarray, size: float
-) -> tuple[np.ndarray, np.ndarray, tuple[str, str]]:
-    """Axes of the picture (right, up) and their names: upright if the robot leaves the horizontal, else from above."""
+def viewing_plane(down: np.ndarray, points: np.ndarray, size: float) -> tuple[np.ndarray, tuple[str, str]]:
+    """Axes of the picture (3, 2), to the right and up, and their names: upright if the robot leaves the horizontal,
+    else from above."""
     up, centred = -down / np.linalg.norm(down), points - points.mean(axis=0)
     spread = np.linalg.svd(centred - np.outer(centred @ up, up), full_matrices=True)[2]
     right = next(row for row in spread if abs(row @ up) < 0.5)
     right = right * (1.0 if right.sum() >= 0.0 else -1.0)
     if np.ptp(centred @ up) > 0.02 * size:  # else all points lie in one plane
-        return right, up, ("horizontal", "height")
-    return right, np.cross(up, right), ("horizontal", "seen from above")
+        return np.column_stack([right, up]), ("horizontal", "height")
+    return np.column_stack([right, np.cross(up, right)]), ("horizontal", "seen from above")
 
 
 # Sampled robots -----------------------------------------------------------------------------------------
