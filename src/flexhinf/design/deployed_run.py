@@ -150,12 +150,12 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         value = np.nan
         with suppress(ValueError):
             value = float(number.strip().rstrip("%"))
-        if not np.isfinite(value):
-            raise InvalidInput(
-                "A change of the robot cannot be read.",
-                f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
-                "stiffness=-20%",
-            )
+        refuse_if(
+            not np.isfinite(value),
+            "A change of the robot cannot be read.",
+            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
+            "stiffness=-20%",
+        )
         for parameter in names:
             values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)
@@ -187,12 +187,12 @@ def _varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Ro
     """The robot with the tolerances of a campaign, and what varies from sample to sample."""
     inactive = elastic.inactive_parameters(extras, robot.joint_names)
     for name, spread in o.tolerances:
-        if name in inactive:
-            raise InvalidInput(
-                f"The parameter {name!r} does not act in this design's true plant.",
-                f"expected one of its extras {list(extras)} or of every plant, got {name!r}",
-                "the design with --extras for it",
-            )
+        refuse_if(
+            name in inactive,
+            f"The parameter {name!r} does not act in this design's true plant.",
+            f"expected one of its extras {list(extras)} or of every plant, got {name!r}",
+            "the design with --extras for it",
+        )
         robot = robot.with_parameters(_spread(robot[name], spread))
     acting = [p for p in robot.uncertain if p.name not in inactive]
     variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]

@@ -326,12 +326,12 @@ class Robot(Summarised):
                 )
             arrays.append(array)
         counts = {len(array) for array in arrays if array.ndim == 2} or {1}
-        if len(counts) > 1:
-            raise InvalidInput(
-                "The motion's derivatives have different numbers of times.",
-                f"expected one, got {[array.shape for array in arrays]}",
-                "a row per time",
-            )
+        refuse_if(
+            len(counts) > 1,
+            "The motion's derivatives have different numbers of times.",
+            f"expected one, got {[array.shape for array in arrays]}",
+            "a row per time",
+        )
         count = counts.pop()
         if not count:
             return np.zeros((0, self.layout.mechanical)), np.zeros((0, len(joints)))

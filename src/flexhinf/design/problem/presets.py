@@ -399,12 +399,12 @@ def required_bandwidth(stated: Any, scales: modes.JointScales, joints: int) -> n
     """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with locked motors."""
     wanted = BANDWIDTH_FRACTION * scales.antiresonance if stated is None else stated
     bandwidth = np.atleast_1d(np.asarray(wanted, dtype=float))
-    if len(bandwidth) not in (1, joints):
-        raise InvalidInput(
-            "The bandwidths do not fit the joints.",
-            f"expected one number or {joints}, got {bandwidth.tolist()}",
-            "one bandwidth for all joints",
-        )
+    refuse_if(
+        len(bandwidth) not in (1, joints),
+        "The bandwidths do not fit the joints.",
+        f"expected one number or {joints}, got {bandwidth.tolist()}",
+        "one bandwidth for all joints",
+    )
     return np.broadcast_to(bandwidth, (joints,)).copy()
 
 

@@ -29,7 +29,7 @@ from flexhinf.design.specification import RINGS, TOLERANCE, Specification, Speci
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
@@ -522,12 +522,12 @@ class _Steps(Task):
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
     """Refuse, before any work, a step of zero length, unusable extras, sensors or estimators, and poses that cannot be
     held."""
-    if not np.any(goal != start):
-        raise InvalidInput(
-            "There is nothing to move: the step starts at its goal.",
-            f"expected another start than {goal.tolist()}",
-            "another `start` or `pose`",
-        )
+    refuse_if(
+        not np.any(goal != start),
+        "There is nothing to move: the step starts at its goal.",
+        f"expected another start than {goal.tolist()}",
+        "another `start` or `pose`",
+    )
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
