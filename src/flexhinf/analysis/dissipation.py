@@ -117,11 +117,12 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
     position, reference = x[:, places], run.signals["reference"]
     if controller.mode.moving:
         away = np.abs(reference - controller.operating_reference).max()
-        if not away <= NONE:
-            raise InvalidInput(
-                "The reference moves: level sets are about the operating point.", f"got up to {away:.3g} from it",
-                "a run at the operating point, or moving=False",
-            )  # fmt: skip
+        refuse_if(
+            not away <= NONE,
+            "The reference moves: level sets are about the operating point.",
+            f"got up to {away:.3g} from it",
+            "a run at the operating point, or moving=False",
+        )
         reference = reference[:, places]
     growth = controller.period * (0.5 * (position[1:] + position[:-1]) - reference[:-1])
     whole = np.vstack([np.zeros((1, len(places))), np.cumsum(growth, axis=0)])

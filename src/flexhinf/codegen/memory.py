@@ -15,7 +15,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.polynomial import basis
-from flexhinf.validation import is_integer, unknown_name
+from flexhinf.validation import is_integer, one_of
 
 if TYPE_CHECKING:
     import casadi
@@ -113,8 +113,7 @@ class Columns:
     order: Order = "C"
 
     def __post_init__(self) -> None:
-        if self.order not in get_args(Order):
-            raise unknown_name("A matrix has an unknown order.", self.order, get_args(Order))
+        one_of("A matrix has an unknown order.", self.order, get_args(Order))
         if not is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
             raise misfit(
                 f"{self.whole} is no matrix of {self.count} columns.",

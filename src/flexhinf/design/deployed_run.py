@@ -140,12 +140,12 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         joints, name = robot.joint_names, name.strip()
         full = (per_joint(name, joint, len(joints)) for joint in joints)
         names = list(dict.fromkeys(parameter for parameter in (name, *full) if parameter in robot.nominal))
-        if not names:
-            raise InvalidInput(
-                f"The robot {robot.name!r} has no such parameter to change.",
-                f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
-                f"{nearest(name, robot.nominal, 'stiffness').strip(chr(39))}=-20%",
-            )
+        refuse_if(
+            not names,
+            f"The robot {robot.name!r} has no such parameter to change.",
+            f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
+            f"{nearest(name, robot.nominal, 'stiffness').strip(chr(39))}=-20%",
+        )
         share = number.strip().endswith("%")
         value = np.nan
         with suppress(ValueError):

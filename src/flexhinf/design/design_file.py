@@ -257,11 +257,11 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
 
 
 def _place(path: Path, key: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InvalidInput(
-            f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
-            f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
-        )  # fmt: skip
+    refuse_if(
+        not isinstance(value, str),
+        f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
+        f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
+    )  # fmt: skip
     if key == "payload" or (key == "robot" and value in catalogue()):
         return value
     place = path.parent / value
@@ -440,11 +440,12 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
         "--pose-xyz 0.4,0,0.3, or leave out --tool",
     )
     if goal:
-        if s.pose is not None:
-            raise InvalidInput(
-                "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
-            "leave out one of them (--pose \"\" takes back that of a design file)",
-        )  # fmt: skip
+        refuse_if(
+            s.pose is not None,
+            "The goal is stated twice.",
+            f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
+            'leave out one of them (--pose "" takes back that of a design file)',
+        )
         reached = kinematics.pose_at(robot, _point("pose-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]

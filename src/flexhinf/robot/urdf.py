@@ -370,21 +370,20 @@ def check_count(what: str, count: int, most: int) -> None:
 def check_selection(joints: Any, locked: Any) -> None:
     """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
-    if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
-        raise InvalidInput(
-            "The joints that move are not named.",
-            f"expected a list of names, got joints={value_text(joints, 60)}",
-            "joints=['shoulder', 'elbow']",
-        )
+    refuse_if(
+        joints is not None and not (listed and all(isinstance(name, str) for name in joints)),
+        "The joints that move are not named.",
+        f"expected a list of names, got joints={value_text(joints, 60)}",
+        "joints=['shoulder', 'elbow']",
+    )
     distinct("joints: the joint", list(joints or ()))
-    if locked is not None and not (
-        isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
-    ):
-        raise InvalidInput(
-            "The joints that are locked are not named.",
-            f"expected names and positions, got locked={value_text(locked, 60)}",
-            "locked={'elbow': 0.0}",
-        )
+    refuse_if(
+        locked is not None
+        and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)),
+        "The joints that are locked are not named.",
+        f"expected names and positions, got locked={value_text(locked, 60)}",
+        "locked={'elbow': 0.0}",
+    )
     for name, value in (locked or {}).items():
         refuse_if(
             not abs(real_number(value)) <= HUGE,

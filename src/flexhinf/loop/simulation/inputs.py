@@ -18,7 +18,7 @@ from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
 from flexhinf.loop.simulation.trajectory import STARTED
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_positive, real_array, real_number, unknown_name, value_text
+from flexhinf.validation import checked_positive, one_of, real_array, real_number, value_text
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
@@ -73,8 +73,7 @@ def starting_state(initial: Any, states: Sequence[str], controller: Controller) 
         )
         named = {name: float(value) for name, value in zip(fitting[0], values)}
     for name in named:
-        if name not in states:
-            raise unknown_name(f"There is no state {name!r}.", name, states)
+        one_of(f"There is no state {name!r}.", name, states)
     x = np.array([real_number(named.get(name, 0.0)) for name in states])
     refuse_if(
         not np.all(np.isfinite(x)),
@@ -160,13 +159,13 @@ def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], unit
     for name, part, column in zip(names, parts, commands.T):
         written = isinstance(part, WRITTEN) or not callable(part)
         largest = float(column[np.argmax(np.abs(column))])
-        if written and units.get(name) == "rad" and abs(largest) > FULL_TURN:
-            raise InvalidInput(
-                f"The command of {name!r} is more than a full turn.",
-                f"expected at most 2π = 6.283 rad, got {largest:.6g} rad",
-                f"np.radians({largest:.6g}) = {np.radians(largest):.4g} if degrees were meant; "
-                "run(..., multi_turn=True) for several turns",
-            )
+        refuse_if(
+            written and units.get(name) == "rad" and abs(largest) > FULL_TURN,
+            f"The command of {name!r} is more than a full turn.",
+            f"expected at most 2π = 6.283 rad, got {largest:.6g} rad",
+            f"np.radians({largest:.6g}) = {np.radians(largest):.4g} if degrees were meant; "
+            "run(..., multi_turn=True) for several turns",
+        )
 
 
 VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
@@ -204,8 +203,7 @@ def sample_signal(
         return np.zeros((len(times), len(channels)))
     if isinstance(signal, Mapping):
         for name in signal:
-            if name not in channels:
-                raise unknown_name(f"There is no {what} {name!r}.", name, channels)
+            one_of(f"There is no {what} {name!r}.", name, channels)
         signal = [signal.get(name) for name in channels]
     if (
         depth
