@@ -119,9 +119,8 @@ def prepare_run(
         "noise": plants.noise if noise else None, "seed": s.seed,
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
-    if not np.allclose(
-        begun, start, rtol=0.0, atol=1e-12
-    ):  # the controller gets the holding input, as in firmware
+    # the controller gets the holding input, as in firmware
+    if not np.allclose(begun, start, rtol=0.0, atol=1e-12):
         state, holding_input = model.operating_point(start)
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
@@ -151,11 +150,9 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         with suppress(ValueError):
             value = float(number.strip().rstrip("%"))
         refuse_if(
-            not np.isfinite(value),
-            "A change of the robot cannot be read.",
-            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
-            "stiffness=-20%",
-        )
+            not np.isfinite(value), "A change of the robot cannot be read.",
+            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}", "stiffness=-20%",
+        )  # fmt: skip
         for parameter in names:
             values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)

@@ -28,11 +28,7 @@ import tomlkit
 from pydantic import TypeAdapter
 
 from flexhinf import __version__
-from flexhinf.design.specification import (
-    FIELDS,
-    Specification,
-    SpecificationError,
-)
+from flexhinf.design.specification import FIELDS, Specification, SpecificationError
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
@@ -327,11 +323,9 @@ def request_document(
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
         refuse_if(
-            effort.size != 1,
-            "A design file holds one price of the input.",
-            f"expected R2 as a number, got {effort.tolist()}",
-            "the report without its design file: design_files(…)",
-        )
+            effort.size != 1, "A design file holds one price of the input.",
+            f"expected R2 as a number, got {effort.tolist()}", "the report without its design file: design_files(…)",
+        )  # fmt: skip
         values["effort"] = float(effort.ravel()[0])
     defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
     stated = {name: value for name, value in values.items() if value != defaults[name]}
@@ -482,9 +476,7 @@ def _point(what: str, text: str) -> tuple[float, ...]:
     with contextlib.suppress(ValueError):
         point = lengths(text)
     refuse_if(
-        len(point) != 3 or not all(map(within_proportion, point)),
-        f"The point of --{what} cannot be read.",
-        f"expected x,y,z in m or mm, got {value_text(text, 80)}",
-        "0.4,0,300mm",
-    )
+        len(point) != 3 or not all(map(within_proportion, point)), f"The point of --{what} cannot be read.",
+        f"expected x,y,z in m or mm, got {value_text(text, 80)}", "0.4,0,300mm",
+    )  # fmt: skip
     return point

@@ -5,8 +5,7 @@ designed one.
 
 `REQUIREMENTS` has a row for each requirement: its name, unit, kind of limit (upper or lower), the field of the
 specification that states the limit, and how the value is measured. Bandwidth, damping, peak sensitivity and gain margin
-are
-judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
+are judged on the running loop: sampled, with the estimator and the delay, and with the extras that can be linearised.
 """
 
 from __future__ import annotations
