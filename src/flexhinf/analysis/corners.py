@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 
 #: Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that a plant does not have are
 #: left out.
@@ -61,12 +61,12 @@ class ProcessNoise:
     q: float
 
     def __post_init__(self) -> None:
-        if self.form not in FORMS or not (np.isfinite(self.q) and self.q >= 0.0):
-            raise InvalidInput(
-                "The process noise is not known.",
-                f"expected one of {list(FORMS)} and a finite q >= 0, got {self.form!r} and {self.q!r}",
-                f"ProcessNoise({ALL_STATES!r}, 1e-6)",
-            )
+        refuse_if(
+            self.form not in FORMS or not (np.isfinite(self.q) and self.q >= 0.0),
+            "The process noise is not known.",
+            f"expected one of {list(FORMS)} and a finite q >= 0, got {self.form!r} and {self.q!r}",
+            f"ProcessNoise({ALL_STATES!r}, 1e-6)",
+        )
 
     def disturbed(self, states: Sequence[str]) -> np.ndarray:
         """Which of the states have noise, (n,)."""
@@ -75,12 +75,12 @@ class ProcessNoise:
     def covariance(self, states: Sequence[str]) -> np.ndarray:
         """R^v (n, n) of a plant with these states; an InvalidInput if none of them is of the form."""
         disturbed = self.disturbed(states)
-        if not disturbed.any():
-            raise InvalidInput(
-                f"No state is disturbed by noise on {self.form}.",
-                f"expected names with the words {sorted(DISTURBED[self.form])}, got {list(states)}",
-                f"ProcessNoise({ALL_STATES!r}, …)",
-            )
+        refuse_if(
+            not disturbed.any(),
+            f"No state is disturbed by noise on {self.form}.",
+            f"expected names with the words {sorted(DISTURBED[self.form])}, got {list(states)}",
+            f"ProcessNoise({ALL_STATES!r}, …)",
+        )
         return self.q * np.diag(disturbed.astype(float))
 
 
@@ -131,12 +131,12 @@ class Population:
 def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
     """Signs (N, p) of corners: all 2^p of them if they are at most `count`, else `count` random ones."""
     for name, number in (("uncertain", uncertain), ("count", count), ("seed", seed)):
-        if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0:
-            raise InvalidInput(
-                "The corners cannot be counted.",
-                f"expected integers >= 0, got {name}={number!r}",
-                "count=400",
-            )
+        refuse_if(
+            isinstance(number, bool) or not isinstance(number, (int, np.integer)) or number < 0,
+            "The corners cannot be counted.",
+            f"expected integers >= 0, got {name}={number!r}",
+            "count=400",
+        )
     if uncertain < 63 and 2**uncertain <= count:
         return np.array(list(itertools.product((-1.0, 1.0), repeat=uncertain))).reshape(
             2**uncertain, uncertain

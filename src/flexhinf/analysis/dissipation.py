@@ -36,7 +36,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.corners import Corners, ParametersAt, Population, corner_plants
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law, Plant
@@ -89,12 +89,12 @@ def dissipation_budget(
             "a solution of solve_hji or linear_law",
         )  # fmt: skip
     states = tuple(run.names["state"])
-    if not set(controller.states) <= set(states):
-        raise InvalidInput(
-            "The true state of the run is not known.",
-            f"expected {list(controller.states)}, got {list(states)}",
-            "a loop round a Plant",
-        )
+    refuse_if(
+        not set(controller.states) <= set(states),
+        "The true state of the run is not known.",
+        f"expected {list(controller.states)}, got {list(states)}",
+        "a loop round a Plant",
+    )
     x = run.signals["state"][:, [states.index(name) for name in controller.states]]
     before = controller.input_before(initial_input)
     moved = np.hstack([x, _integrals(run, controller, x, before)]) - law.operating_point
@@ -117,11 +117,12 @@ def _integrals(run: Trajectory, controller: Controller, x: np.ndarray, before: n
     position, reference = x[:, places], run.signals["reference"]
     if controller.mode.moving:
         away = np.abs(reference - controller.operating_reference).max()
-        if not away <= NONE:
-            raise InvalidInput(
-                "The reference moves: level sets are about the operating point.", f"got up to {away:.3g} from it",
-                "a run at the operating point, or moving=False",
-            )  # fmt: skip
+        refuse_if(
+            not away <= NONE,
+            "The reference moves: level sets are about the operating point.",
+            f"got up to {away:.3g} from it",
+            "a run at the operating point, or moving=False",
+        )
         reference = reference[:, places]
     growth = controller.period * (0.5 * (position[1:] + position[:-1]) - reference[:-1])
     whole = np.vstack([np.zeros((1, len(places))), np.cumsum(growth, axis=0)])
@@ -308,11 +309,11 @@ def dissipation_corners(
     `uncertain` and `seed` are as for `tolerance_corners`, and `equilibrium` takes parameters to (x, u) where the plant
     with these is held at the goal: ``lambda values: robot.operating_point(goal, parameters=values)``.
     """
-    if tuple(solution.state_names) != tuple(problem.state_names):
-        raise InvalidInput(
-            "The solution was not made for the problem's states.",
-            f"expected {list(problem.state_names)}, got {list(solution.state_names)}",
-            "the problem whose d and z are meant, with the same integrals",
-        )
+    refuse_if(
+        tuple(solution.state_names) != tuple(problem.state_names),
+        "The solution was not made for the problem's states.",
+        f"expected {list(problem.state_names)}, got {list(solution.state_names)}",
+        "the problem whose d and z are meant, with the same integrals",
+    )
     linear = LinearCorners.of(problem, at, uncertain, equilibrium, seed)
     return linear.dissipation(solution.P, solution.gain, solution.gamma if gamma is None else gamma)

@@ -33,7 +33,7 @@ from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.analysis.linear_loop import DiscreteSystem
 from flexhinf.analysis.sampled_controller import LawRows, Rows, equilibrium_integrals, one_period
 from flexhinf.analysis.search import climb
-from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure
+from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
 from flexhinf.plant import GeneralisedPlant, Law
@@ -75,12 +75,12 @@ class DisturbanceRuns:
     def __init__(
         self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float
     ) -> None:
-        if tuple(law.state_names) != tuple(problem.state_names):
-            raise InvalidInput(
-                "The law was not made for the problem's states.",
-                f"expected {list(problem.state_names)}, got {list(law.state_names)}",
-                "the same integrals",
-            )
+        refuse_if(
+            tuple(law.state_names) != tuple(problem.state_names),
+            "The law was not made for the problem's states.",
+            f"expected {list(problem.state_names)}, got {list(law.state_names)}",
+            "the same integrals",
+        )
         self.problem, self.law, self.period, self.horizon = problem, law, period, horizon
         self.loop = Loop(problem.plant, Controller(law, estimator, period, latency=0))
         self.times = np.arange(round(horizon / period) + 1) * period
@@ -395,16 +395,18 @@ def worst_disturbance(
     of energy and level, and a level for a law without V, are refused.
     """
     sizes = [number for number in (energy, level) if number is not None]
-    if len(sizes) != 1 or not (np.isfinite(sizes[0]) and sizes[0] > 0.0):
-        raise InvalidInput(
-            "The disturbance has no size.",
-            f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
-            "level=solution.sampled_region().level",
-        )
-    if level is not None and not (isinstance(law, HJISolution) and np.isfinite(law.gamma)):
-        raise InvalidInput(
-            "The law has no level sets.", f"got level={level!r} and {type(law).__name__}", "energy=…"
-        )
+    refuse_if(
+        len(sizes) != 1 or not (np.isfinite(sizes[0]) and sizes[0] > 0.0),
+        "The disturbance has no size.",
+        f"expected energy or level, a positive number, got energy={energy!r} and level={level!r}",
+        "level=solution.sampled_region().level",
+    )
+    refuse_if(
+        level is not None and not (isinstance(law, HJISolution) and np.isfinite(law.gamma)),
+        "The law has no level sets.",
+        f"got level={level!r} and {type(law).__name__}",
+        "energy=…",
+    )
     search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period)
     first = [search.small()[1], *(search.random(seed + k) for k in range(starts - 1))]
     attained = (

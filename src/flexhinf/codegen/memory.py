@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.polynomial import basis
-from flexhinf.validation import is_integer, unknown_name
+from flexhinf.validation import is_integer, one_of
 
 if TYPE_CHECKING:
     import casadi
@@ -113,8 +113,7 @@ class Columns:
     order: Order = "C"
 
     def __post_init__(self) -> None:
-        if self.order not in get_args(Order):
-            raise unknown_name("A matrix has an unknown order.", self.order, get_args(Order))
+        one_of("A matrix has an unknown order.", self.order, get_args(Order))
         if not is_integer(self.count) or self.count < 1 or self.whole.size % self.count:
             raise misfit(
                 f"{self.whole} is no matrix of {self.count} columns.",
@@ -222,18 +221,18 @@ def check_identifier(name: object, kind: str) -> None:
 
 def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
     """Refuse a function that is not of SX operations, or does not fit the pieces (anything with a `size`)."""
-    if not function.is_a("SXFunction"):
-        raise InvalidInput(
-            f"Function '{function.name()}' cannot be compiled.",
-            f"expected a casadi.Function of SX operations, got {function.class_name()}",
-            "function.expand(), or trace it with flexhinf.scalars.trace",
-        )
-    if function.has_free():
-        raise InvalidInput(
-            f"Function '{function.name()}' has symbols that are no arguments.",
-            f"free symbols: {', '.join(function.get_free())}",
-            "pass them as arguments",
-        )
+    refuse_if(
+        not function.is_a("SXFunction"),
+        f"Function '{function.name()}' cannot be compiled.",
+        f"expected a casadi.Function of SX operations, got {function.class_name()}",
+        "function.expand(), or trace it with flexhinf.scalars.trace",
+    )
+    refuse_if(
+        function.has_free(),
+        f"Function '{function.name()}' has symbols that are no arguments.",
+        f"free symbols: {', '.join(function.get_free())}",
+        "pass them as arguments",
+    )
     for kind, names, sparsity, pieces in (
         ("argument", function.name_in(), function.sparsity_in, inputs),
         ("result", function.name_out(), function.sparsity_out, outputs),
@@ -243,12 +242,12 @@ def check_function(function: casadi.Function, inputs: Sequence[Any], outputs: Se
             raise misfit(what, f"{len(names)} slices ({', '.join(names)})", len(pieces))
         for k, (name, piece) in enumerate(zip(names, pieces, strict=True)):
             shape = sparsity(k)
-            if not shape.is_dense():
-                raise InvalidInput(
-                    f"Function '{function.name()}' has the sparse {kind} '{name}'.",
-                    f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
-                    "casadi.densify",
-                )
+            refuse_if(
+                not shape.is_dense(),
+                f"Function '{function.name()}' has the sparse {kind} '{name}'.",
+                f"expected a dense vector, got {shape.nnz()} nonzeros in {shape.numel()} elements",
+                "casadi.densify",
+            )
             if shape.numel() != piece.size:
                 what = f"Function '{function.name()}' does not fit the slice for its {kind} '{name}'."
                 raise misfit(what, f"{shape.numel()} elements", piece)

@@ -27,7 +27,7 @@ from flexhinf.codegen.memory import (
     whole,
 )
 from flexhinf.errors import FlexhinfError
-from flexhinf.validation import is_integer, unknown_name
+from flexhinf.validation import is_integer, one_of, unknown_name
 
 if TYPE_CHECKING:
     import casadi
@@ -321,8 +321,7 @@ class Program:
             )
         read, written = slices(step)
         for piece in (*read, *written):
-            if piece.buffer not in buffers:
-                raise unknown_name(f"{name} uses an unknown buffer.", piece.buffer, buffers)
+            one_of(f"{name} uses an unknown buffer.", piece.buffer, buffers)
             if piece.strides and len(piece.strides) != depth:
                 raise misfit(
                     f"A slice of {name} has the wrong number of strides.",

@@ -120,9 +120,8 @@ def prepare_run(
         "noise": plants.noise if noise else None, "seed": s.seed,
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
-    if not np.allclose(
-        begun, start, rtol=0.0, atol=1e-12
-    ):  # the controller gets the holding input, as in firmware
+    # the controller gets the holding input, as in firmware
+    if not np.allclose(begun, start, rtol=0.0, atol=1e-12):
         state, holding_input = model.operating_point(start)
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
@@ -141,22 +140,20 @@ def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:
         joints, name = robot.joint_names, name.strip()
         full = (per_joint(name, joint, len(joints)) for joint in joints)
         names = list(dict.fromkeys(parameter for parameter in (name, *full) if parameter in robot.nominal))
-        if not names:
-            raise InvalidInput(
-                f"The robot {robot.name!r} has no such parameter to change.",
-                f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
-                f"{nearest(name, robot.nominal, 'stiffness').strip(chr(39))}=-20%",
-            )
+        refuse_if(
+            not names,
+            f"The robot {robot.name!r} has no such parameter to change.",
+            f"expected NAME=VALUE with a name out of {list(robot.nominal)}, got {value_text(text, 60)}",
+            f"{nearest(name, robot.nominal, 'stiffness').strip(chr(39))}=-20%",
+        )
         share = number.strip().endswith("%")
         value = np.nan
         with suppress(ValueError):
             value = float(number.strip().rstrip("%"))
-        if not np.isfinite(value):
-            raise InvalidInput(
-                "A change of the robot cannot be read.",
-                f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}",
-                "stiffness=-20%",
-            )
+        refuse_if(
+            not np.isfinite(value), "A change of the robot cannot be read.",
+            f"expected NAME=NUMBER or NAME=±PERCENT%, got {value_text(text, 60)}", "stiffness=-20%",
+        )  # fmt: skip
         for parameter in names:
             values[parameter] = robot.nominal[parameter] * (1.0 + 0.01 * value) if share else value
     return robot.with_values(values)
@@ -188,12 +185,12 @@ def _varied(robot: Robot, o: CampaignOptions, extras: Sequence[str]) -> tuple[Ro
     """The robot with the tolerances of a campaign, and what varies from sample to sample."""
     inactive = elastic.inactive_parameters(extras, robot.joint_names)
     for name, spread in o.tolerances:
-        if name in inactive:
-            raise InvalidInput(
-                f"The parameter {name!r} does not act in this design's true plant.",
-                f"expected one of its extras {list(extras)} or of every plant, got {name!r}",
-                "the design with --extras for it",
-            )
+        refuse_if(
+            name in inactive,
+            f"The parameter {name!r} does not act in this design's true plant.",
+            f"expected one of its extras {list(extras)} or of every plant, got {name!r}",
+            "the design with --extras for it",
+        )
         robot = robot.with_parameters(_spread(robot[name], spread))
     acting = [p for p in robot.uncertain if p.name not in inactive]
     variables = [Variable(p.name, *p.interval, o.distribution, p.unit) for p in acting]

@@ -28,12 +28,8 @@ import tomlkit
 from pydantic import TypeAdapter
 
 from flexhinf import __version__
-from flexhinf.design.specification import (
-    FIELDS,
-    Specification,
-    SpecificationError,
-)
-from flexhinf.errors import InvalidInput
+from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
@@ -257,11 +253,11 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
 
 
 def _place(path: Path, key: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InvalidInput(
-            f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
-            f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
-        )  # fmt: skip
+    refuse_if(
+        not isinstance(value, str),
+        f"{path.name}: [design] has a value of {key!r} that cannot be used.", f"expected text, got {value!r}",
+        f"{key} = '0..3kg'" if key == "payload" else f"{key} = 'arm.toml'",
+    )  # fmt: skip
     if key == "payload" or (key == "robot" and value in catalogue()):
         return value
     place = path.parent / value
@@ -295,12 +291,12 @@ def plain(name: str, value: Any) -> Any:
     if isinstance(value, WaypointTable):
         return value.columns()
     states = value.states if isinstance(value, Penalty) else value
-    if name == "move" or callable(states):
-        raise InvalidInput(
-            f"A design file cannot hold a {name} that is {'a signal' if name == 'move' else 'code'}.",
-            f"expected {'waypoints' if name == 'move' else 'weights by name, one per state, or rows'}, got {value!r}",
-            "the report without its design file: design_files(…)",
-        )
+    refuse_if(
+        name == "move" or callable(states),
+        f"A design file cannot hold a {name} that is {'a signal' if name == 'move' else 'code'}.",
+        f"expected {'waypoints' if name == 'move' else 'weights by name, one per state, or rows'}, got {value!r}",
+        "the report without its design file: design_files(…)",
+    )
     if isinstance(states, Mapping):
         return {state: np.asarray(weight, dtype=float).tolist() for state, weight in states.items()}
     return np.asarray(states, dtype=float if name in ("penalty", "checked_penalty") else None).tolist()
@@ -326,12 +322,10 @@ def request_document(
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
-        if effort.size != 1:
-            raise InvalidInput(
-                "A design file holds one price of the input.",
-                f"expected R2 as a number, got {effort.tolist()}",
-                "the report without its design file: design_files(…)",
-            )
+        refuse_if(
+            effort.size != 1, "A design file holds one price of the input.",
+            f"expected R2 as a number, got {effort.tolist()}", "the report without its design file: design_files(…)",
+        )  # fmt: skip
         values["effort"] = float(effort.ravel()[0])
     defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
     stated = {name: value for name, value in values.items() if value != defaults[name]}
@@ -433,18 +427,19 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
     table = s.move if isinstance(s.move, WaypointTable) else None
     move = table if table and set(table.joints) == set(AXES) != set(robot.joint_names) else None
-    if tool and not goal and move is None:
-        raise InvalidInput(
-            "A tool is stated, and nothing that it is to reach.",
-            f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
-            "--pose-xyz 0.4,0,0.3, or leave out --tool",
-        )
+    refuse_if(
+        tool and not goal and move is None,
+        "A tool is stated, and nothing that it is to reach.",
+        f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
+        "--pose-xyz 0.4,0,0.3, or leave out --tool",
+    )
     if goal:
-        if s.pose is not None:
-            raise InvalidInput(
-                "The goal is stated twice.", f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
-            "leave out one of them (--pose \"\" takes back that of a design file)",
-        )  # fmt: skip
+        refuse_if(
+            s.pose is not None,
+            "The goal is stated twice.",
+            f"expected --pose-xyz or --pose, got {value_text(goal, 60)} and {s.pose}",
+            'leave out one of them (--pose "" takes back that of a design file)',
+        )
         reached = kinematics.pose_at(robot, _point("pose-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
@@ -480,10 +475,8 @@ def _point(what: str, text: str) -> tuple[float, ...]:
     point: tuple[float, ...] = ()
     with contextlib.suppress(ValueError):
         point = lengths(text)
-    if len(point) != 3 or not all(map(within_proportion, point)):
-        raise InvalidInput(
-            f"The point of --{what} cannot be read.",
-            f"expected x,y,z in m or mm, got {value_text(text, 80)}",
-            "0.4,0,300mm",
-        )
+    refuse_if(
+        len(point) != 3 or not all(map(within_proportion, point)), f"The point of --{what} cannot be read.",
+        f"expected x,y,z in m or mm, got {value_text(text, 80)}", "0.4,0,300mm",
+    )  # fmt: skip
     return point

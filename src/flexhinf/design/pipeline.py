@@ -149,9 +149,8 @@ class Design(Summarised):
     specification: Specification
     synthesis: steps.Synthesis  # Weights, problem, solutions of several degrees, and the law
     evaluation: LawEvaluation  # The law in its loop
-    attenuation: (
-        certification.Attenuation
-    )  # The worst disturbance found, and the dissipation budget of the step
+    # The worst disturbance found, and the dissipation budget of the step
+    attenuation: certification.Attenuation
     # Whether the step starts inside the sampled region of the solution; None if no region was sampled
     inside: bool | None
     proof: certification.DesignProof  # Proof of the law that is used, and of the step
@@ -346,9 +345,8 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     progress("compile the closed loop, and run the step")
     evaluation = _in_scenario(linear, synthesis, responses.SAMPLES)
     duration = evaluation.runs.step_duration
-    evaluation.compute(
-        "margins"
-    )  # before a second thread starts: warning filters belong to the whole process
+    # before a second thread starts: warning filters belong to the whole process
+    evaluation.compute("margins")
 
     def runs() -> RigidComparison | None:
         evaluation.compute("load_response", "ring_down", "move", "step_samples")
@@ -418,14 +416,9 @@ def _in_scenario(
         loads = np.full(len(setup.goal), load)
     holding_inputs = [setup.equilibrium(at)[1] for at in (setup.start, setup.goal)]
     plan = stated or plans.plan_move(
-        robot,
-        s,
-        setup.start,
-        setup.goal,
-        _followed(linear, synthesis),
-        float(scales.vibration.min()),
+        robot, s, setup.start, setup.goal, _followed(linear, synthesis), float(scales.vibration.min()),
         holding_inputs,
-    )
+    )  # fmt: skip
     count = responses.sample_count(robot, len(synthesis.problem.state_names), s.draws, samples)
     robots, dwell = responses.sample_robots(robot, count, s.seed), duration if stated else None
     runs = responses.Scenario(duration, loads, 2.0 * duration, plan, robots, sub_steps, dwell)

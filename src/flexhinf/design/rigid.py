@@ -128,13 +128,9 @@ def rigid_problem(problem: GeneralisedPlant) -> GeneralisedPlant | None:
     )  # fmt: skip
     weighted = Penalty((*np.hypot(link, motor), *integrals), penalty.effort)
     return GeneralisedPlant(
-        rigid,
-        weighted,
-        problem.integrate,
-        problem.command,
-        problem.disturbances,
+        rigid, weighted, problem.integrate, problem.command, problem.disturbances,
         equilibrium=(problem.operating_point[: 2 * n], problem.operating_input),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

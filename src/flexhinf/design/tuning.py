@@ -557,12 +557,9 @@ class Tuner:
         law, s = self.factory.make(kind, values, degree), own.specification
         steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
-            own,
-            law=law,
-            specification=replace(s, measured=sensors, quantisation=steps),
-            estimator_noise=own.process_noise.scaled(*factors, "tuned"),
-            linear_model=kind.name == "lqg",
-        )
+            own, law=law, specification=replace(s, measured=sensors, quantisation=steps),
+            estimator_noise=own.process_noise.scaled(*factors, "tuned"), linear_model=kind.name == "lqg",
+        )  # fmt: skip
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)
 
 

@@ -76,7 +76,7 @@ from time import perf_counter
 
 import numpy as np
 
-from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure
+from flexhinf.errors import InfeasibleGamma, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf.linear_part import (
     LinearPart,
     Parts,
@@ -303,19 +303,19 @@ def solve_hji(problem: Problem, gamma: float, degree: int) -> HJISolution:
     True
     """
     level = real_number(gamma) if isinstance(gamma, Real) and not isinstance(gamma, bool) else math.nan
-    if not level > 0:
-        raise InvalidInput(
-            "The attenuation level gamma is not a positive number.",
-            f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
-            "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
-            "(is it used in flow?), and any gamma > 0 will do",
-        )
-    if not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= HIGHEST:
-        raise InvalidInput(
-            f"The degree of V is not an integer from 2 to {HIGHEST}.",
-            f"expected 2, 3, 4, …, got {value_text(degree)}",
-            "4 gives a cubic law; 2 gives the linear one",
-        )
+    refuse_if(
+        not level > 0,
+        "The attenuation level gamma is not a positive number.",
+        f"expected gamma > 0 (math.inf for no disturbance), got {value_text(gamma)}",
+        "a multiple of smallest_gamma(problem), for example 2; where that is 0 the disturbance does not reach z "
+        "(is it used in flow?), and any gamma > 0 will do",
+    )
+    refuse_if(
+        not isinstance(degree, Integral) or isinstance(degree, bool) or not 2 <= degree <= HIGHEST,
+        f"The degree of V is not an integer from 2 to {HIGHEST}.",
+        f"expected 2, 3, 4, …, got {value_text(degree)}",
+        "4 gives a cubic law; 2 gives the linear one",
+    )
     check_problem(problem)
     try:
         return _solution(problem, level, int(degree))

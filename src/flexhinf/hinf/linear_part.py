@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NotDetectable, NotStabilisable, NumericalFailure
+from flexhinf.errors import NotDetectable, NotStabilisable, NumericalFailure, refuse_if
 from flexhinf.plant.plant import GeneralisedPlant
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial.algebra import add_part, monomials, product
@@ -226,12 +226,12 @@ _REACH = 1e-11  # relative size below which a coupling from d to z is rounding
 def check_problem(problem: object) -> None:
     """Raise `InvalidInput` unless this is a generalised plant."""
     # the protocol last: it takes long to ask
-    if not isinstance(problem, GeneralisedPlant | PolynomialPlant) and not isinstance(problem, Problem):
-        raise InvalidInput(
-            "This is not a problem that can be solved.",
-            f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
-            "robot.problem(), or plant.with_objective(penalty), makes a problem",
-        )
+    refuse_if(
+        not isinstance(problem, GeneralisedPlant | PolynomialPlant) and not isinstance(problem, Problem),
+        "This is not a problem that can be solved.",
+        f"expected a generalised plant or a PolynomialPlant, got {type(problem).__name__}",
+        "robot.problem(), or plant.with_objective(penalty), makes a problem",
+    )
 
 
 @dataclass(frozen=True)
@@ -262,12 +262,12 @@ class LinearPart:
             ("h", linear.c),
         ):
             largest = float(np.abs(matrix).max(initial=0.0))
-            if not largest <= _LARGEST:
-                raise InvalidInput(
-                    f"The linear part of {name} is out of proportion.",
-                    f"expected numbers up to {_LARGEST:g}, got {largest:.3g}",
-                    "other units",
-                )
+            refuse_if(
+                not largest <= _LARGEST,
+                f"The linear part of {name} is out of proportion.",
+                f"expected numbers up to {_LARGEST:g}, got {largest:.3g}",
+                "other units",
+            )
         return linear
 
     def scaled(self, gamma: float) -> tuple[Scaling, LinearPart]:

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import NumericalFailure, refuse_if
 from flexhinf.hinf.rays import Inequality, Landscape, Stops, ascend, touching_point
 from flexhinf.hinf.value_function import ValueFunction
 from flexhinf.notebook import Summarised, number_text
@@ -152,27 +152,27 @@ def checked_pair(
 ) -> CheckedPair:
     """The checked γ and penalty; arguments as `HJISolution.sampled_region`."""
     checked = GAMMA_MARGIN * solution.gamma if gamma is None else gamma
-    if not isinstance(checked, Real) or not checked >= solution.gamma:
-        raise InvalidInput(
-            "The check cannot be made with these numbers.",
-            f"expected gamma ≥ the designed {solution.gamma:.6g}, got {checked!r}",
-            "a weaker level than the designed one, for example 1.1 times it",
-        )
+    refuse_if(
+        not isinstance(checked, Real) or not checked >= solution.gamma,
+        "The check cannot be made with these numbers.",
+        f"expected gamma ≥ the designed {solution.gamma:.6g}, got {checked!r}",
+        "a weaker level than the designed one, for example 1.1 times it",
+    )
     finite, designed = np.isfinite(solution.gamma), solution.expansion.r2
     level = f"{checked / solution.gamma:.4g} times the designed gamma" if finite else "gamma = inf"
     if isinstance(penalty, Penalty):  # the check is about the law, which was made with the designed R2
-        if not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0):
-            raise InvalidInput(
-                "The checked penalty has another R2 than the design.",
-                f"expected {designed.tolist()}, got {penalty.r2(len(designed)).tolist()}",
-                "Penalty(states, effort=…) with the R2 of the design, or its states alone: penalty.states",
-            )
-        if callable(penalty.states):
-            raise InvalidInput(
-                "A penalty of code has parameters that a solution does not know.",
-                f"expected weights, a matrix, or a function of x alone, got {penalty.states!r}",
-                "penalty=lambda x: … of deviations x (N, n)",
-            )
+        refuse_if(
+            not np.allclose(penalty.r2(len(designed)), designed, rtol=1e-9, atol=0.0),
+            "The checked penalty has another R2 than the design.",
+            f"expected {designed.tolist()}, got {penalty.r2(len(designed)).tolist()}",
+            "Penalty(states, effort=…) with the R2 of the design, or its states alone: penalty.states",
+        )
+        refuse_if(
+            callable(penalty.states),
+            "A penalty of code has parameters that a solution does not know.",
+            f"expected weights, a matrix, or a function of x alone, got {penalty.states!r}",
+            "penalty=lambda x: … of deviations x (N, n)",
+        )
         penalty = penalty.states
     if penalty is None:
         text = f"{level}, {PENALTY_MARGIN} times the designed penalty"
@@ -190,21 +190,21 @@ def checked_pair(
         penalty = Penalty(penalty).expanded(groups).states
         assert isinstance(penalty, Mapping)
         unknown = sorted(set(penalty) - set(names))
-        if unknown:
-            raise InvalidInput(
-                "The penalty names a state that does not exist.",
-                f"expected names among {', '.join(names)}, got {', '.join(unknown)}",
-                "the names of the problem's states",
-            )
+        refuse_if(
+            unknown,
+            "The penalty names a state that does not exist.",
+            f"expected names among {', '.join(names)}, got {', '.join(unknown)}",
+            "the names of the problem's states",
+        )
         penalty = [penalty.get(name, 0.0) for name in names]
     weights = real_array(penalty)
     matrix: np.ndarray = np.diag(weights) if weights.ndim == 1 else weights
-    if matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all():
-        raise InvalidInput(
-            "The penalty does not fit the states.",
-            f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}: {penalty!r}",
-            "one weight per state, or {name: weight}",
-        )
+    refuse_if(
+        matrix.ndim != 2 or matrix.shape[1] != n or not np.isfinite(matrix).all(),
+        "The penalty does not fit the states.",
+        f"expected {n} finite weights or a matrix with {n} columns, got shape {weights.shape}: {penalty!r}",
+        "one weight per state, or {name: weight}",
+    )
     text = f"{level}, penalty weights {np.array2string(weights, precision=6)}"
     return CheckedPair(float(checked), lambda x, h: x @ matrix.T, text)
 
@@ -274,12 +274,12 @@ def step_roles(
     elif isinstance(moved, str):
         moved = {moved: 1.0}
     unknown = sorted({*moved, *integrals} - set(names))
-    if unknown or not moved:
-        raise InvalidInput(
-            "The step does not say which state moves." if not unknown else "The step names unknown states.",
-            f"expected names among {', '.join(names)}, got moved={moved!r}, integrals={list(integrals)!r}",
-            "moved='link_position', integrals=['link_position_integral']",
-        )
+    refuse_if(
+        unknown or not moved,
+        "The step does not say which state moves." if not unknown else "The step names unknown states.",
+        f"expected names among {', '.join(names)}, got moved={moved!r}, integrals={list(integrals)!r}",
+        "moved='link_position', integrals=['link_position_integral']",
+    )
     shares = np.array([float(moved.get(name, 0.0)) for name in names])
     return shares, np.array([name in integrals for name in names])
 
@@ -467,19 +467,19 @@ def sample_region(
     InvalidInput
         A γ below the designed one, a penalty that does not fit the states, or no rays or too many.
     """
-    if not (
-        all(isinstance(count, Integral) for count in (rays, seed))
-        and isinstance(largest, Real)
-        and 0 < rays <= MOST_RAYS
-        and seed >= 0
-        and largest > _SMALLEST
-    ):
-        raise InvalidInput(
-            "The check cannot be made with these numbers.",
-            f"expected whole rays from 1 to {MOST_RAYS} and seed ≥ 0, and largest > {_SMALLEST}, "
-            f"got {rays!r}, {seed!r}, {largest!r}",
-            "the defaults",
-        )
+    refuse_if(
+        not (
+            all(isinstance(count, Integral) for count in (rays, seed))
+            and isinstance(largest, Real)
+            and 0 < rays <= MOST_RAYS
+            and seed >= 0
+            and largest > _SMALLEST
+        ),
+        "The check cannot be made with these numbers.",
+        f"expected whole rays from 1 to {MOST_RAYS} and seed ≥ 0, and largest > {_SMALLEST}, "
+        f"got {rays!r}, {seed!r}, {largest!r}",
+        "the defaults",
+    )
     margin, pair = checked_margin(solution, gamma, penalty), checked_pair(solution, gamma, penalty)
     if not margin.definite:
         plant, linear = solution.problem, False

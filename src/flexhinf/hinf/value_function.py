@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf.linear_part import LinearPart, linear_smallest_gamma
 from flexhinf.plant.polynomial_plant import PolynomialPlant, Problem
 from flexhinf.polynomial import basis
@@ -100,12 +100,12 @@ class ValueFunction:
         return basis.exponents(len(self.P), k)
 
     def _check_degree(self, k: int) -> None:
-        if not isinstance(k, Integral) or not 2 <= k <= self.degree:
-            raise InvalidInput(
-                f"V has no part of degree {value_text(k)}.",
-                f"expected a degree from 2 to {self.degree}, got {value_text(k)}",
-                "solve_hji with a higher degree",
-            )
+        refuse_if(
+            not isinstance(k, Integral) or not 2 <= k <= self.degree,
+            f"V has no part of degree {value_text(k)}.",
+            f"expected a degree from 2 to {self.degree}, got {value_text(k)}",
+            "solve_hji with a higher degree",
+        )
 
     # The functions -----------------------------------------------------------------------------
     # Each at one deviation (n,) or several (N, n). One that is not finite raises InvalidInput, one so large that the

@@ -140,12 +140,12 @@ class Arm(JointTree):
     def __post_init__(self) -> None:
         vector = real_array(self.down)
         length = float(np.linalg.norm(vector))
-        if vector.shape != (3,) or not 1.0 / HUGE < length < HUGE:
-            raise InvalidInput(
-                "The direction of gravity is none.",
-                f"expected three numbers, got {value_text(self.down)}",
-                "[0, 0, -1]",
-            )
+        refuse_if(
+            vector.shape != (3,) or not 1.0 / HUGE < length < HUGE,
+            "The direction of gravity is none.",
+            f"expected three numbers, got {value_text(self.down)}",
+            "[0, 0, -1]",
+        )
         object.__setattr__(self, "down", tuple(float(entry) / length for entry in vector))
 
     def _names(self, joint: str, quantity: str, components: tuple[str, ...]) -> list[str]:
@@ -259,13 +259,13 @@ class Payload:
         )
         moments = np.linalg.eigvalsh(matrix_of(self.inertia_per_mass))
         slack = 1e-9 * abs(moments[2])
-        if moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack:
-            raise InvalidInput(
-                "The inertia of a payload is that of no rigid body.",
-                "expected principal moments >= 0 of which none exceeds the sum of the others, got "
-                f"{[float(f'{moment * upper:.6g}') for moment in moments]} kg·m²",
-                "inertia = {xx, yy, zz, xy, xz, yz} about the payload's centre of mass, or a shape",
-            )
+        refuse_if(
+            moments[0] < -slack or moments[2] > moments[0] + moments[1] + slack,
+            "The inertia of a payload is that of no rigid body.",
+            "expected principal moments >= 0 of which none exceeds the sum of the others, got "
+            f"{[float(f'{moment * upper:.6g}') for moment in moments]} kg·m²",
+            "inertia = {xx, yy, zz, xy, xz, yz} about the payload's centre of mass, or a shape",
+        )
 
     def parameters(self, frame: Frame, joints: int) -> list[Parameter]:
         """The robot's parameters for this payload, in the frame of the link that carries it."""
@@ -296,12 +296,12 @@ class Payload:
 def inertia_of_shape(kind: str, sizes: Sequence[float]) -> tuple[float, ...]:
     """Moments of a uniform body over its mass, m²: xx, xy, xz, yy, yz, zz about its centre; sizes as in `SHAPES`."""
     names = SHAPES[kind]
-    if len(sizes) != len(names) or not all(0.0 < size < np.inf for size in sizes):
-        raise InvalidInput(
-            f"The {kind} of a payload has no size.",
-            f"expected {' and '.join(names)} in m, all > 0, got {value_text(list(sizes))}",
-            f"{kind} = {0.05 if len(names) == 1 else [0.05] * len(names)}",
-        )
+    refuse_if(
+        len(sizes) != len(names) or not all(0.0 < size < np.inf for size in sizes),
+        f"The {kind} of a payload has no size.",
+        f"expected {' and '.join(names)} in m, all > 0, got {value_text(list(sizes))}",
+        f"{kind} = {0.05 if len(names) == 1 else [0.05] * len(names)}",
+    )
     x = y = z = 0.4 * sizes[0] ** 2
     if kind == "box":
         a, b, c = (size**2 / 12.0 for size in sizes)
@@ -407,12 +407,12 @@ def weigh_payload(robot: Any, pose: Any, effort: Any, unloaded: Any = None) -> W
     extra = per_input * (measured - base)
     heavier = [robot.plant_parameters({**robot.nominal, name: robot[name].value + 1.0}) for name in names]
     per_kilogram = np.array([per_input * (robot.operating_point(pose, (), p)[1] - model) for p in heavier]).T
-    if np.linalg.matrix_rank(per_kilogram, tol=SHORTEST_LEVER * abs(robot["gravity"].value)) < len(names):
-        raise InvalidInput(
-            "The motors do not show the mass of every payload at this pose.",
-            f"expected a pose at which each of {names} loads a motor in its own way, got {value_text(pose)}",
-            "a pose with a lever arm across gravity",
-        )
+    refuse_if(
+        np.linalg.matrix_rank(per_kilogram, tol=SHORTEST_LEVER * abs(robot["gravity"].value)) < len(names),
+        "The motors do not show the mass of every payload at this pose.",
+        f"expected a pose at which each of {names} loads a motor in its own way, got {value_text(pose)}",
+        "a pose with a lever arm across gravity",
+    )
     inverse = np.linalg.pinv(per_kilogram)
     dry = np.maximum(
         *(np.broadcast_to(p.get(kind, 0.0), len(base)) for kind in ("coulomb_friction", "static_friction"))

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.validation import HUGE, checked_array, checked_name, distinct, real_array, value_text
 
 #: Three elements.
@@ -198,12 +198,12 @@ class Joint:
         object.__setattr__(self, "axis", tuple(_snap(float(a) / length) for a in self.axis))
         if self.limits is not None:
             limits = real_array(self.limits)
-            if limits.shape != (2,) or not limits[0] < limits[1]:
-                raise InvalidInput(
-                    f"The limits of joint {self.name!r} leave no room.",
-                    f"expected lower < upper, got {value_text(self.limits)}",
-                    "limits = [lower, upper] in rad (m for a prismatic joint)",
-                )
+            refuse_if(
+                limits.shape != (2,) or not limits[0] < limits[1],
+                f"The limits of joint {self.name!r} leave no room.",
+                f"expected lower < upper, got {value_text(self.limits)}",
+                "limits = [lower, upper] in rad (m for a prismatic joint)",
+            )
             object.__setattr__(self, "limits", tuple(limits.tolist()))
 
     @property

@@ -68,12 +68,12 @@ def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot
     requested = {*requested, "inductance"} if inductance else set(requested)
     for name in sorted(requested):
         one_of(f"Nothing that a real joint adds is called {name!r}.", name, EXTRAS)
-        if EXTRAS[name] not in stated:
-            raise InvalidInput(
-                f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
-                f"expected it beside {sorted(stated)}",
-                f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
-            )
+        refuse_if(
+            EXTRAS[name] not in stated,
+            f"The robot {robot!r} does not state {EXTRAS[name]!r}, which {name!r} needs.",
+            f"expected it beside {sorted(stated)}",
+            f"robot.with_parameters(Parameter({EXTRAS[name]!r}, ...)), or the key in the robot's file",
+        )
     return tuple(name for name in EXTRAS if name in requested)
 
 

@@ -220,14 +220,14 @@ def pose_at(
         if np.linalg.norm(best.fun) < CLOSE * size:
             break
     assert best is not None
-    if np.linalg.norm(best.fun) >= CLOSE * size:
-        raise InvalidInput(
-            "The place is out of the robot's reach, or of the ranges of its joints.",
-            f"expected a place that {link or robot.joint_names[-1]!r} can bring its point to, got {wanted.tolist()} m; "
-            f"the nearest that was found is {[float(f'{value:.4g}') for value in best.fun + wanted]} m, "
-            f"{np.linalg.norm(best.fun):.3g} m away",
-            "a place nearer by, or the point of another link",
-        )
+    refuse_if(
+        np.linalg.norm(best.fun) >= CLOSE * size,
+        "The place is out of the robot's reach, or of the ranges of its joints.",
+        f"expected a place that {link or robot.joint_names[-1]!r} can bring its point to, got {wanted.tolist()} m; "
+        f"the nearest that was found is {[float(f'{value:.4g}') for value in best.fun + wanted]} m, "
+        f"{np.linalg.norm(best.fun):.3g} m away",
+        "a place nearer by, or the point of another link",
+    )
     pose = np.clip(best.x, low, high)
 
     def values(q: np.ndarray) -> np.ndarray:

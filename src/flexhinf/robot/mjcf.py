@@ -102,24 +102,24 @@ def _kept(root: Element) -> Element:
         stated = element.findall("inertial")
         keys = set(stated[0].attrib) if stated else {"pos", "mass", "diaginertia"}
         whole = {"pos", "mass"} <= keys and len(keys & {"diaginertia", "fullinertia"}) == 1
-        if len(stated) > 1 or not whole:
-            raise InvalidInput(
-                f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete or stands twice.",
-                f"expected one <inertial> with pos, mass, and diaginertia or fullinertia, got {len(stated)} with "
-                f"{value_text(sorted(keys), 120)}",
-                '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
-            )
+        refuse_if(
+            len(stated) > 1 or not whole,
+            f"the inertia of the body {value_text(element.get('name', ''), 60)} is incomplete or stands twice.",
+            f"expected one <inertial> with pos, mass, and diaginertia or fullinertia, got {len(stated)} with "
+            f"{value_text(sorted(keys), 120)}",
+            '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>',
+        )
         for key, text in element.attrib.items():
             if key in ("name", "class", "childclass", "joint"):
                 continue
             lowest = 0.0 if key in ("mass", "density") else -HUGE
             outside = any(number < lowest or number > HUGE for number in map(_number, text.split()))
-            if outside or _NOT_FINITE.search(text):
-                raise InvalidInput(
-                    f"{key} of <{element.tag}> cannot be read.",
-                    f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}",
-                    "correct the value",
-                )
+            refuse_if(
+                outside or _NOT_FINITE.search(text),
+                f"{key} of <{element.tag}> cannot be read.",
+                f"expected numbers from {lowest:g} to {HUGE:g}, got {value_text(text, 60)}",
+                "correct the value",
+            )
     return kept
 
 
@@ -147,22 +147,22 @@ def _check(spec: Any) -> None:
         for part in named:
             checked_name(f"a {kind}", part.name, spaces=True)
     for body in spec.bodies[1:]:
-        if len(body.joints) > 1:
-            raise InvalidInput(
-                f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
-                "expected at most one joint for each body: a link between two joints has a mass",
-                "a body for each joint, with what moves there",
-            )
+        refuse_if(
+            len(body.joints) > 1,
+            f"the body {value_text(body.name, 60)} has {len(body.joints)} joints.",
+            "expected at most one joint for each body: a link between two joints has a mass",
+            "a body for each joint, with what moves there",
+        )
     parts = [(f"the joint {joint.name!r}", joint) for joint in spec.joints]
     for where, part in [*parts, *((f"<body> {value_text(body.name, 60)}", body) for body in spec.bodies)]:
         for key, what in ACTING.items():
             value = np.asarray(getattr(part, key, 0.0))
-            if np.any(value != 0.0):
-                raise InvalidInput(
-                    f"{where} has {key}.",
-                    f"expected none, got {key} = {value.tolist()}: {what}",
-                    f"leave out {key}",
-                )
+            refuse_if(
+                np.any(value != 0.0),
+                f"{where} has {key}.",
+                f"expected none, got {key} = {value.tolist()}: {what}",
+                f"leave out {key}",
+            )
     for where, part in [
         *parts,
         *((f"the actuator of {actuator.target!r}", actuator) for actuator in spec.actuators),
@@ -189,12 +189,12 @@ def _check(spec: Any) -> None:
 def _check_couplings(root: Element, moving: set[str]) -> None:
     for element in (element for group in root.findall("equality") for element in group):
         locked = element.tag == "joint" and not {element.get("joint1"), element.get("joint2")} & moving
-        if not locked and element.get("active", "true") != "false":
-            raise InvalidInput(
-                f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
-                "expected a tree of independent joints",
-                "lock the joints that it couples: locked={'finger': 0.0}",
-            )
+        refuse_if(
+            not locked and element.get("active", "true") != "false",
+            f"<equality> {element.tag} {value_text(element.get('name', ''), 60)} couples what moves.",
+            "expected a tree of independent joints",
+            "lock the joints that it couples: locked={'finger': 0.0}",
+        )
     tendons = [element for group in root.findall("tendon") for element in group]
     for element in tendons + ([part for part in root.iter("tendon") if len(part) == 0] if tendons else []):
         on_moving = element.tag != "fixed" or {part.get("joint") for part in element} & moving
@@ -282,12 +282,12 @@ _NO_GRAVITY = 1 << 7  # mjDSBL_GRAVITY
 
 
 def _placement(position: np.ndarray, quaternion: np.ndarray) -> Placement:
-    if not np.all(np.abs(position) <= HUGE):
-        raise InvalidInput(
-            "a body is out of all proportion.",
-            f"expected at most {HUGE:g} m, got {position.tolist()}",
-            "metres",
-        )
+    refuse_if(
+        not np.all(np.abs(position) <= HUGE),
+        "a body is out of all proportion.",
+        f"expected at most {HUGE:g} m, got {position.tolist()}",
+        "metres",
+    )
     w, *axis = quaternion.tolist()
     place = Placement(translation=tuple(position.tolist()))
     angle = 2.0 * float(np.arctan2(np.linalg.norm(axis), w))

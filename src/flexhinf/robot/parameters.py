@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.validation import (
     HUGE,
     checked_text,
@@ -164,12 +164,12 @@ def checked_limits(what: str, stated: Any, joints: Sequence[str], signals: Seque
     if limits.size == 1 and signals:
         limits = np.full(len(joints), limits.item())
     usable = (limits == np.inf) | ((limits >= 1.0 / HUGE) & (limits <= HUGE))
-    if limits.shape != (len(joints),) or not usable.all():
-        raise InvalidInput(
-            f"{what} do not fit the joints.",
-            f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
-            f"[{', '.join(['10.0'] * len(joints))}]",
-        )
+    refuse_if(
+        limits.shape != (len(joints),) or not usable.all(),
+        f"{what} do not fit the joints.",
+        f"expected a number > 0, or None, for each of {list(joints)}, got {value_text(stated)}",
+        f"[{', '.join(['10.0'] * len(joints))}]",
+    )
     return limits
 
 
@@ -214,18 +214,18 @@ class Parameter:
     def __post_init__(self) -> None:
         for kind in ("name", "unit", "source"):
             checked_text(f"the {kind} of the parameter {value_text(self.name, 60)}", getattr(self, kind))
-        if not (is_real(self.value) and abs(real_array(self.value)) <= HUGE):
-            raise InvalidInput(
-                f"The parameter {self.name!r} is not finite, or out of all proportion.",
-                f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}",
-                "its value in SI units",
-            )
-        if not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0):
-            raise InvalidInput(
-                f"The tolerance of {self.name!r} is not a percentage.",
-                f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}",
-                "12 for ±12 %",
-            )
+        refuse_if(
+            not (is_real(self.value) and abs(real_array(self.value)) <= HUGE),
+            f"The parameter {self.name!r} is not finite, or out of all proportion.",
+            f"expected a finite number of at most {HUGE:g} {self.unit}, got {value_text(self.value)}",
+            "its value in SI units",
+        )
+        refuse_if(
+            not (is_real(self.tolerance) and 0.0 <= self.tolerance < 100.0),
+            f"The tolerance of {self.name!r} is not a percentage.",
+            f"expected 0 to below 100 per cent, got {value_text(self.tolerance)}",
+            "12 for ±12 %",
+        )
         if self.range is None:
             return
         ends = real_array(self.range)

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import KINDS, Joint, Tree, matrix_of
 from flexhinf.robot.elastic import CONSTANTS, DRIVES, SPRING
@@ -73,13 +73,13 @@ class Link:
             object.__setattr__(self, name, value)
         checked_positive("The mass of a link", value_of(self.mass), "kg", "its mass")
         moments = np.linalg.eigvalsh(matrix_of(map(value_of, self.inertia)))
-        if not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK):
-            raise InvalidInput(
-                "The inertia of a link is that of no rigid body.",
-                "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
-                f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
-                "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
-            )
+        refuse_if(
+            not moments[0] > 0.0 or moments[2] > (moments[0] + moments[1]) * (1.0 + TRIANGLE_SLACK),
+            "The inertia of a link is that of no rigid body.",
+            "expected positive principal moments, none above the sum of the others (the triangle inequality), got "
+            f"{[float(f'{moment:.6g}') for moment in moments]} kg·m²",
+            "moments about the centre of mass (not the joint), in kg·m²; a point mass gets small ones",
+        )
 
 
 @dataclass(frozen=True)
@@ -176,12 +176,12 @@ class ElasticJoint:
             f"(current driven) or none (torque driven), got {list(stated)}",
             "the missing numbers from its data sheet",
         )
-        if self.inductance is not None and self.drive == "current":
-            raise InvalidInput(
-                "A motor whose input is its current has no use for an inductance.",
-                f"expected none beside torque_constant alone, got {value_text(self.inductance)} H",
-                "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
-            )
+        refuse_if(
+            self.inductance is not None and self.drive == "current",
+            "A motor whose input is its current has no use for an inductance.",
+            f"expected none beside torque_constant alone, got {value_text(self.inductance)} H",
+            "leave it out; or resistance and back_emf_constant, for a motor whose input is a voltage",
+        )
 
     @property
     def drive(self) -> str:
@@ -238,13 +238,13 @@ def assembled(
             for quantity, number in numbers.items()
         ]
     drives = {joint.name: spring.drive for joint, spring in zip(joints, elastic)}
-    if len(set(drives.values())) > 1:
-        raise InvalidInput(
-            f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
-            f"expected the same motor constants for all joints, got {drives}",
-            "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
-            "(currents), or none (torques)",
-        )
+    refuse_if(
+        len(set(drives.values())) > 1,
+        f"The robot {name!r} is driven by {' and by '.join(sorted(set(drives.values())))}.",
+        f"expected the same motor constants for all joints, got {drives}",
+        "resistance, torque_constant and back_emf_constant of every motor (voltages), torque_constant alone "
+        "(currents), or none (torques)",
+    )
     return Robot(
         name,
         tuple(parameters),

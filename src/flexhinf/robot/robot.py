@@ -326,12 +326,12 @@ class Robot(Summarised):
                 )
             arrays.append(array)
         counts = {len(array) for array in arrays if array.ndim == 2} or {1}
-        if len(counts) > 1:
-            raise InvalidInput(
-                "The motion's derivatives have different numbers of times.",
-                f"expected one, got {[array.shape for array in arrays]}",
-                "a row per time",
-            )
+        refuse_if(
+            len(counts) > 1,
+            "The motion's derivatives have different numbers of times.",
+            f"expected one, got {[array.shape for array in arrays]}",
+            "a row per time",
+        )
         count = counts.pop()
         if not count:
             return np.zeros((0, self.layout.mechanical)), np.zeros((0, len(joints)))
@@ -341,12 +341,8 @@ class Robot(Summarised):
         x, u = (np.array(rows, dtype=float).T for rows in inverse(*columns, numbers))
         return (x[0], u[0]) if all(array.ndim == 1 for array in arrays) else (x, u)
 
-    def inverse_flow(self, q: Any, dq: Any, ddq: Any, dddq: Any, ddddq: Any, p: Any) -> tuple[Any, Any]:
-        """`inverse_dynamics` at one point for laws: on any element, the plant's parameters p as attributes."""
-        return InverseFlow(self.links, self.drive, rigid=self.layout.rigid)(q, dq, ddq, dddq, ddddq, p)
-
     def flat_coordinates(self, x: Any, p: Any) -> tuple[Any, Any, Any, Any]:
-        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_flow`.
+        """(q, q̇, q̈, q⃛), (n,) each, of an undisturbed state x of `plant`, on any element: back from `inverse_dynamics`.
 
         They are the coordinates in which the robot is n chains of four integrators. The state of a robot with rigid
         joints, whose accelerations depend on the input, does not give them.

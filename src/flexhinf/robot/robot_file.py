@@ -93,12 +93,12 @@ def load_robot(
         )
     ending = path.suffix.lower()
     points = () if ending in (".urdf", *MJCF) else entry_points(group=FORMATS, name=ending.removeprefix("."))
-    if len(points) > 1:
-        raise InvalidInput(
-            f"Several packages read {path.suffix!r} files.",
-            f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
-            "one of these packages uninstalled",
-        )
+    refuse_if(
+        len(points) > 1,
+        f"Several packages read {path.suffix!r} files.",
+        f"expected one entry point of {FORMATS!r}, got {sorted(point.value for point in points)}",
+        "one of these packages uninstalled",
+    )
     for point in points:
         try:
             reader = point.load()
@@ -280,12 +280,12 @@ class RobotFile:
         joints = []
         for row in table["joint"]:
             angles = row.get("rpy", [0.0, 0.0, 0.0])
-            if max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6):
-                raise InvalidInput(
-                    f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
-                    f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
-                    f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
-                )
+            refuse_if(
+                max(map(abs, angles)) > 2.0 * np.pi * (1.0 + 1e-6),
+                f"{file}: joint {row['name']!r}: roll, pitch and yaw turn by more than once around.",
+                f"expected angles in rad within ±2π, got {angles}; were degrees meant?",
+                f"{[float(f'{angle / DEGREES:.6g}') for angle in angles]} for {angles}°",
+            )
             stated = {key: row[key] for key in ("kind", "axis", "limits", "parent") if key in row}
             with located(file):
                 joints.append(
@@ -390,12 +390,12 @@ class RobotFile:
         """
         names, count = robot.joint_names, len(robot.joint_names)
         rows = loads if isinstance(loads, (list, tuple)) else [loads]
-        if loads is not None and not all(isinstance(row, (str, Payload)) for row in rows):
-            raise InvalidInput(
-                "The payload is none.",
-                f"expected text, a Payload or several, got {value_text(loads)}",
-                "payload='0..3kg@hand'",
-            )
+        refuse_if(
+            loads is not None and not all(isinstance(row, (str, Payload)) for row in rows),
+            "The payload is none.",
+            f"expected text, a Payload or several, got {value_text(loads)}",
+            "payload='0..3kg@hand'",
+        )
         payloads = (
             [self._payload(row) for row in self.root["payload"]]
             if loads is None
@@ -404,14 +404,14 @@ class RobotFile:
         places = []
         for payload in payloads:
             at = tips[0] if not payload.at and len(tips) == 1 else payload.at
-            if at not in frames:
-                raise InvalidInput(
-                    f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
-                    if at
-                    else f"{self.file}: the payload does not say what carries it, of several ends.",
-                    f"expected one of {list(frames)}",
-                    "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
-                )
+            refuse_if(
+                at not in frames,
+                f"{self.file}: the payload is at {value_text(at, 60)}, which carries nothing."
+                if at
+                else f"{self.file}: the payload does not say what carries it, of several ends.",
+                f"expected one of {list(frames)}",
+                "at = '{0}', or --payload 0..3kg@{0}".format(*tips, *frames),
+            )
             places.append(frames[at])
         distinct(f"{self.file}: a payload of the link of joint", [frame.joint for frame in places])
         for payload in payloads if isinstance(robot.links, Pendulum) else ():

@@ -178,12 +178,12 @@ def read_urdf(
         name, carrier, above = ahead.pop()
         element, link = elements[name], _link_at(elements[name], "child")
         kind, place = element.get("type", ""), above.then(_origin(name, element))
-        if kind not in (*KINDS, "fixed"):
-            raise InvalidInput(
-                f"The joint {name!r} is of kind {value_text(kind, 60)}.",
-                f"expected fixed or one of {list(KINDS)}",
-                "a robot on a fixed base with joints of one degree of freedom",
-            )
+        refuse_if(
+            kind not in (*KINDS, "fixed"),
+            f"The joint {name!r} is of kind {value_text(kind, 60)}.",
+            f"expected fixed or one of {list(KINDS)}",
+            "a robot on a fixed base with joints of one degree of freedom",
+        )
         if kind != "fixed":
             axis = _vector(name, element.find("axis"), "xyz", (1.0, 0.0, 0.0))
             refuse_if(
@@ -248,13 +248,13 @@ def _tree(links: Mapping[str, Element], joints: Mapping[str, Element]) -> tuple[
         if link not in reached:
             reached.add(link)
             ahead += [_link_at(joints[name], "child") for name in behind.get(link, [])]
-    if len(free) != 1 or len(set(children)) != len(children) or len(reached) != len(links):
-        raise InvalidInput(
-            "The links are no tree.",
-            "expected one link without a parent and one parent for every other, got the links without a parent "
-            f"{free}, and in loops {[link for link in links if link not in reached]}",
-            "a closed loop is cut, a second robot goes into a file of its own",
-        )
+    refuse_if(
+        len(free) != 1 or len(set(children)) != len(children) or len(reached) != len(links),
+        "The links are no tree.",
+        "expected one link without a parent and one parent for every other, got the links without a parent "
+        f"{free}, and in loops {[link for link in links if link not in reached]}",
+        "a closed loop is cut, a second robot goes into a file of its own",
+    )
     return behind, free[0]
 
 
@@ -298,12 +298,12 @@ def _vector(name: str, element: Element | None, key: str, default: Sequence[floa
         return default
     tokens = str(element.get(key)).split()
     numbers = tuple(float(word) for word in tokens) if all(map(NUMBER.fullmatch, tokens)) else ()
-    if len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers):
-        raise InvalidInput(
-            f"{key} of <{element.tag}> in {name!r} cannot be read.",
-            f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
-            f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
-        )
+    refuse_if(
+        len(numbers) != len(default) or not all(abs(number) <= HUGE for number in numbers),
+        f"{key} of <{element.tag}> in {name!r} cannot be read.",
+        f"expected {len(default)} numbers of at most {HUGE:g}, got {value_text(element.get(key))}",
+        f"{key}='0 0 1'" if len(default) == 3 else f"{key}='1.0'",
+    )
     return numbers
 
 
@@ -370,28 +370,27 @@ def check_count(what: str, count: int, most: int) -> None:
 def check_selection(joints: Any, locked: Any) -> None:
     """Refuse a selection that does not say which joints move, and where the others stand."""
     listed = isinstance(joints, Sequence) and not isinstance(joints, (str, bytes))
-    if joints is not None and not (listed and all(isinstance(name, str) for name in joints)):
-        raise InvalidInput(
-            "The joints that move are not named.",
-            f"expected a list of names, got joints={value_text(joints, 60)}",
-            "joints=['shoulder', 'elbow']",
-        )
+    refuse_if(
+        joints is not None and not (listed and all(isinstance(name, str) for name in joints)),
+        "The joints that move are not named.",
+        f"expected a list of names, got joints={value_text(joints, 60)}",
+        "joints=['shoulder', 'elbow']",
+    )
     distinct("joints: the joint", list(joints or ()))
-    if locked is not None and not (
-        isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)
-    ):
-        raise InvalidInput(
-            "The joints that are locked are not named.",
-            f"expected names and positions, got locked={value_text(locked, 60)}",
-            "locked={'elbow': 0.0}",
-        )
+    refuse_if(
+        locked is not None
+        and not (isinstance(locked, Mapping) and all(isinstance(name, str) for name in locked)),
+        "The joints that are locked are not named.",
+        f"expected names and positions, got locked={value_text(locked, 60)}",
+        "locked={'elbow': 0.0}",
+    )
     for name, value in (locked or {}).items():
-        if not abs(real_number(value)) <= HUGE:
-            raise InvalidInput(
-                f"The joint {value_text(name, 60)} is locked at no position.",
-                f"expected a finite number in rad or m, got {value_text(value, 60)}",
-                "0.0",
-            )
+        refuse_if(
+            not abs(real_number(value)) <= HUGE,
+            f"The joint {value_text(name, 60)} is locked at no position.",
+            f"expected a finite number in rad or m, got {value_text(value, 60)}",
+            "0.0",
+        )
 
 
 def locked_joints(

@@ -137,10 +137,8 @@ def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignPr
     for factor in ENLARGED[1:] if failing(first) else ():
         try:
             larger = problem_at(factor)
-        except (
-            FlexhinfError
-        ):  # no factor suffices: the page has the number of failing corners of the first problem
-            break
+        except FlexhinfError:
+            break  # no factor suffices: the page has the number of failing corners of the first problem
         if not failing(larger):
             return larger
     return first
@@ -160,17 +158,11 @@ def with_channels(plant: Plant, enter: np.ndarray) -> Plant:
     """The robot's plant with disturbances w that enter as torques L w; `enter` (2 joints, k) is L."""
     names = tuple(f"{PREFIX}_{k + 1}" for k in range(enter.shape[1]))
     return Plant(
-        partial(uncertain_flow, plant.flow, len(plant.disturbances)),
-        plant.output,
-        states=plant.states,
-        inputs=plant.inputs,
-        disturbances=(*plant.disturbances, *names),
-        parameters={**plant.parameters.values, "tolerance_channels": enter},
-        outputs=plant.outputs,
-        units=plant.units,
-        groups=plant.groups,
-        limits=plant.limits,
-    )
+        partial(uncertain_flow, plant.flow, len(plant.disturbances)), plant.output, states=plant.states,
+        inputs=plant.inputs, disturbances=(*plant.disturbances, *names),
+        parameters={**plant.parameters.values, "tolerance_channels": enter}, outputs=plant.outputs,
+        units=plant.units, groups=plant.groups, limits=plant.limits,
+    )  # fmt: skip
 
 
 def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: float) -> GeneralisedPlant:
@@ -399,12 +391,10 @@ def required_bandwidth(stated: Any, scales: modes.JointScales, joints: int) -> n
     """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with locked motors."""
     wanted = BANDWIDTH_FRACTION * scales.antiresonance if stated is None else stated
     bandwidth = np.atleast_1d(np.asarray(wanted, dtype=float))
-    if len(bandwidth) not in (1, joints):
-        raise InvalidInput(
-            "The bandwidths do not fit the joints.",
-            f"expected one number or {joints}, got {bandwidth.tolist()}",
-            "one bandwidth for all joints",
-        )
+    refuse_if(
+        len(bandwidth) not in (1, joints), "The bandwidths do not fit the joints.",
+        f"expected one number or {joints}, got {bandwidth.tolist()}", "one bandwidth for all joints",
+    )  # fmt: skip
     return np.broadcast_to(bandwidth, (joints,)).copy()
 
 

@@ -2,9 +2,8 @@
 
 The running loop has the poles of the law and of the estimation error, and the least damped of them decides how it
 rings. How much of the law's margins and damping remains depends on R^v alone: R^n is given by the sensors. For a joint
-of inertias M and
-J, whose vibration has the frequency ω_v and is seen by a position with variance R, noise of variance q per sample on a
-velocity gives the error's vibration the damping
+of inertias M and J, whose vibration has the frequency ω_v and is seen by a position with variance R, noise of variance
+q per sample on a velocity gives the error's vibration the damping
 
     ζ = sin(½ atan(ρ/ω_v²)),   ρ = a √(q/R) / T,
 

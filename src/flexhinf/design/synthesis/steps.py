@@ -29,7 +29,7 @@ from flexhinf.design.specification import RINGS, TOLERANCE, Specification, Speci
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
-from flexhinf.errors import FlexhinfError, InvalidInput
+from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
 from flexhinf.plant import GeneralisedPlant, Law, Penalty, Plant
@@ -380,17 +380,11 @@ class _Steps(Task):
         }
         settings: dict[str, Any] = {name: values for name, values in stated.items() if values is not None}
         proved = proved_step.search_proved_step(
-            robot,
-            self.goal.tolist(),
-            float((self.goal - self.start)[0]),
-            specification=s,
+            robot, self.goal.tolist(), float((self.goal - self.start)[0]), specification=s,
             effort_limit=float(responses.joint_limits(robot, s).effort[0]),
-            tolerances=1.0 if robot.uncertain else 0.0,
-            most_seconds=s.proof_seconds,
-            admits=self.keeps_effort,
-            progress=self.progress,
-            **settings,
-        )
+            tolerances=1.0 if robot.uncertain else 0.0, most_seconds=s.proof_seconds,
+            admits=self.keeps_effort, progress=self.progress, **settings,
+        )  # fmt: skip
         problem, law = replace(proved.design_problem, preset="proved"), proved.solution
         noise, rays = self.noise_search(problem), by_step.rays_of(len(law.state_names), self.s.rays)
         (solved,) = by_step.solve_degrees(problem.problem, (law.degree,), problem.gamma)
@@ -522,12 +516,10 @@ class _Steps(Task):
 def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.ndarray) -> None:
     """Refuse, before any work, a step of zero length, unusable extras, sensors or estimators, and poses that cannot be
     held."""
-    if not np.any(goal != start):
-        raise InvalidInput(
-            "There is nothing to move: the step starts at its goal.",
-            f"expected another start than {goal.tolist()}",
-            "another `start` or `pose`",
-        )
+    refuse_if(
+        not np.any(goal != start), "There is nothing to move: the step starts at its goal.",
+        f"expected another start than {goal.tolist()}", "another `start` or `pose`",
+    )  # fmt: skip
     robot.plant(s.measured, extras=s.extras)
     LoopPlants(robot, s).estimator_at(start, goal, EstimatorNoise.stated(s))
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
@@ -545,8 +537,7 @@ def _refuse_early(robot: Robot, s: Specification, goal: np.ndarray, start: np.nd
 
     def stated(joint: int) -> tuple[str, str]:
         # Source of the smaller limit of a joint's input, and the fields of the specification that raise the limit.
-        # Files are
-        # often written with an effort of 1 or 10 where nobody knew the motor.
+        # Files are often written with an effort of 1 or 10 where nobody knew the motor.
         file = responses.ROBOT
         if limits.peak_source == file == limits.saturation_source:
             return (

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.loop.signals.references import Quintic, Sampled, checked_order
 from flexhinf.validation import HUGE, real_array, unknown_name, value_text
 
@@ -107,27 +107,27 @@ class JerkLimited(_Motion):
         }
         for name, array in arrays.items():
             most, lower = 0 if name in ("at", "smoothing") else 1, 0.0 if name == "smoothing" else -np.inf
-            if array.ndim > most or not np.all(np.isfinite(array) & (array >= lower)):
-                raise InvalidInput(
-                    "A jerk-limited motion needs finite numbers.",
-                    f"got {name}={value_text(getattr(self, name))}",
-                    "one number in seconds" if not most else "one number, or one per channel",
-                )
+            refuse_if(
+                array.ndim > most or not np.all(np.isfinite(array) & (array >= lower)),
+                "A jerk-limited motion needs finite numbers.",
+                f"got {name}={value_text(getattr(self, name))}",
+                "one number in seconds" if not most else "one number, or one per channel",
+            )
         sizes = {a.size for a in arrays.values() if a.ndim}
         shapes = {name: a.shape for name, a in arrays.items()}
-        if len(sizes) > 1 or 0 in sizes:
-            raise InvalidInput(
-                "The channels of a motion differ in number.",
-                f"expected one number or k each, got {shapes}",
-                "one start, goal and limit per channel; one number counts for all",
-            )
+        refuse_if(
+            len(sizes) > 1 or 0 in sizes,
+            "The channels of a motion differ in number.",
+            f"expected one number or k each, got {shapes}",
+            "one start, goal and limit per channel; one number counts for all",
+        )
         for name in LIMITS:
-            if not np.all(arrays[name] > 0.0):
-                raise InvalidInput(
-                    f"The limit of {name} must be positive.",
-                    f"expected > 0, got {getattr(self, name)!r}",
-                    "the largest absolute value that is allowed",
-                )
+            refuse_if(
+                not np.all(arrays[name] > 0.0),
+                f"The limit of {name} must be positive.",
+                f"expected > 0, got {getattr(self, name)!r}",
+                "the largest absolute value that is allowed",
+            )
         for name, array in arrays.items():  # tuples, so that equal motions are equal
             object.__setattr__(self, name, tuple(array.tolist()) if array.ndim else float(array))
 
@@ -167,12 +167,12 @@ class JerkLimited(_Motion):
             result = Ruckig(k).calculate(request, trajectory)
         except RuckigError:
             result = Result.Error
-        if result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf:
-            raise InvalidInput(
-                "No motion was found within the limits.",
-                f"got {result} for ways of {distances} with velocity, acceleration and jerk {limits}",
-                "limits of a size that fits the way",
-            )
+        refuse_if(
+            result not in (Result.Working, Result.Finished) or not 0.0 < jerk < np.inf,
+            "No motion was found within the limits.",
+            f"got {result} for ways of {distances} with velocity, acceleration and jerk {limits}",
+            "limits of a size that fits the way",
+        )
         return tuple(
             _RestToRest(a, b, time * np.array(profile.t), jerk * np.array(profile.j), self.smoothing)
             for a, b, profile in zip(start, goal, trajectory.profiles[0])
@@ -227,12 +227,12 @@ class Spline(_SampledMotion):
     def __post_init__(self) -> None:
         super().__post_init__()
         largest = np.abs(self.values).max()
-        if largest > HUGE:
-            raise InvalidInput(
-                "The values of a spline are out of all proportion.",
-                f"expected a magnitude of at most {HUGE:g}, got {largest:g}",
-                "values in SI units",
-            )
+        refuse_if(
+            largest > HUGE,
+            "The values of a spline are out of all proportion.",
+            f"expected a magnitude of at most {HUGE:g}, got {largest:g}",
+            "values in SI units",
+        )
 
     @property
     def name(self) -> str:
@@ -317,19 +317,19 @@ class Waypoints(_SampledMotion):
             raise unknown_name("There is no such profile of a motion.", self.profile, PROFILES)
         if self.profile in ("spline", "through"):
             return
-        if len(self.times) > MOST_STOPS:
-            raise InvalidInput(
-                "A motion stops at too many waypoints.",
-                f"expected at most {MOST_STOPS}, got {len(self.times)}",
-                "profile='spline', which passes through them",
-            )
+        refuse_if(
+            len(self.times) > MOST_STOPS,
+            "A motion stops at too many waypoints.",
+            f"expected at most {MOST_STOPS}, got {len(self.times)}",
+            "profile='spline', which passes through them",
+        )
         shortest = float(np.diff(self.times).min(initial=np.inf))
-        if self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest:
-            raise InvalidInput(
-                "The smoothing of a motion does not fit its waypoints.",
-                f"expected 0 s to less than the shortest way of {shortest:.4g} s, got {value_text(self.smoothing)} s",
-                "waypoints further apart in time, or profile='spline'",
-            )
+        refuse_if(
+            self.profile == "jerk-limited" and not 0.0 <= self.smoothing < shortest,
+            "The smoothing of a motion does not fit its waypoints.",
+            f"expected 0 s to less than the shortest way of {shortest:.4g} s, got {value_text(self.smoothing)} s",
+            "waypoints further apart in time, or profile='spline'",
+        )
 
     @property
     def name(self) -> str:

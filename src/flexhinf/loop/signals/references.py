@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
 from flexhinf.validation import checked_positive, read_only, real_array, real_number, value_text
@@ -95,12 +95,12 @@ class Sampled:
 
 
 def _check_shortest(what: str, seconds: float) -> None:
-    if seconds < SHORTEST:
-        raise InvalidInput(
-            f"Two {what} are too near to each other in time.",
-            f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
-            "times in seconds",
-        )
+    refuse_if(
+        seconds < SHORTEST,
+        f"Two {what} are too near to each other in time.",
+        f"expected at least {SHORTEST:g} s between them, got {seconds:g} s",
+        "times in seconds",
+    )
 
 
 class _Finite:
@@ -111,12 +111,12 @@ class _Finite:
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
-            if not np.isfinite(real_number(value)):
-                raise InvalidInput(
-                    f"{type(self).__name__} needs finite numbers.",
-                    f"got {key}={value_text(value)}",
-                    "one number; for several channels a mapping of names to signals",
-                )
+            refuse_if(
+                not np.isfinite(real_number(value)),
+                f"{type(self).__name__} needs finite numbers.",
+                f"got {key}={value_text(value)}",
+                "one number; for several channels a mapping of names to signals",
+            )
 
     @property
     def name(self) -> str:
@@ -298,12 +298,12 @@ class Moving:
         if kept is None or not np.array_equal(kept[0], times):
             motion = motion_of(self.signals, times, 4, self.names)
             parts = tuple(np.asarray(part, dtype=float) for part in self.inverse(*motion))
-            if len(parts) != 2 or any(part.ndim != 2 or len(part) != len(times) for part in parts):
-                raise InvalidInput(
-                    "The inverse does not give a state and an input for each time.",
-                    f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in parts]}",
-                    "robot.inverse_dynamics",
-                )
+            refuse_if(
+                len(parts) != 2 or any(part.ndim != 2 or len(part) != len(times) for part in parts),
+                "The inverse does not give a state and an input for each time.",
+                f"expected two arrays of {len(times)} rows, got shapes {[part.shape for part in parts]}",
+                "robot.inverse_dynamics",
+            )
             kept = times, *parts
             object.__setattr__(self, "_last", kept)  # many robots are commanded the same
         _, x, u = kept

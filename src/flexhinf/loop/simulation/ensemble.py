@@ -19,7 +19,7 @@ import numpy as np
 
 from flexhinf.codegen import Kernel, aligned, compile_program
 from flexhinf.codegen.noise import seed_key
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.inputs import (
@@ -429,12 +429,12 @@ class Ensemble:
         seed_list = [seeds] * count if np.ndim(seeds) == 0 else list(seeds)
         for seed in seed_list[:1] if np.ndim(seeds) == 0 else seed_list:
             check_seed(seed)
-        if len(seed_list) != count:
-            raise InvalidInput(
-                "The seeds do not fit the plants.",
-                f"expected {count} integers, got {len(seed_list)}",
-                "one for each plant",
-            )
+        refuse_if(
+            len(seed_list) != count,
+            "The seeds do not fit the plants.",
+            f"expected {count} integers, got {len(seed_list)}",
+            "one for each plant",
+        )
         return EnsemblePlants(truth, parts, tuple(int(seed) for seed in seed_list), own)
 
     def _disturbances(self, plants: EnsemblePlants) -> Disturbances:

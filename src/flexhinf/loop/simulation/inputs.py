@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen.noise import normal_numbers
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.motions import JerkLimited, Spline
 from flexhinf.loop.signals.references import Constant, Moving, Quintic, Samples, Sine, Step
 from flexhinf.loop.simulation.trajectory import STARTED
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_positive, real_array, real_number, unknown_name, value_text
+from flexhinf.validation import checked_positive, one_of, real_array, real_number, value_text
 
 #: Longest run, in samples.
 MOST_SAMPLES = 20_000_000
@@ -35,18 +35,18 @@ def sample_count(duration: Any, period: float) -> int:
     or longer than `MOST_SAMPLES` samples is refused."""
     seconds = checked_positive("The duration of a run", duration, "seconds", "8.0")
     samples = seconds / period + 1.0
-    if samples < 1.5:
-        raise InvalidInput(
-            "The run is shorter than one period.",
-            f"expected at least {period:g} s, got {seconds:g} s",
-            "a duration in seconds, for example 8.0",
-        )
-    if samples > MOST_SAMPLES:
-        raise InvalidInput(
-            "The run is too long for its period.",
-            f"expected at most {MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s, got {seconds:g} s",
-            f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
-        )
+    refuse_if(
+        samples < 1.5,
+        "The run is shorter than one period.",
+        f"expected at least {period:g} s, got {seconds:g} s",
+        "a duration in seconds, for example 8.0",
+    )
+    refuse_if(
+        samples > MOST_SAMPLES,
+        "The run is too long for its period.",
+        f"expected at most {MOST_SAMPLES - 1} samples = {(MOST_SAMPLES - 1) * period:g} s, got {seconds:g} s",
+        f"duration={1e-3 * seconds:g} if {seconds:g} ms was meant",
+    )
     return round(samples)
 
 
@@ -65,19 +65,22 @@ def starting_state(initial: Any, states: Sequence[str], controller: Controller) 
     else:
         values = real_array(initial)
         fitting = [names for names in (states, controller.states) if values.shape == (len(names),)]
-        if not fitting:
-            raise InvalidInput(
-                "The initial state does not fit the true plant.",
-                f"expected {len(states)} values for {list(states)}, got {value_text(initial)}",
-                "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
-            )
+        refuse_if(
+            not fitting,
+            "The initial state does not fit the true plant.",
+            f"expected {len(states)} values for {list(states)}, got {value_text(initial)}",
+            "a mapping by name, for example {'link_position': 0.1}, leaves the others at zero",
+        )
         named = {name: float(value) for name, value in zip(fitting[0], values)}
     for name in named:
-        if name not in states:
-            raise unknown_name(f"There is no state {name!r}.", name, states)
+        one_of(f"There is no state {name!r}.", name, states)
     x = np.array([real_number(named.get(name, 0.0)) for name in states])
-    if not np.all(np.isfinite(x)):
-        raise InvalidInput("The initial state is not finite.", f"got {value_text(initial)}", "finite numbers")
+    refuse_if(
+        not np.all(np.isfinite(x)),
+        "The initial state is not finite.",
+        f"got {value_text(initial)}",
+        "finite numbers",
+    )
     return x
 
 
@@ -156,13 +159,13 @@ def check_turns(reference: Any, commands: np.ndarray, names: Sequence[str], unit
     for name, part, column in zip(names, parts, commands.T):
         written = isinstance(part, WRITTEN) or not callable(part)
         largest = float(column[np.argmax(np.abs(column))])
-        if written and units.get(name) == "rad" and abs(largest) > FULL_TURN:
-            raise InvalidInput(
-                f"The command of {name!r} is more than a full turn.",
-                f"expected at most 2π = 6.283 rad, got {largest:.6g} rad",
-                f"np.radians({largest:.6g}) = {np.radians(largest):.4g} if degrees were meant; "
-                "run(..., multi_turn=True) for several turns",
-            )
+        refuse_if(
+            written and units.get(name) == "rad" and abs(largest) > FULL_TURN,
+            f"The command of {name!r} is more than a full turn.",
+            f"expected at most 2π = 6.283 rad, got {largest:.6g} rad",
+            f"np.radians({largest:.6g}) = {np.radians(largest):.4g} if degrees were meant; "
+            "run(..., multi_turn=True) for several turns",
+        )
 
 
 VECTORISED = (Constant, JerkLimited, Moving, Quintic, Samples, Sine, Spline, Step)
@@ -200,8 +203,7 @@ def sample_signal(
         return np.zeros((len(times), len(channels)))
     if isinstance(signal, Mapping):
         for name in signal:
-            if name not in channels:
-                raise unknown_name(f"There is no {what} {name!r}.", name, channels)
+            one_of(f"There is no {what} {name!r}.", name, channels)
         signal = [signal.get(name) for name in channels]
     if (
         depth
@@ -249,13 +251,13 @@ def sample_disturbance(
     s. Refused is what `sample_signal` refuses, and what would be too many numbers.
     """
     count, room = samples * parts * 3, parts if room is None else room
-    if count * max(1, len(channels)) > MOST_NUMBERS:
-        raise InvalidInput(
-            "The run is too long for its sub-steps.",
-            f"expected at most {MOST_NUMBERS} numbers for the disturbance, got {samples} samples of {parts} "
-            f"sub-steps with 3 stages and {len(channels)} channels",
-            "a shorter run; or Loop(..., sub_steps=...) with fewer",
-        )
+    refuse_if(
+        count * max(1, len(channels)) > MOST_NUMBERS,
+        "The run is too long for its sub-steps.",
+        f"expected at most {MOST_NUMBERS} numbers for the disturbance, got {samples} samples of {parts} "
+        f"sub-steps with 3 stages and {len(channels)} channels",
+        "a shorter run; or Loop(..., sub_steps=...) with fewer",
+    )
     if signal is None:
         return np.broadcast_to(0.0, (samples, room, 3, len(channels)))  # no memory for zeros
     step = period / parts
@@ -298,12 +300,11 @@ def checked_deviation(noise: Any, channels: Sequence[str]) -> np.ndarray:
     """The standard deviation of each channel's noise, (p,); one that is negative, not finite or of another size is
     refused."""
     deviation = real_array(noise)
-    if deviation.shape not in ((), (len(channels),)) or not np.all(
-        np.isfinite(deviation) & (deviation >= 0.0)
-    ):
-        raise InvalidInput(
-            "The measurement noise does not fit the measurements.",
-            f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
-            "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
-        )
+    refuse_if(
+        deviation.shape not in ((), (len(channels),))
+        or not np.all(np.isfinite(deviation) & (deviation >= 0.0)),
+        "The measurement noise does not fit the measurements.",
+        f"expected one standard deviation >= 0 or one for each of {list(channels)}, got {value_text(noise)}",
+        "noise=1e-3, a standard deviation in the unit of the measurement (not a variance)",
+    )
     return np.broadcast_to(deviation, len(channels))

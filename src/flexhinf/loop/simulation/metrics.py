@@ -127,12 +127,12 @@ def load_metrics(
             f"expected start <= {time[-1]:g} s, got {start:g} s",
             "a longer run",
         )
-    if not (np.isfinite(step) and step != 0.0):
-        raise InvalidInput(
-            "The recovery time needs the size of a step.",
-            f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}",
-            "step=0.1 as a reference, stated beside the result",
-        )
+    refuse_if(
+        not (np.isfinite(step) and step != 0.0),
+        "The recovery time needs the size of a step.",
+        f"expected a step other than zero, of which 2 % are the band, got {value_text(step)}",
+        "step=0.1 as a reference, stated beside the result",
+    )
     deviation = position[after] - command
     k = _last_outside(deviation, step)
     return {

@@ -24,7 +24,7 @@ from flexhinf.codegen import (
     compile_program,
 )
 from flexhinf.codegen.program import Step
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.metrics import Instant, Reduction
@@ -44,13 +44,13 @@ def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
     """Refuse a delay of more samples than a run (or a linear loop, `LONGEST_LINEAR`) can have; the InvalidInput says
     the unit that was probably meant."""
     late = period * samples
-    if not samples <= most * (1.0 + WHOLE):
-        raise InvalidInput(
-            "The input delay is out of proportion to the period.",
-            f"expected at most {most} samples = {most * period:g} s, got {late:g} s = {samples:.0f} samples of "
-            f"{period:g} s",
-            f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
-        )
+    refuse_if(
+        not samples <= most * (1.0 + WHOLE),
+        "The input delay is out of proportion to the period.",
+        f"expected at most {most} samples = {most * period:g} s, got {late:g} s = {samples:.0f} samples of "
+        f"{period:g} s",
+        f"delay={1e-3 * late:g} if {late:g} ms was meant; for a longer delay a longer period",
+    )
 
 
 @dataclass(frozen=True)
@@ -70,19 +70,19 @@ class Channel:
         of periods, at most `LONGEST`; what does not fit is refused."""
         steps = np.zeros(0) if quantisation is None else real_array(quantisation)
         fits = steps.shape in ((0,), (), (len(measured),))
-        if not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0):
-            raise InvalidInput(
-                "The quantisation does not fit the measurements.",
-                f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
-                "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
-            )
+        refuse_if(
+            not fits or not np.all(np.isfinite(steps)) or np.any(steps < 0),
+            "The quantisation does not fit the measurements.",
+            f"expected one step >= 0 or one for each of {list(measured)}, got {value_text(quantisation)}",
+            "quantisation=2 * np.pi / 4096 for an encoder of 12 bits",
+        )
         samples = real_number(delay) / period
-        if not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE):
-            raise InvalidInput(
-                "The input delay is not a whole number of samples.",
-                f"expected a multiple of {period:g} s, got {value_text(delay)} s",
-                f"delay={period:g} for one sample",
-            )
+        refuse_if(
+            not (np.isfinite(samples) and samples >= 0.0 and abs(samples - round(samples)) <= WHOLE),
+            "The input delay is not a whole number of samples.",
+            f"expected a multiple of {period:g} s, got {value_text(delay)} s",
+            f"delay={period:g} for one sample",
+        )
         check_delay(samples, period)
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import write_file
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.simulation.metrics import peak_of, rms, steady_state_error, step_metrics, step_shape
@@ -141,12 +141,12 @@ class Trajectory(Summarised):
         state, empty where the true state is not known. All None for a run that diverged.
         """
         tracked = [each for each in self.names.get("reference", ()) if each not in self.names["input"]]
-        if not self.judged:
-            raise InvalidInput(
-                "Nothing is tracked in this run.",
-                "expected a problem with integrate=(...)",
-                "integrate a state",
-            )
+        refuse_if(
+            not self.judged,
+            "Nothing is tracked in this run.",
+            "expected a problem with integrate=(...)",
+            "integrate a state",
+        )
         if name is not None and name not in tracked:
             raise unknown_name(f"{name!r} is not tracked.", name, tracked)
         name = self.judged[0] if name is None else name
@@ -177,12 +177,12 @@ class Trajectory(Summarised):
         their digits. ``.nc``: `data` as NetCDF, with names, units and settings, as xarray reads it.
         """
         suffix = checked_path("The run's file", path).suffix
-        if suffix not in (".csv", ".nc"):
-            raise InvalidInput(
-                "The format of the file is not known.",
-                f"expected a name that ends with .csv or .nc, got {str(path)!r}",
-                "run.csv, or run.nc for NetCDF",
-            )
+        refuse_if(
+            suffix not in (".csv", ".nc"),
+            "The format of the file is not known.",
+            f"expected a name that ends with .csv or .nc, got {str(path)!r}",
+            "run.csv, or run.nc for NetCDF",
+        )
         write_file(path, "run", self._write_csv if suffix == ".csv" else self._write_netcdf)
 
     def _write_csv(self, path: str) -> None:
