@@ -258,7 +258,7 @@ def test_a_robot_is_no_design_file(tmp_path: Path) -> None:
         ("[design]\nrobot = 'paper'\ndamping = 2", "'damping'", "0 to 1, got 2", "damping = 0.3"),
         ("[design]\nrobot = 'paper'\nbandwidth = '4Hy'", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
         ("[design]\nrobot = 'paper'\nbandwidth = []", "'bandwidth'", "rad/s", "bandwidth = 4.0"),
-        ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "paper, damped, robust, proved", "damped"),
+        ("[design]\nrobot = 'paper'\npreset = 'dampd'", "'preset'", "damped, robust", "damped"),
         ("[design]\nrobot = 'paper'\nvia = [0.1]", "'via'", "poses (rad, m), got [0.1]", "[[0.1"),
         ("[design]\nrobot = 'paper'\nseed = 1.5", "'seed'", "below 2^63, got 1.5", "seed = 0"),
         ("[design]\nrobot = 'paper'\ndegrees = 4", "'degrees'", "2 to 12", "[2, 4]"),

@@ -59,7 +59,7 @@ def test_design_takes_such_a_file(plug_in: Path) -> None:
     [
         ("a.bad", r"'\.bad'[\s\S]*flexhinf\.Robot"),
         ("a.none", r"'\.none'[\s\S]*arm_format:missing"),
-        ("a.other", r"a\.other[\s\S]*elastic="),
+        ("a.other", r"a\.other[\s\S]*\.toml"),
     ],
 )
 def test_what_a_package_does_wrong_is_told(plug_in: Path, name: str, what: str) -> None:

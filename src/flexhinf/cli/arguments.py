@@ -255,10 +255,10 @@ def option_syntax(text: str) -> str:
 def error_text(error: FlexhinfError, arguments: Sequence[str] = ()) -> str:
     """An error in three parts, in the syntax of the command line, and with the option that was typed.
 
-    `arguments`: words of the command: the limit of the input has a name for each drive beside ``--peak-effort``.
+    `arguments`: those of the command; the limit of the input has a name for each drive beside ``--peak-effort``.
     """
-    words = [word.split("=")[0] for word in arguments]
-    peak = next((name for name in PEAKS if option_name(name) in words), "")
+    stated = [argument.split("=")[0] for argument in arguments]
+    peak = next((name for name in PEAKS if option_name(name) in stated), "")
     advice = error.advice
     if isinstance(error, SpecificationError) and error.field in FIELDS and error.example:
         named = option_name(peak) if peak and error.field == "peak_effort" else _OPTIONS[error.field]

@@ -28,8 +28,8 @@ from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import (
     SETTLING_BAND,
     Command,
-    running_late_error,
-    running_peak,
+    updated_late_error,
+    updated_peak,
     step_reduction,
 )
 from flexhinf.robot.signals import signal_names
@@ -171,12 +171,12 @@ def _sizes(
         errors = [now.state[k] - first[k] for k in range(n)]
     else:
         errors = [now.state[k] - now.reference[column] for k, column in enumerate(columns)]
-        first = list(map(running_peak, first, errors))
-    late = [running_late_error(now, old, error) for old, error in zip(late, errors)]
-    effort = [running_peak(old, new) for old, new in zip(effort, now.input)]
-    speed = [running_peak(old, now.state[n + k]) for k, old in enumerate(speed)]
+        first = list(map(updated_peak, first, errors))
+    late = [updated_late_error(now, old, error) for old, error in zip(late, errors)]
+    effort = [updated_peak(old, new) for old, new in zip(effort, now.input)]
+    speed = [updated_peak(old, now.state[n + k]) for k, old in enumerate(speed)]
     for estimated, true in pairs:
-        estimate = running_peak(estimate, now.estimate[estimated] - now.state[true])
+        estimate = updated_peak(estimate, now.estimate[estimated] - now.state[true])
     return np.array([*first, *late, *effort, *speed, estimate])
 
 

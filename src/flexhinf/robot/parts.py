@@ -318,7 +318,7 @@ class Unusable(ValueError):
     """A value that its key does not take; its texts are what was expected, and what to write behind "="."""
 
 
-class Reading(Protocol):
+class PartReader(Protocol):
     """A robot file while it is read, as far as the readers of its values use it."""
 
     file: str  # its name
@@ -363,7 +363,7 @@ def number_in(value: Any, units: Any) -> tuple[str, str]:
     )
 
 
-def _number(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str) and key.units:
         try:
             number = measured(value, *key.units)
@@ -377,7 +377,7 @@ def _number(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> floa
     return number
 
 
-def _percent(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> float:
+def _percent(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
     if isinstance(value, str) and value.rstrip().endswith("%"):
         value = 100.0 * _number(file, value, key._replace(units=("1",)), place)
     number = _number(file, value, key, place)
@@ -390,7 +390,7 @@ def _percent(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> flo
     return number
 
 
-def _list(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
+def _list(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[float]:
     if not isinstance(value, list) or (key.size and len(value) != key.size):
         text = json.dumps(value[:60], ensure_ascii=False) if isinstance(value, str) else ""
         raise Unusable(
@@ -400,7 +400,7 @@ def _list(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> list[f
     return [_number(file, entry, key, place) for entry in value]
 
 
-def _quantity(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _quantity(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     """``4.0`` or ``{value = 4.0, tolerance = 12, source = "data sheet"}``; a vector is ``[x, y, z]`` or the like.
 
     A range is stated instead of a tolerance where the interval is not symmetric: ``{value = 0.0, range = [0.0, 3.0]}``.
@@ -412,21 +412,21 @@ def _quantity(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> di
     return file.table(value, {"value": entry, **TOLERANCE, **ends}, place)
 
 
-def _numbers(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
+def _numbers(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float | list[float]:
     return (_list if isinstance(value, list) else _number)(file, value, key, place)
 
 
-def _named(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _named(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise Unusable("numbers by name", "")
     return {name: _numbers(file, entry, key, (*place, name)) for name, entry in value.items()}
 
 
-def _table(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
+def _table(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> dict[str, Any]:
     return file.table(value, TABLES[key.inside], place)
 
 
-def _rows(file: Reading, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
+def _rows(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> list[dict[str, Any]]:
     if not isinstance(value, list) or (key.required and not value):
         raise Unusable(f"[[{key.inside}]] tables, one at least", "")
     return [_table(file, row, key, (*place, i)) for i, row in enumerate(value)]

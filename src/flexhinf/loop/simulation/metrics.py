@@ -374,14 +374,14 @@ def _stepped_metrics(
     return {"overshoot_percent": overshoot, "settling_time_s": settling, "rise_time_s": rise}
 
 
-def running_peak(kept: Any, signal: Any) -> Any:
+def updated_peak(kept: Any, signal: Any) -> Any:
     """The largest magnitude of a signal (`peak_of`) after one more sample."""
     return maximum(kept, abs(signal))
 
 
-def running_late_error(now: Instant, kept: Any, error: Any) -> Any:
+def updated_late_error(now: Instant, kept: Any, error: Any) -> Any:
     """The largest |error| in the last tenth of the run (`steady_state_error`) after one more sample."""
-    return where(now.step >= now.tail, running_peak(kept, error), kept)
+    return where(now.step >= now.tail, updated_peak(kept, error), kept)
 
 
 # What reductions call are functions of this module, so that an ensemble can be pickled.
@@ -434,7 +434,7 @@ def _fixed_step_metrics(state: int, kept: np.ndarray, command: Command) -> dict[
 
 def _error(place: Place, kept: Any, now: Instant) -> Any:
     error = getattr(now, place.kind)[place.column] - now.reference[place.command]
-    return np.array([running_late_error(now, kept[0], error), kept[1] + error * error])
+    return np.array([updated_late_error(now, kept[0], error), kept[1] + error * error])
 
 
 def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
@@ -444,7 +444,7 @@ def _error_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
 def _common(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
     errors = [now.estimate[i] - now.state[j] for i, j in pairs]
     totals = [total + error * error for total, error in zip(kept[1:], errors)]
-    return np.array([reduce(running_peak, now.input, kept[0]), *totals])
+    return np.array([reduce(updated_peak, now.input, kept[0]), *totals])
 
 
 def _common_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
