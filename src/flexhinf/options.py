@@ -59,7 +59,7 @@ def quantity(value: Any, units: Units = ()) -> float:
     >>> quantity("5ms", (SECONDS,))
     0.005
     """
-    if isinstance(value, Stated):
+    if isinstance(value, Stated) or type(value) is float:
         return value
     if isinstance(value, str):
         parts = split(value)

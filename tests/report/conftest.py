@@ -131,7 +131,7 @@ def sample_page(title: str = "The paper, end to end") -> report.Page:
         verdict=report.summary(claims.claims),
         sections=sections,
         settings=settings,
-        provenance=report.Provenance(["flexhinf", "paper", "--out", "my report"], seed=0),
+        provenance=report.Provenance("flexhinf paper --out 'my report'", seed=0),
         numbers=numbers,
     )
 

@@ -57,7 +57,7 @@ def page_of(*blocks: report.Block, **changes: object) -> report.Page:
         "verdict": "v",
         "sections": (report.Section("s", blocks, "s"),),
         "settings": report.Settings({}),
-        "provenance": report.Provenance(["flexhinf"], None, {"flexhinf": "0"}),
+        "provenance": report.Provenance("flexhinf", None, {"flexhinf": "0"}),
     }
     return report.Page(**{**content, **changes})  # type: ignore[arg-type]
 
@@ -117,7 +117,7 @@ def test_the_top_says_what_was_asked_the_verdict_and_the_numbers(page_html: str)
         page_of(report.Table([report.Column(HOSTILE, HOSTILE)], [[HOSTILE]], HOSTILE)),
         page_of(report.Claim("c", HOSTILE, "fails", HOSTILE, (), HOSTILE)),
         page_of(settings=report.Settings({HOSTILE: [report.Setting(HOSTILE, HOSTILE, HOSTILE, HOSTILE)]})),
-        page_of(provenance=report.Provenance([HOSTILE], 0, {HOSTILE: HOSTILE})),
+        page_of(provenance=report.Provenance(HOSTILE, 0, {HOSTILE: HOSTILE})),
     ],
 )
 def test_text_from_outside_never_becomes_an_element(page: report.Page) -> None:
@@ -155,7 +155,7 @@ def test_the_status_stands_before_the_verdict_with_its_word() -> None:
         report.Status("risky", "Rᵛ was not varied."),
     )
     html = report.Page(
-        "t", "a", "v", (), report.Settings({}), report.Provenance(["x"], None, {}), status=lines
+        "t", "a", "v", (), report.Settings({}), report.Provenance("x", None, {}), status=lines
     ).html()
     assert html.index("not met</span>") < html.index("risky</span>") < html.index('class="verdict"')
     assert "R<sup>v</sup>" in html

@@ -22,7 +22,7 @@ def test_every_setting_is_listed_with_value_unit_and_source() -> None:
 
 def test_the_command_can_be_pasted_into_a_shell() -> None:
     words = ["flexhinf", "paper", "--out", "my report's folder"]
-    html = report.Provenance(words, 3, {}).html()
+    html = report.Provenance(shlex.join(words), 3, {}).html()
     shown = html.split("<code>")[1].split("</code>")[0].replace("&#x27;", "'").replace("&quot;", '"')
     assert shlex.split(shown) == words
     assert "seed 3" in html

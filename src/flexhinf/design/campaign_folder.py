@@ -42,15 +42,8 @@ FOLDERS = ("a", "b")
 #: Fields of a specification that define robot, sensors and motors; all others define the law. Start, goal and limits
 #: are compared as numbers.
 SHARED = (
-    "measured",
-    "measurement_noise",
-    "quantisation",
-    "period",
-    "latency",
-    "unknown_delay",
-    "extras",
-    "move",
-)
+    "measured", "measurement_noise", "quantisation", "period", "latency", "unknown_delay", "extras", "move",
+)  # fmt: skip
 
 
 @dataclass(eq=False)
@@ -118,12 +111,9 @@ PATIENCE = 3600.0
 
 
 def open_campaign(
-    request: DesignCampaign,
-    folder: str | Path,
-    command: Sequence[str] = (),
-    progress: Callable[[str], None] = print,
+    request: DesignCampaign, folder: str | Path, command: Sequence[str] = (), progress: Callable[[str], None] = print,
     designed: tuple[Controller, float] | None = None,
-) -> tuple[Campaign, Journal]:
+) -> tuple[Campaign, Journal]:  # fmt: skip
     """Open the campaign of a folder: design its controller and store it there, or resume with the stored one.
 
     `designed`: for a new folder, the controller and the length of its runs (s), as from `designed_controller`.
@@ -220,10 +210,8 @@ def stored_request(journal: Journal) -> DesignCampaign:
         raise
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(
-            "The options of the campaign cannot be read.",
-            f"{journal.folder}: {error}",
-            "a copy of its manifest",
-        ) from error
+            "The options of the campaign cannot be read.", f"{journal.folder}: {error}", "a copy of its manifest",
+        ) from error  # fmt: skip
     return DesignCampaign.of(
         design_file.read_request(journal.folder / SETUP / design_file.DESIGN_FILE), options
     )

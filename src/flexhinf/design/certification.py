@@ -133,16 +133,9 @@ class CertifiedDegree:
 
 
 def certify_design(
-    robot: Robot,
-    s: Specification,
-    progress: Callable[[str], None],
-    share: Callable[[int, float], None],
-    *,
-    decay: float = 0.0,
-    observer: float | None = None,
-    tolerances: bool = False,
-    threads: int = 1,
-) -> tuple[CertifiedDegree, ...]:
+    robot: Robot, s: Specification, progress: Callable[[str], None], share: Callable[[int, float], None], *,
+    decay: float = 0.0, observer: float | None = None, tolerances: bool = False, threads: int = 1,
+) -> tuple[CertifiedDegree, ...]:  # fmt: skip
     """The laws of a design at its goal, and the proof of each, with the true state fed back.
 
     `s`: its `checked_gamma_ratio` and `checked_penalty` state the claim.
@@ -268,12 +261,10 @@ def evidence(robot: Robot, s: Specification, certified: CertifiedDegree) -> Evid
         return Evidence(certificate, None, None, (), attained)
     weights = None if callable(s.checked_penalty) else checked_penalty(s.checked_penalty, robot.plant())
     return Evidence(
-        certificate,
-        starts.start_surface(solution, certificate, weights),
+        certificate, starts.start_surface(solution, certificate, weights),
         starts.limit_slice(solution, certificate, weights),
-        tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts),
-        attained,
-    )
+        tuple(starts.worst_step(solution, certificate, start) for start in certificate.starts), attained,
+    )  # fmt: skip
 
 
 #: Fractions of the sampled level that are tried in turn until one is proved; and the factor of the level that is tried

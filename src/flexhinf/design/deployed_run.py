@@ -66,14 +66,9 @@ class DeployedRun:
 
 
 def prepare_run(
-    controller: Controller,
-    designed: tuple[Robot, Specification],
-    robot: Robot,
-    specification: Specification,
-    noise: bool = True,
-    load: float | None = None,
-    load_at: float | None = None,
-) -> DeployedRun:
+    controller: Controller, designed: tuple[Robot, Specification], robot: Robot, specification: Specification,
+    noise: bool = True, load: float | None = None, load_at: float | None = None,
+) -> DeployedRun:  # fmt: skip
     """A run of the deployed controller from start to goal, or along a stated move in error coordinates.
 
     `designed`: robot and specification of the controller. `robot` is the driven robot, with `specification`.

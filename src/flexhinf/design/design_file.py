@@ -39,12 +39,9 @@ from flexhinf.validation import checked_path, nearest, read_toml, value_text, wi
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
 SIGNALS = {
-    "pose": "link_position",
-    "start": "link_position",
-    "tracking_error": "link_position",
-    "integral_dead_zone": "link_position",
-    "peak_speed": "link_velocity",
-}
+    "pose": "link_position", "start": "link_position", "tracking_error": "link_position",
+    "integral_dead_zone": "link_position", "peak_speed": "link_velocity",
+}  # fmt: skip
 
 #: How people write numbers of an SI unit, for advice.
 CUSTOMARY = {"rad": "deg", "m": "mm", "rad/s": "deg/s", "m/s": "mm/s", "N·m": "Nm", "N": "N"}
@@ -137,12 +134,9 @@ def load_design(path: str | Path) -> tuple[Robot, Specification]:
 
 
 def read_request(
-    source: str | Path,
-    elastic: str | Path | None = None,
-    settings: Mapping[str, Any] | None = None,
-    payload: str | None = None,
-    is_file: bool | None = None,
-) -> DesignRequest:
+    source: str | Path, elastic: str | Path | None = None, settings: Mapping[str, Any] | None = None,
+    payload: str | None = None, is_file: bool | None = None,
+) -> DesignRequest:  # fmt: skip
     """The request of a robot, or of a design file over which `settings` win.
 
     `source`: as for `load_robot`, or a design file; `is_file` says which where that is known.
@@ -310,13 +304,9 @@ Units: rad (m), rad/s, s, V or N·m (N), or text with a unit: "90deg", "0.6Hz", 
 
 
 def request_document(
-    specification: Specification,
-    robot: str | Path,
-    elastic: str | Path | None = None,
-    folder: str | Path = ".",
-    payload: str | None = None,
-    slides: Sequence[bool] = (False,),
-) -> tomlkit.TOMLDocument:
+    specification: Specification, robot: str | Path, elastic: str | Path | None = None, folder: str | Path = ".",
+    payload: str | None = None, slides: Sequence[bool] = (False,),
+) -> tomlkit.TOMLDocument:  # fmt: skip
     """A design file without a result: its table [design] with the fields that differ from the defaults, and the
     defaults below it as comments."""
     values = {name: plain(name, getattr(specification, name)) for name in FIELDS}
@@ -407,13 +397,10 @@ def design_schema() -> dict[str, Any]:
         "properties": {**texts, **design["properties"]}, "required": ["robot"],
     }  # fmt: skip
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Design file of flexhinf",
-        "type": "object",
-        "properties": {"design": design, "result": {"type": "object"}, "found": {"type": "object"}},
-        "required": ["design"],
-        "additionalProperties": False,
-    }
+        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Design file of flexhinf",
+        "type": "object", "properties": {"design": design, "result": {"type": "object"}, "found": {"type": "object"}},
+        "required": ["design"], "additionalProperties": False,
+    }  # fmt: skip
 
 
 def tool_of(text: str) -> Tool:

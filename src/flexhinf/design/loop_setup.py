@@ -48,10 +48,8 @@ VELOCITY_RATE = 100.0
 
 #: Estimators by name.
 KINDS: dict[str, Any] = {
-    "ukf": UnscentedKalmanFilter,
-    "ekf": ExtendedKalmanFilter,
-    "observer": OutputInjectionObserver,
-}
+    "ukf": UnscentedKalmanFilter, "ekf": ExtendedKalmanFilter, "observer": OutputInjectionObserver,
+}  # fmt: skip
 
 #: Largest step of a sensor, by the unit of its signal: one turn, and more than any robot has of the others.
 COARSEST = {"rad": 2.0 * np.pi, "m": 10.0, "rad/s": 1e3, "m/s": 1e3, "N·m": 1e6, "N": 1e6}
@@ -273,13 +271,8 @@ class LoopPlants:
         return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
 
     def estimator_at(
-        self,
-        at: np.ndarray,
-        goal: np.ndarray,
-        noise: EstimatorNoise,
-        deployed: bool = False,
-        linear: bool = False,
-    ) -> Any:
+        self, at: np.ndarray, goal: np.ndarray, noise: EstimatorNoise, deployed: bool = False, linear: bool = False,
+    ) -> Any:  # fmt: skip
         """The estimator; its initial mean is the equilibrium at a pose (n,). None for "none".
 
         With `deployed` its model is `estimator_model`, otherwise `model`. With `linear` it is a linear Kalman filter
@@ -377,21 +370,14 @@ class LoopSetup(LoopPlants):
         return integral_dead_zone(self.joints, self.specification.integral_dead_zone, self.chosen_zone)
 
     def loop(
-        self,
-        controller: Controller,
-        plant: Any = None,
-        sub_steps: int | None = None,
+        self, controller: Controller, plant: Any = None, sub_steps: int | None = None,
         values: Mapping[str, Any] | None = None,
-    ) -> Loop:
+    ) -> Loop:  # fmt: skip
         """A loop with the true plant and these parameters, or with another plant; with delay and quantisation."""
         plant = _with_values(self.true_plant, values) if plant is None or values is not None else plant
         return Loop(
-            plant,
-            controller,
-            sub_steps,
-            quantisation=self.quantisation,
-            delay=self.specification.unknown_delay,
-        )
+            plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.unknown_delay,
+        )  # fmt: skip
 
     def equilibrium(
         self, at: np.ndarray, values: Mapping[str, Any] | None = None
@@ -450,16 +436,9 @@ class LoopSetup(LoopPlants):
 
     # Runs -----------------------------------------------------------------------------------------------
     def run(
-        self,
-        controller: Controller,
-        at: np.ndarray,
-        duration: float,
-        values: Mapping[str, Any] | None = None,
-        seed: int = 0,
-        plant: Any = None,
-        sub_steps: int | None = None,
-        **options: Any,
-    ) -> Response:
+        self, controller: Controller, at: np.ndarray, duration: float, values: Mapping[str, Any] | None = None,
+        seed: int = 0, plant: Any = None, sub_steps: int | None = None, **options: Any,
+    ) -> Response:  # fmt: skip
         """A run of `duration` s from equilibrium at a pose (n,); the controller starts with the input that holds the
         model there.
 
@@ -474,14 +453,9 @@ class LoopSetup(LoopPlants):
         return Response(run, self.goal, x[: len(self.goal)], self.joints)
 
     def ensemble(
-        self,
-        robots: Sequence[Mapping[str, Any]],
-        sub_steps: int,
-        controller: Controller,
-        at: np.ndarray,
-        duration: float,
-        **options: Any,
-    ) -> EnsembleResult:
+        self, robots: Sequence[Mapping[str, Any]], sub_steps: int, controller: Controller, at: np.ndarray,
+        duration: float, **options: Any,
+    ) -> EnsembleResult:  # fmt: skip
         """The same run for each robot, by its parameters, each with its own noise; options of `Loop.ensemble`.
 
         All runs have the `sub_steps` of the nominal plant, so that they share one kernel.

@@ -24,6 +24,7 @@ from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import by_step, steps
+from flexhinf.errors import refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
@@ -75,13 +76,9 @@ def _in_brackets(joints: Sequence[str], joint: str) -> str:
 
 
 def status_of(
-    lines: Sequence[Requirement],
-    evaluation: LawEvaluation,
-    chosen: by_step.DegreeChoice,
-    worth: certification.Attenuation,
-    inside: bool | None,
-    proof: certification.DesignProof,
-) -> Status:
+    lines: Sequence[Requirement], evaluation: LawEvaluation, chosen: by_step.DegreeChoice,
+    worth: certification.Attenuation, inside: bool | None, proof: certification.DesignProof,
+) -> Status:  # fmt: skip
     """The status of a design."""
     setup, names = evaluation.setup, [line.what for line in lines]
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
@@ -294,10 +291,10 @@ class Comparison(Summarised):
 def checked_specification(robot: Robot, specification: Specification) -> Specification:
     """The specification; refuses what is no robot, such as its file, or no specification."""
     checked_kind("This is no robot.", robot, Robot, "a flexhinf.Robot", "flexhinf.load_robot('arm.toml')")
-    advice = "flexhinf.Specification(pose='90deg')"
-    checked_kind(
-        "This is no specification.", specification, Specification, "a flexhinf.Specification", advice
-    )
+    refuse_if(
+        not isinstance(specification, Specification), "This is no specification.",
+        f"expected a flexhinf.Specification, got {type(specification).__name__}", "fh.Specification(pose='90deg')",
+    )  # fmt: skip
     return specification
 
 
@@ -430,18 +427,15 @@ def _in_scenario(
 def _followed(linear: LawEvaluation, synthesis: steps.Synthesis) -> np.ndarray:
     """Finite bandwidth (n,), rad/s, for which the move is planned: that of the law with the true state fed back."""
     own, target = np.asarray(linear.state_margins.bandwidth, dtype=float), synthesis.design_problem.target
-    fallback = np.full(len(own), 1.0) if target is None else target.bandwidth
-    return np.where(np.isfinite(own) & (own > 0.0), own, fallback)
+    usable = np.isfinite(own) & (own > 0.0)
+    return np.where(usable, own, 1.0) if target is None else target.where_not(usable, own)
 
 
 def _requirements(
-    stated: Specification,
-    evaluation: LawEvaluation,
-    synthesis: steps.Synthesis,
-    on_mujoco: responses.Response | None,
-    limit_cycle: checks.LimitCycleCheck | None,
+    stated: Specification, evaluation: LawEvaluation, synthesis: steps.Synthesis,
+    on_mujoco: responses.Response | None, limit_cycle: checks.LimitCycleCheck | None,
     payloads: tuple[checks.PayloadEvaluation, ...],
-) -> tuple[Requirement, ...]:
+) -> tuple[Requirement, ...]:  # fmt: skip
     """All requirements: first on the running loop, then on the runs, then on the tolerances."""
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
@@ -498,13 +492,9 @@ def stages(robot: Robot, specification: Specification, laws: Sequence[str] | Non
 
 
 def compare(
-    robot: Robot,
-    specification: Specification,
-    laws: Sequence[str] | None = None,
-    tune: str = "peak",
-    progress: Progress | None = None,
-    same_sensors: bool = False,
-) -> Comparison:
+    robot: Robot, specification: Specification, laws: Sequence[str] | None = None, tune: str = "peak",
+    progress: Progress | None = None, same_sensors: bool = False,
+) -> Comparison:  # fmt: skip
     """Compare laws on one robot, each tuned for the same criterion and evaluated in the same runs; nothing is written.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import cast
 import numpy as np
 
 from flexhinf.analysis import modes
-from flexhinf.design.problem import presets
+from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
@@ -60,20 +60,15 @@ def step_command(
     if s.shaping == "jump" or not np.any(goal != start) or (law is not None and not has_integrals(law)):
         return None
     scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
-    bandwidth = presets.required_bandwidth(s.bandwidth, scales, len(goal))
+    bandwidth = required_bandwidth(s.bandwidth, scales, len(goal))
     holding_inputs = [robot.operating_point(at)[1] for at in (start, goal)]
     return plan_move(robot, s, start, goal, bandwidth, float(scales.vibration.min()), holding_inputs)
 
 
 def plan_move(
-    robot: Robot,
-    s: Specification,
-    start: np.ndarray,
-    goal: np.ndarray,
-    bandwidth: np.ndarray,
-    slowest_vibration: float,
-    holding_inputs: Sequence[np.ndarray],
-) -> Plan:
+    robot: Robot, s: Specification, start: np.ndarray, goal: np.ndarray, bandwidth: np.ndarray,
+    slowest_vibration: float, holding_inputs: Sequence[np.ndarray],
+) -> Plan:  # fmt: skip
     """The move from start to goal for this bandwidth, slowed down until it keeps the joints' limits of speed and
     effort.
 

@@ -119,16 +119,9 @@ def sampled_box(law: AnyBoxProof, ranges: Ranges) -> AnyBoxProof:
 
 
 def prove_box(
-    robot: Robot,
-    law: AnyBoxProof,
-    ranges: Ranges,
-    *,
-    margins: tuple[float, ...] | None = None,
-    seconds: float = np.inf,
-    most_cells: int = 100_000_000,
-    threads: int = 1,
-    progress: cells.Progress | None = None,
-) -> AnyBoxProof:
+    robot: Robot, law: AnyBoxProof, ranges: Ranges, *, margins: tuple[float, ...] | None = None,
+    seconds: float = np.inf, most_cells: int = 100_000_000, threads: int = 1, progress: cells.Progress | None = None,
+) -> AnyBoxProof:  # fmt: skip
     """The law of `sampled_box` with its certificate, for the smallest of some gains that can be proved.
 
     `ranges`: see `flexhinf.certify.box.parameter_ranges`.
@@ -226,36 +219,22 @@ def _check(robot: Robot, s: Specification) -> None:
                 f"leave out `{name}`, or preset='robust'",
             )
     refuse_if(
-        not s.proof_seconds,
-        "preset='proved' needs time for a proof.",
-        "expected seconds of CPU time that one proof may take, got proof_seconds=0",
-        "proof_seconds=20",
-    )
+        not s.proof_seconds, "preset='proved' needs time for a proof.",
+        "expected seconds of CPU time that one proof may take, got proof_seconds=0", "proof_seconds=20",
+    )  # fmt: skip
     refuse_if(
-        len(robot.joint_names) != 1,
-        "A step is proved for robots of one joint.",
-        f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}",
-        "preset='robust'",
-    )
+        len(robot.joint_names) != 1, "A step is proved for robots of one joint.",
+        f"expected one joint, got {len(robot.joint_names)} in {robot.name!r}", "preset='robust'",
+    )  # fmt: skip
 
 
 def search_proved_step(
-    robot: Robot,
-    goal: Sequence[float],
-    step: float | None = None,
-    *,
-    effort_limit: float = np.inf,
-    tolerances: float = 1.0,
-    degrees: Sequence[int] = (2,),
-    bandwidths: Sequence[float] = BANDWIDTHS,
-    dampings: Sequence[float | None] = DAMPINGS,
-    ratios: Sequence[float] = RATIOS,
-    most_cells: int = 5_000_000,
-    most_seconds: float = np.inf,
-    specification: Specification | None = None,
-    admits: Callable[[ProvedLaw], str] = lambda law: "",
-    progress: Callable[[str], None] = lambda text: None,
-) -> ProvedLaw:
+    robot: Robot, goal: Sequence[float], step: float | None = None, *, effort_limit: float = np.inf,
+    tolerances: float = 1.0, degrees: Sequence[int] = (2,), bandwidths: Sequence[float] = BANDWIDTHS,
+    dampings: Sequence[float | None] = DAMPINGS, ratios: Sequence[float] = RATIOS, most_cells: int = 5_000_000,
+    most_seconds: float = np.inf, specification: Specification | None = None,
+    admits: Callable[[ProvedLaw], str] = lambda law: "", progress: Callable[[str], None] = lambda text: None,
+) -> ProvedLaw:  # fmt: skip
     """The largest proved step to a goal, or the smallest proved γ for a wanted one.
 
     `robot`: with one joint.

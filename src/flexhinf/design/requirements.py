@@ -28,9 +28,9 @@ from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import (
     SETTLING_BAND,
     Command,
+    step_reduction,
     updated_late_error,
     updated_peak,
-    step_reduction,
 )
 from flexhinf.robot.signals import signal_names
 
@@ -118,12 +118,8 @@ def sampled_runs(
 
 
 def move_errors(
-    setup: LoopSetup,
-    robots: Sequence[Mapping[str, Any]],
-    plan: Any,
-    sub_steps: int,
-    dwell: float | None = None,
-) -> np.ndarray:
+    setup: LoopSetup, robots: Sequence[Mapping[str, Any]], plan: Any, sub_steps: int, dwell: float | None = None,
+) -> np.ndarray:  # fmt: skip
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
     columns = position_columns(setup.tracking_controller.commanded, setup.joints)
     reductions = run_reductions(None, columns)
@@ -408,13 +404,9 @@ def margin_requirements(
 
 
 def behaviour_requirements(
-    s: Specification,
-    bandwidth: np.ndarray,
-    damping: float,
-    margins: Margins,
-    joints: Sequence[str],
+    s: Specification, bandwidth: np.ndarray, damping: float, margins: Margins, joints: Sequence[str],
     least_damped: str = "",
-) -> list[Requirement]:
+) -> list[Requirement]:  # fmt: skip
     """Requirements on bandwidth (n,), rad/s, and damping of the running loop, if weights were searched for these.
 
     `least_damped`: the joint of the smallest damping ratio.
@@ -453,12 +445,8 @@ def step_requirements(
 
 
 def limit_requirements(
-    limits: JointLimits,
-    response: Response,
-    where: str,
-    unlimited: Response | None = None,
-    always: bool = True,
-) -> list[Requirement]:
+    limits: JointLimits, response: Response, where: str, unlimited: Response | None = None, always: bool = True,
+) -> list[Requirement]:  # fmt: skip
     """Requirements on peak input, link speed and position range of one run, each for the joint with the largest use.
 
     `unlimited`: the same run without input limits; its inputs are judged.

@@ -321,12 +321,9 @@ class LimitUse(NamedTuple):
 
 
 def limit_use(
-    values: np.ndarray | None,
-    limits: np.ndarray,
-    joints: Sequence[str],
-    units: Sequence[str],
+    values: np.ndarray | None, limits: np.ndarray, joints: Sequence[str], units: Sequence[str],
     time: np.ndarray | None = None,
-) -> LimitUse:
+) -> LimitUse:  # fmt: skip
     """Use of limits (n,) by values (N, n) at times (N,); infinite without values (the run diverged)."""
     if values is None:
         tightest = int(np.argmin(limits))

@@ -34,11 +34,9 @@ from flexhinf.robot.waypoints import WaypointError, waypoints
 from flexhinf.validation import nearest, value_text
 
 Move = Annotated[
-    Any,
-    BeforeValidator(waypoints),
-    Allowed("a CSV file with columns time and joints, or such columns by name"),
+    Any, BeforeValidator(waypoints), Allowed("a CSV file with columns time and joints, or such columns by name"),
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]}),
-]
+]  # fmt: skip
 
 
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
@@ -322,11 +320,9 @@ def _checked(make: Any) -> Any:
         for name in fields:
             if name not in FIELDS:
                 raise SpecificationError(
-                    name,
-                    f"A specification has no field {name!r}.",
-                    f"expected fields out of {list(FIELDS)}, got {name!r}",
-                    nearest(name, FIELDS),
-                )
+                    name, f"A specification has no field {name!r}.",
+                    f"expected fields out of {list(FIELDS)}, got {name!r}", nearest(name, FIELDS),
+                )  # fmt: skip
         if fields.get("angle_unit") is None:
             texts = (fields.get(name) for name in ("pose", "start", "via", "tracking_error"))
             fields["angle_unit"] = options.angle_unit_of(*texts)

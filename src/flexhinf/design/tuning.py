@@ -40,10 +40,8 @@ from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refus
 
 #: Runs of the criterion, by the metric that is infinite where one diverged.
 RUNS = {
-    "peak_input": "the step",
-    "load_deviation": "the run under the load",
-    "move_error": "the planned move",
-}
+    "peak_input": "the step", "load_deviation": "the run under the load", "move_error": "the planned move",
+}  # fmt: skip
 
 #: The metrics whose ratios make the criterion: attributes of `LawMetrics`, and their labels.
 RATIOS = {
@@ -116,11 +114,9 @@ def metrics_of(
         return metrics
     worst = {key: each.value for key, each in quiet.worst.items()}
     return replace(
-        metrics,
-        load_deviation=worst["load_deviation"],
-        move_error=worst["move_error"],
+        metrics, load_deviation=worst["load_deviation"], move_error=worst["move_error"],
         remaining_error=max(worst[f"{run}_remaining"] for run in ("step", "load", "move")),
-    )
+    )  # fmt: skip
 
 
 def own_metrics(evaluation: LawEvaluation) -> LawMetrics:
@@ -252,13 +248,9 @@ class Criterion:
 
 
 def criterion_for(
-    mode: str,
-    own: LawMetrics,
-    length: float,
-    limits: Mapping[str, tuple[float, str] | None],
-    unit: str,
+    mode: str, own: LawMetrics, length: float, limits: Mapping[str, tuple[float, str] | None], unit: str,
     resolution: float = 0.0,
-) -> Criterion:
+) -> Criterion:  # fmt: skip
     """The criterion of a comparison, by the metrics of the design and the length of the step, s.
 
     `limits` are those of the specification, see `stated_limits`; `unit` is that of the inputs. Raises `InvalidInput`
@@ -301,11 +293,8 @@ def criterion_for(
 def check_mode(mode: str, advice: str) -> None:
     """Refuse what is none of `MODES`."""
     refuse_if(
-        mode not in MODES,
-        "There is no such way to tune.",
-        f"expected {', '.join(MODES)}, got {mode!r}",
-        advice,
-    )
+        mode not in MODES, "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice,
+    )  # fmt: skip
 
 
 def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str, tuple[float, str] | None]:
@@ -399,11 +388,9 @@ class Tuner:
     same_sensors: bool = False  # all laws measure what the design measures
 
     def tune_all(
-        self,
-        kinds: Sequence[LawKind],
-        wanted: Sequence[str] = (),
+        self, kinds: Sequence[LawKind], wanted: Sequence[str] = (),
         progress: Callable[[str], None] = lambda text: None,
-    ) -> dict[str, TunedLaw | str]:
+    ) -> dict[str, TunedLaw | str]:  # fmt: skip
         """All rounds for all laws: the tuned law by name, or why it cannot be made.
 
         Raises `InvalidInput` if a law in `wanted` does not fit the robot. `progress` is called three times a law.
@@ -493,13 +480,9 @@ class Tuner:
         return {name: x for name, x in self.factory.start(kind).items() if name not in unused}
 
     def _search(
-        self,
-        kind: LawKind,
-        sensors: tuple[str, ...],
-        before: Tuning | None = None,
-        others: Sequence[TunedLaw] = (),
+        self, kind: LawKind, sensors: tuple[str, ...], before: Tuning | None = None, others: Sequence[TunedLaw] = (),
         exchange: bool = False,
-    ) -> TunedLaw:
+    ) -> TunedLaw:  # fmt: skip
         start, limits = self._free(kind), self.factory.bounds(kind)
         first, samples, simplex, degree = self._budget
         begin = start if before is None else dict(before.best.parameters)

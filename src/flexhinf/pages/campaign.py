@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Sequence
 from itertools import islice
 from typing import Any
@@ -129,7 +130,7 @@ def write_campaign(
             f"{campaign_verdict(judged)}{search}",
             tuple(section for section in parts if section.blocks),
             Settings({name: group for name, group in groups.items() if group}),
-            Provenance(tuple(journal.command), int(settings["seed"])), _key_numbers(judged),
+            Provenance(shlex.join(journal.command), int(settings["seed"])), _key_numbers(judged),
             _statuses(judged, cases, gains),
         ),
     )  # fmt: skip

@@ -326,7 +326,7 @@ def write_pair(result: DesignPair) -> Path:
             f"{result.paired.count} robots, each with its own measurement noise, run twice for {settings['duration']} "
             f"s: with the controller A of {result.names[0]} and with the controller B of {result.names[1]}.",
             pair_verdict(result), (Section("A against B", blocks, "pair"),),
-            Settings({"Samples": stated}), Provenance(result.command, int(settings["seed"])),
+            Settings({"Samples": stated}), Provenance(shlex.join(result.command), int(settings["seed"])),
             [
                 *(
                     KeyNumber(f"fail with {side}", failures, f"of {counts.count}", f"{only} with {side} alone")

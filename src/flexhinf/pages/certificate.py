@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import wrap
@@ -127,7 +128,7 @@ def certificate_page(
                 for p in claim.parameters
             ),
             *(Setting(name, value) for name, value in claim.provenance.items()),
-        ]}), Provenance(tuple(command), s.seed), _numbers(law, claim),
+        ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
          Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
     )  # fmt: skip

@@ -3,6 +3,7 @@ beside each other: the table of their metrics, their errors in the same runs, an
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -179,7 +180,7 @@ def comparison_page(
         f"problem tuned as the other laws are. Criterion: {comparison.criterion.measure}",
         _whole(comparison_verdict(comparison)),
         (*sections, *([files_section(files)] if files else [])), Settings(comparison_settings(comparison)),
-        Provenance(tuple(command), s.seed), _key_numbers(comparison),
+        Provenance(shlex.join(command), s.seed), _key_numbers(comparison),
         [
             Status("not met", f"The design as it is: {'; '.join(map(requirement_text, missed))}.") if missed else
             Status("met", f"The design meets {len(comparison.own.requirements)} requirements."),

@@ -3,6 +3,7 @@ with who states it, the list of files, and tables for a terminal."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import takewhile
@@ -232,7 +233,7 @@ def design_page(
         _headline(design),
         (*sections, *([files_section(files)] if files else [])),
         Settings(design_settings(design.synthesis, design.evaluation)),
-        Provenance(tuple(command), s.seed),
+        Provenance(shlex.join(command), s.seed),
         _key_numbers(design),
         [Status(kind, f"{text[:1].upper()}{text[1:]}.") for kind, text in texts if text],
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
@@ -388,7 +389,8 @@ def _page(reproduction: Reproduction, plots: Mapping[str, str]) -> Page:
                 Listing(setup.nonlinear.report()),
             ), "law"),
         ),
-        Settings(_settings(setup)), Provenance(reproduction.command, setup.settings.seed), _key_numbers(setup),
+        Settings(_settings(setup)), Provenance(shlex.join(reproduction.command), setup.settings.seed),
+        _key_numbers(setup),
     )  # fmt: skip
 
 

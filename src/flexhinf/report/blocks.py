@@ -10,7 +10,6 @@ import json
 import math
 import platform
 import re
-import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal
@@ -528,10 +527,10 @@ class Settings(Block):
 
 @dataclass(frozen=True)
 class Provenance(Block):
-    """Origin of a report: the command that makes it again, as arguments (none for a report written from Python),
+    """Origin of a report: the command that makes it again ("" for a report written from Python),
     the seed (None where nothing was drawn), and name and version of what had a part, as `versions` finds them."""
 
-    command: Sequence[str]
+    command: str
     seed: int | None
     versions: Mapping[str, str] = field(default_factory=lambda: versions())
 
@@ -541,7 +540,7 @@ class Provenance(Block):
         seed = "nothing was drawn at random" if self.seed is None else f"seed {self.seed}"
         again = "<p>Written from Python with the settings above.</p>"
         if self.command:
-            command = f'<pre class="command"><code>{escape(shlex.join(self.command))}</code></pre>'
+            command = f'<pre class="command"><code>{escape(self.command)}</code></pre>'
             again = f"<p>This command makes the report again:</p>{command}"
         return f'{again}<p class="versions">Random numbers: {seed}. Versions: {listed}.</p>'
 

@@ -15,7 +15,6 @@ import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.design import Specification
 from flexhinf.design.problem.presets import (
-    BANDWIDTH_FRACTION,
     DAMPING,
     DesignProblem,
     channels,
@@ -23,7 +22,7 @@ from flexhinf.design.problem.presets import (
     preset_of,
     required_damping,
 )
-from flexhinf.design.problem.weights import DampingOutOfReach, LinearFamily
+from flexhinf.design.problem.weights import BANDWIDTH_FRACTION, DampingOutOfReach, LinearFamily
 from flexhinf.errors import InvalidInput
 
 Named = Callable[[str], Any]

@@ -34,6 +34,7 @@ import numpy as np
 
 from flexhinf.analysis import LinearCorners, modes
 from flexhinf.design.problem.weights import (
+    BANDWIDTH_FRACTION,
     Channel,
     DampingOutOfReach,
     LinearFamily,
@@ -43,6 +44,7 @@ from flexhinf.design.problem.weights import (
     TargetBehaviour,
     behaviour_of,
     find_scalings,
+    required_bandwidth,
     search,
 )
 from flexhinf.design.specification import RINGS, Specification
@@ -118,11 +120,9 @@ def acting_corners(robot: Robot, goal: np.ndarray, problem: GeneralisedPlant) ->
     ends = {p.name: _linearised(robot, plant, {p.name: 1.0}, goal) for p in robot.uncertain}
     names = [name for name, end in ends.items() if not np.allclose(end, nominal, rtol=1e-12, atol=0.0)]
     return LinearCorners.of(
-        problem,
-        lambda signs: robot.corner(dict(zip(names, signs, strict=True))),
-        len(names),
+        problem, lambda signs: robot.corner(dict(zip(names, signs, strict=True))), len(names),
         lambda values: robot.operating_point(goal, parameters=values),
-    )
+    )  # fmt: skip
 
 
 def enlarge_tolerances(problem_at: Callable[[float], DesignProblem]) -> DesignProblem:
@@ -183,8 +183,8 @@ def sized_channels(problem: GeneralisedPlant, nominal: GeneralisedPlant, size: f
 #: How often a default damping is lowered to the damping that weights can reach.
 YIELDS = 4
 
-#: Default bandwidth, as a fraction of the lowest vibration of the links with locked motors; default damping.
-BANDWIDTH_FRACTION, DAMPING = 0.3, 0.2
+#: Default damping ratio.
+DAMPING = 0.2
 
 
 def nominal_problem(robot: Any, goal: np.ndarray, s: Specification, penalty: Penalty) -> GeneralisedPlant:
@@ -387,17 +387,6 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
     return penalty, source, priced
 
 
-def required_bandwidth(stated: Any, scales: modes.JointScales, joints: int) -> np.ndarray:
-    """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with locked motors."""
-    wanted = BANDWIDTH_FRACTION * scales.antiresonance if stated is None else stated
-    bandwidth = np.atleast_1d(np.asarray(wanted, dtype=float))
-    refuse_if(
-        len(bandwidth) not in (1, joints), "The bandwidths do not fit the joints.",
-        f"expected one number or {joints}, got {bandwidth.tolist()}", "one bandwidth for all joints",
-    )  # fmt: skip
-    return np.broadcast_to(bandwidth, (joints,)).copy()
-
-
 def _searched(
     few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
@@ -413,10 +402,8 @@ def _searched(
         return LinearProblem.of(few, scales.rows(*weights), command_of(s) is not None, torques)
 
     def widened(
-        family: LinearFamily,
-        problem_of: Callable[..., LinearProblem | RobustProblem],
-        begun: SearchResult | None,
-    ) -> tuple[SearchResult, LinearFamily]:
+        family: LinearFamily, problem_of: Callable[..., LinearProblem | RobustProblem], begun: SearchResult | None,
+    ) -> tuple[SearchResult, LinearFamily]:  # fmt: skip
         """Search weights for a family, then for that family with the worst of many corners; returns result and larger
         family."""
 

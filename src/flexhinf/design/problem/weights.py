@@ -20,12 +20,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from flexhinf.analysis.linear_loop import exponential
-from flexhinf.analysis.modes import modes_of, sampled_modes, stiffness_and_inertia
-from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure
+from flexhinf.analysis.modes import JointScales, modes_of, sampled_modes, stiffness_and_inertia
+from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution, linear_law
 from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
 from flexhinf.loop.simulation.metrics import LASTING
@@ -397,6 +398,21 @@ class DampingOutOfReach(InvalidInput):
     reached = 0.0
 
 
+#: Default bandwidth, relative to the lowest vibration of the links with locked motors.
+BANDWIDTH_FRACTION = 0.3
+
+
+def required_bandwidth(stated: Any, scales: JointScales, joints: int) -> np.ndarray:
+    """Bandwidth (n,), rad/s: as stated, or `BANDWIDTH_FRACTION` of the lowest vibration with locked motors."""
+    wanted = BANDWIDTH_FRACTION * scales.antiresonance if stated is None else stated
+    bandwidth = np.atleast_1d(np.asarray(wanted, dtype=float))
+    refuse_if(
+        len(bandwidth) not in (1, joints), "The bandwidths do not fit the joints.",
+        f"expected one number or {joints}, got {bandwidth.tolist()}", "one bandwidth for all joints",
+    )  # fmt: skip
+    return np.broadcast_to(bandwidth, (joints,)).copy()
+
+
 @dataclass(frozen=True, eq=False)
 class TargetBehaviour:
     """The bandwidth and the damping for which weights are searched."""
@@ -404,10 +420,19 @@ class TargetBehaviour:
     bandwidth: np.ndarray  # (n,), of each joint at least, rad/s
     damping: float  # of every oscillation at least
 
+    def where_not(self, usable: np.ndarray, bandwidth: np.ndarray) -> np.ndarray:
+        """`bandwidth` (n,) where it is `usable` (n,), elsewhere this one, rad/s."""
+        return np.where(usable, bandwidth, self.bandwidth)
+
+    @property
+    def bandwidth_text(self) -> str:
+        """The bandwidth, or the range of several, with its unit."""
+        return f"{_text(self.bandwidth)} rad/s"
+
     @property
     def text(self) -> str:
         """Bandwidth and damping ratio."""
-        return f"{_text(self.bandwidth)} rad/s and a damping ratio of {self.damping:.3g}"
+        return f"{self.bandwidth_text} and a damping ratio of {self.damping:.3g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,13 +465,10 @@ class SearchResult:
 
 
 def search(
-    target: TargetBehaviour,
-    family: LinearFamily,
-    synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]],
-    antiresonance: float,
-    each: bool = True,
+    target: TargetBehaviour, family: LinearFamily,
+    synthesis: Callable[[np.ndarray, np.ndarray], tuple[HJISolution, float]], antiresonance: float, each: bool = True,
     near: Candidate | None = None,
-) -> SearchResult:
+) -> SearchResult:  # fmt: skip
     """Search the weights with which the linear loop has the required bandwidth and damping.
 
     `synthesis` solves the problem for ω (n,) and ζ (n,), and returns solution and γ*. `antiresonance` is the lowest

@@ -140,11 +140,9 @@ NOTHING = 1e-9
 
 
 def search_noise(
-    setup: LoopSetup,
-    damping: float | None = None,
-    progress: Callable[[str], None] = lambda text: None,
+    setup: LoopSetup, damping: float | None = None, progress: Callable[[str], None] = lambda text: None,
     levels: EstimatorNoise | None = None,
-) -> NoiseSearch | None:
+) -> NoiseSearch | None:  # fmt: skip
     """The levels with the least noise at the motors that keep every limit, or those that miss the limits least.
 
     Only the linear part of the law at the goal matters. `damping` is required of every oscillation of the running loop.
@@ -237,11 +235,9 @@ class _Search:
         # Metrics of the choice by a dense frequency sweep, as the evaluation of the design computes them.
         exact = Margins(self.filtered.margins(chosen.levels.covariance(self.setup.model.states)).linear)
         chosen = replace(
-            chosen,
-            peak_sensitivity=exact.peak_sensitivity,
-            gain_margin=exact.gain_margin,
+            chosen, peak_sensitivity=exact.peak_sensitivity, gain_margin=exact.gain_margin,
             compliance=exact.compliance(self.top) / self.stiff,
-        )
+        )  # fmt: skip
         # The Pareto front of noise, damping and compliance, by rising noise.
         metrics = np.array([[each.input_noise, -each.damping, each.compliance] for each in self.tried])
         front = [

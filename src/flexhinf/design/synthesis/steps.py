@@ -506,10 +506,8 @@ class _Steps(Task):
             first = chosen.search.chosen
             if whole.better:
                 chosen = channels.problem(
-                    whole.frequency * first.target_frequency,
-                    whole.damping * first.damping_weights,
-                    whole.fraction,
-                )
+                    whole.frequency * first.target_frequency, whole.damping * first.damping_weights, whole.fraction,
+                )  # fmt: skip
         return solve_hji(chosen.problem, chosen.gamma, degree)
 
 

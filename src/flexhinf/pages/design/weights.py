@@ -94,7 +94,7 @@ def _search(search: SearchResult, target: TargetBehaviour, replaced: bool) -> Bl
     candidates = sorted(search.candidates[: -1 if replaced else None], key=lambda c: c.damping_weight)
     yield Paragraph(
         "R2 is fixed. For each damping weight ζ of all vibrations the target frequency ω of every joint is moved until "
-        f"it has its bandwidth of {range_text(target.bandwidth)} rad/s; ζ is the smallest with which every oscillation "
+        f"it has its bandwidth of {target.bandwidth_text}; ζ is the smallest with which every oscillation "
         f"has a damping ratio of {target.damping:g}. The search evaluated {count_text(len(candidates), 'candidate')} "
         "on the linear part with the true state fed back, each by its worst over the nominal robot and corners of its "
         f"tolerances.{' The weights in use are of the search on the running loop (below).' if replaced else ''}"
