@@ -27,7 +27,7 @@ from flexhinf.cli.arguments import (
 )
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
-from flexhinf.errors import FlexhinfError, refuse_if
+from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
 
@@ -146,12 +146,12 @@ def run(arguments: Sequence[str] | None = None) -> int:
     with recorded() as written:
         try:
             for word in command:  # what is no text could be printed nowhere
-                refuse_if(
-                    any("\ud800" <= character <= "\udfff" for character in word),
-                    "A word of the command is no text in UTF-8.",
-                    f"got {value_text(word)}",
-                    "names and folders in UTF-8",
-                )
+                if any("\ud800" <= character <= "\udfff" for character in word):
+                    raise InvalidInput(
+                        "A word of the command is no text in UTF-8.",
+                        f"got {value_text(word)}",
+                        "names and folders in UTF-8",
+                    )
             code = app(args=command, prog_name="flexhinf", standalone_mode=False)
             if code == INTERRUPTED:  # the option parser has caught Ctrl-C
                 return interrupted(written())
