@@ -71,7 +71,7 @@ def test_the_contract_catches_what_it_is_there_for(
     assert complaint in outcome.stdout
 
 
-#: What loads a module of the package by its name, which the contract does not see: file, and the module. A room above or
+#: What loads a module of the package by its name, which the contract does not see: file and module. A room above or
 #: beside is loaded when a method is called; the package loads `design` once, so that ``fh.design`` stays a function.
 LOADED_BY_NAME = {
     ("__init__.py", "flexhinf.design"),

@@ -83,7 +83,7 @@ class ImpulseRuns:
             s,
             damping,
             self.damping,
-            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
+            "nonlinear loop at rest at the goal, impulse on one joint after the other, nominal robot, no noise",
             joint=required.of_several(self.responses[0].joints, self.worst),
         )
 
