@@ -159,6 +159,22 @@ def _wrapped(names: list[str], indent: str) -> list[str]:
     return [*lines, line.rstrip()] if line.strip() else lines
 
 
+def size() -> str:
+    """Files, lines and statements of every room; lines and statements with three digits."""
+    named = [room for row in floors() for room in row if (PACKAGE / room).is_dir()]
+    own, every = sorted(PACKAGE.glob("*.py")), sorted(PACKAGE.rglob("*.py"))
+    groups = {f"`{room}`": sorted((PACKAGE / room).rglob("*.py")) for room in named}
+    lines = ["| room | files | lines | statements |", "|---|---:|---:|---:|"]
+    for name, files in (*groups.items(), ("the package's own files", own), ("all", every)):
+        texts = [file.read_text(encoding="utf-8") for file in files]
+        statements = sum(isinstance(node, ast.stmt) for text in texts for node in ast.walk(ast.parse(text)))
+        counts = sum(len(text.splitlines()) for text in texts), statements
+        lines.append(
+            f"| {name} | {len(files)} | " + " | ".join(f"{float(f'{n:.3g}'):,.0f}" for n in counts) + " |"
+        )
+    return "\n".join(lines)
+
+
 #: Of the figure, px.
 WIDTH, HEIGHT, BOX, GAP = 860, 62, 96, 18
 
@@ -386,6 +402,7 @@ def arm() -> str:
 QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "options": ("docs/design.md", options),
     "rooms": ("docs/architecture.md", rooms),
+    "size": ("docs/architecture.md", size),
     "arm": ("docs/hardware.md", arm),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),

@@ -71,6 +71,63 @@ def test_the_contract_catches_what_it_is_there_for(
     assert complaint in outcome.stdout
 
 
+#: What loads a module of the package by its name, which the contract does not see: file and module. A room above or
+#: beside is loaded when a method is called; the package loads `design` once, so that ``fh.design`` stays a function.
+LOADED_BY_NAME = {
+    ("__init__.py", "flexhinf.design"),
+    ("design/pipeline.py", "flexhinf.pages"),  # `save` of a design and of a comparison
+    ("paper/reproduction.py", "flexhinf.pages.paper"),  # `Reproduction.files`
+    ("loop/controller/laws.py", "flexhinf.estimation"),  # the estimators that a file of a controller names
+}
+
+
+def loaded_by_name(tree: ast.Module, package: str) -> set[str]:
+    """The modules that a file gives to `import_module`: as texts, names of constants, or an argument's name."""
+    named = {"__name__": package}
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant):
+            named |= {target.id: node.value.value for target in node.targets if isinstance(target, ast.Name)}
+
+    def text_of(node: ast.expr) -> str:
+        if isinstance(node, ast.JoinedStr):
+            return "".join(map(text_of, node.values))
+        if isinstance(node, ast.FormattedValue):
+            return text_of(node.value)
+        return node.value if isinstance(node, ast.Constant) else named.get(node.id, node.id)
+
+    return {
+        text_of(node.args[0])
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and getattr(node.func, "id", getattr(node.func, "attr", "")) in ("import_module", "__import__")
+    }
+
+
+def test_modules_loaded_by_name_are_listed(repository: Path) -> None:
+    package = repository / "src" / "flexhinf"
+    found = {
+        (file.relative_to(package).as_posix(), name)
+        for file in package.rglob("*.py")
+        for name in loaded_by_name(ast.parse(file.read_text(encoding="utf-8")), "flexhinf")
+    }
+    libraries = {
+        ("robot/mujoco.py", "mujoco"),
+        ("robot/mujoco.py", "mujoco.viewer"),
+        ("validation.py", "package"),  # `extra_package`: its argument
+    }
+    assert found == LOADED_BY_NAME | libraries
+
+
+def test_a_lazy_room_names_its_own_files_only(repository: Path) -> None:
+    """The names of a stub are loaded on first use; the contract does not read stubs."""
+    stubs = sorted((repository / "src" / "flexhinf").rglob("__init__.pyi"))
+    assert len(stubs) >= 3
+    for stub in stubs:
+        nodes = ast.walk(ast.parse(stub.read_text(encoding="utf-8")))
+        parts = [node for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))]
+        assert {getattr(node, "level", 0) for node in parts if "__future__" not in ast.dump(node)} == {1}
+
+
 def test_no_text_names_a_path_of_somebodys_machine(repository: Path) -> None:
     found = {
         str(file.relative_to(repository)): match.group()

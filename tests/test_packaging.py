@@ -29,6 +29,15 @@ def test_the_page_of_the_package_has_no_link_into_the_repository(repository: Pat
     assert [link for link in links if not link.startswith("https://")] == []
 
 
+@pytest.mark.parametrize("page", ["README.md", "docs/package.md"])
+def test_every_extra_is_named(page: str, repository: Path) -> None:
+    project = tomllib.loads((repository / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    text = (repository / page).read_text(encoding="utf-8")
+    assert [
+        name for name in project["optional-dependencies"] if name != "test" and f"`{name}`" not in text
+    ] == []
+
+
 @pytest.mark.parametrize("page", ["README.md", "docs"])
 def test_links_between_pages_lead_somewhere(page: str, repository: Path) -> None:
     pages = [repository / page] if page.endswith(".md") else (repository / page).glob("*.md")

@@ -18,10 +18,10 @@ TAIL = 0.2
 
 
 def carried(design: Design, mass: float) -> dict[str, Any]:
-    """Step, sag, margins and weighing with a true payload of this mass (kg).
+    """Step, deflection, margins and weighing with a true payload of this mass (kg).
 
-    The step begins in equilibrium with the payload. The sag is that of the moment when the robot, at rest at the goal,
-    grips it: the weight beyond what the model carries acts on all links at once, as a constant torque.
+    The step begins in equilibrium with the payload. The deflection is that when the robot, at rest at the goal, grips
+    it: the weight beyond what the model carries acts on all links at once, as a constant torque.
     """
     setup, runs = design.setup, design.scenario
     robot, name = setup.robot, next(p.name for p in setup.robot.parameters if p.name.startswith("payload"))

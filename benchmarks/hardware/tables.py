@@ -43,7 +43,7 @@ def robots(folder: Path) -> str:
     head = (
         "robot, measured", "damping of the running loop: asked, before → now", "worst overshoot of 200 robots",
         "noise at the motor, share of its limit", "largest input of the step, of its limit",
-        "hunting at rest", "not met", "CPU time to design",
+        "limit cycle at rest", "not met", "CPU time to design",
     )  # fmt: skip
     lines = _head(head)
     for name, measured in _measured():
@@ -119,7 +119,7 @@ def reasons(folder: Path) -> str:
 def payload(folder: Path) -> str:
     """A payload on the arm, a line for each design and mass that is carried."""
     head = (
-        "the model", "carried", "step: overshoot, settling", "gripping it: sag, recovery, what remains",
+        "the model", "carried", "step: overshoot, settling", "gripping it: deflection, recovery, what remains",
         "largest input of both, of its limit", "damping, peak sensitivity, gain margin", "weighed",
     )  # fmt: skip
     lines = _head(head)
@@ -161,9 +161,9 @@ def arm(folder: Path) -> str:
         f"Measured: {met}. The running loop has a damping ratio of {_damping(row['damping'])} with 1.5 kg, and of at "
         f"least {_damping(worst)} between 0 and 3 kg; the worst of {row['samples']} sampled robots overshoots by "
         f"{_percent(row['overshoot'])}; noise takes {noise} of what a motor gives, the step and gripping 3 kg at most "
-        f"{gripping}; at rest no joint moves by more than {_short(1e3 * max(row['hunting']))} mrad. Gripping 3 kg, it "
-        f"sags by {_short(1e3 * ends[-1]['sag'])} mrad and is back within 2 % of the step after "
-        f"{_seconds(ends[-1]['recovery'])}."
+        f"{gripping}; at rest no joint moves by more than {_short(1e3 * max(row['hunting']))} mrad. "
+        f"Gripping 3 kg deflects it by {_short(1e3 * ends[-1]['sag'])} mrad, and it is back within 2 % of the "
+        f"step after {_seconds(ends[-1]['recovery'])}."
     )
 
 

@@ -1,4 +1,4 @@
-"""Hunting at rest: found, judged, named in every report, and what helps; on two links with their motors measured."""
+"""Limit cycles at rest: found, judged, in every report, and what helps; on two links with their motors measured."""
 
 from dataclasses import fields, replace
 from types import SimpleNamespace
@@ -33,7 +33,7 @@ def with_options(setup: LoopSetup, **options) -> LoopSetup:
 
 
 @pytest.mark.slow
-def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
+def test_a_limit_cycle_is_found_with_its_joint_amplitude_and_period(setup):
     run = check_limit_cycle(setup)
     assert run is not None
     assert run.oscillating == (0,)
@@ -49,7 +49,7 @@ def test_hunting_is_found_with_its_joint_amplitude_and_period(setup):
 
 
 @pytest.mark.slow
-def test_a_dead_zone_as_wide_as_the_hunting_ends_it(setup):
+def test_a_dead_zone_as_wide_as_the_limit_cycle_ends_it(setup):
     changed, run = end_limit_cycle(setup)
     assert run is not None
     assert run.without is not None
@@ -118,7 +118,7 @@ def test_feedforward_with_friction_follows_the_move_better(setup):
     assert errors[0] < 0.75 * errors[1]
 
 
-def test_every_report_says_who_hunts(setup):
+def test_every_report_says_which_joint_oscillates(setup):
     """The section of the page, its note, the table of the terminal and the numbers, from the run alone."""
     run = check_limit_cycle(setup)
     assert run is not None
@@ -135,7 +135,7 @@ def test_every_report_says_who_hunts(setup):
     other = next(long_run(cast(Design, design))).text
     assert "both sides" not in other  # old code advised what is there already
     assert unnamed(other, "another `--integral-dead-zone`", "sides") == ["sides"]
-    assert "hunts" in table.html()
+    assert "limit cycle" in table.html()
     assert "below" in table.html()
     assert "<svg" in figure.html()
     still = SimpleNamespace(**{**vars(design), "limit_cycle": None})

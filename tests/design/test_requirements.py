@@ -277,3 +277,16 @@ def test_another_number_of_limits_than_joints_is_refused_in_the_syntax_of_the_us
         limits_of(Specification(**asked))
     assert f"{name}=(87.0, 87.0)" in str(refused.value)
     assert error_text(refused.value).endswith(f"--{name.replace('_', '-')} 87,87")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("delay_margin", 1.0, " sample"),
+        ("delay_margin", 2.0, " samples"),
+        ("overshoot", 1.0, " %"),
+        ("corners", 1.0, ""),
+    ],
+)
+def test_one_sample_is_no_plural(key: str, value: float, text: str) -> None:
+    assert REQUIREMENTS[key].unit_text(value) == text

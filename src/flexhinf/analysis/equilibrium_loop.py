@@ -221,9 +221,9 @@ class EquilibriumLoop:
             integral, position = self.law.operating_point[len(x) :], np.zeros(self.step.k)
         else:
             integral, position = equilibrium_integrals(self.step.law_rows, x, u), self.command
-        queues = self.step.steady_queues(u, self.command)
+        waiting = self.step.latency_memory(u, self.command)
         return np.concatenate(
-            [self._true_start(x, u), self.step.settled(x, u), u, integral, position, queues]
+            [self._true_start(x, u), self.step.settled(x, u), u, integral, position, waiting]
         )
 
     def _true_start(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:

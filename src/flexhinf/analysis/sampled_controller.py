@@ -461,7 +461,7 @@ class SampledController:
             beliefs.append(stacked(beliefs[-1], u).through(lambda v: self._predict(v, held)))
         return beliefs[1:]
 
-    def steady_queues(self, u: np.ndarray, command: np.ndarray) -> np.ndarray:
+    def latency_memory(self, u: np.ndarray, command: np.ndarray) -> np.ndarray:
         """The part of the memory that a latency adds, where input (m,) and command (k,) stand still."""
         return np.concatenate([np.tile(u, self.latency), np.tile(command, self.latency * self.moving)])
 

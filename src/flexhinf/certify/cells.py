@@ -396,7 +396,8 @@ def _disproved(bounds: CellBounds, cells: Records, results: Records, level: floa
 
 
 def _halves(bounds: CellBounds, cells: Records, results: Records) -> Outcome | Records:
-    """Both halves of every cell. Of a cell cut in ρ only the inner half: the outer one follows when it is accepted."""
+    """Halves of every cell; of a cell cut in ρ the inner half only. The outer half is made when the inner one is
+    accepted."""
     length, d = cells.outer - cells.inner, bounds.n - 1
     score = np.where(results.score >= 0, results.score, 0.0)
     vague = ~np.isfinite(results.allowance) | ~(score.sum(1) > 0)

@@ -478,7 +478,7 @@ class _Kernel(Writer):
         self.output("upper_inside", self.load(best))
 
     def _scores(self) -> None:
-        """How much each variable's nonlinear coefficients add to the bound: what a cell is split by."""
+        """For each variable, how much its nonlinear coefficients add to the bound; a cell is split in the largest."""
         shape, d = self.shape, self.shape.directions
         scores = [self.sum() for _ in range(shape.states)]
         centre, *others = shape.whole.groups[: LOW + 1]

@@ -427,15 +427,15 @@ class StartSurface(Slice):
 
 @dataclass(frozen=True, eq=False)
 class LimitSlice(Slice):
-    """The plane through the goal, the point that limits the sampled level (`up` = 1) and another one (`across` = 1).
+    """The plane through the goal, the point that limits the sampled level (`up` = 1) and a second point (`across` = 1).
 
-    The other one is the largest proved start, or where that lies near the first, a unit of one state with the others
-    where V_2 is smallest.
+    The second point is the largest proved start. If that is nearly in line with the first, one state is set to 1
+    instead, and the other states to the values that minimise V_2.
     """
 
     limit: str  # what fails there, as `SampledCheck.limit`
     point: np.ndarray  # (n,): deviation at which the level ends
-    moved: int | None  # place of the state that is moved, None for the largest start
+    moved: int | None  # index of the state that is 1, None for the largest start
 
 
 @dataclass(frozen=True, eq=False)

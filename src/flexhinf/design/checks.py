@@ -81,7 +81,7 @@ class ImpulseRuns:
         """The requirement on the damping after an impulse: that of every oscillation of the running loop."""
         return required.REQUIREMENTS["ring_down"].judge(
             s, damping, self.damping,
-            "nonlinear loop at rest at the goal, struck on one joint after the other, nominal robot, no noise",
+            "nonlinear loop at rest at the goal, impulse on one joint after the other, nominal robot, no noise",
             joint=required.of_several(self.responses[0].joints, self.worst),
         )  # fmt: skip
 

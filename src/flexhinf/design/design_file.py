@@ -83,7 +83,8 @@ def _fitted(value: float, unit: str) -> str:
 
 
 def per_signal(robot: Robot, measured: Sequence[str], values: Any) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-    """Values of measured signals, and the signals; a value of a name is repeated for each signal of that name."""
+    """A value for each measured signal, and the signals. A value of a name such as link_position holds for each of its
+    signals."""
     signals = expanded(measured, SENSORS, robot.joint_names, robot.rigid)
     parts = _parts(values)
     if len(parts) != len(signals) and len(parts) == len(measured):

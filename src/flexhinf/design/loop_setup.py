@@ -346,8 +346,8 @@ class LoopSetup(LoopPlants):
     def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
         """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
 
-        `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the input continues
-        from what holds the model there.
+        `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the first input
+        is the one that holds the model at `at`.
         """
         return Controller(
             self.law, self.estimator(at, deployed=True), self.specification.period, self.limits.saturated,
@@ -416,7 +416,7 @@ class LoopSetup(LoopPlants):
     # Controllers of the runs, made once so that their kernels are shared --------------------------------
     @cached_property
     def bumpless_controller(self) -> Controller:
-        """The controller as deployed: its input continues from what held the robot at the start."""
+        """The controller as deployed: its first input is the one that holds the robot at the start."""
         return self.controller(self.start)
 
     @cached_property

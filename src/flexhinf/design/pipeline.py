@@ -84,12 +84,12 @@ def status_of(
     degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
     missed: dict[str, None] = {}  # no text twice
     for line in (line.converted(degrees) for line in lines if not line.met):
-        sign, unit = "≤" if line.at_most else "≥", line.unit_text
+        sign, found = "≤" if line.at_most else "≥", f"{line.found:.3g}{line.unit_text(line.found)}"
         joint = f" in {line.joint}" if line.joint else ""
         at = "" if line.at is None else f" at {line.at:.3g} s"
         place = f"; {line.where}" if names.count(line.what) > 1 else ""
-        limit = f"(required {sign} {line.limit:.3g}{unit}{place})"
-        missed[f"{line.what} {line.found:.3g}{unit}{joint}{at} {limit}"] = None
+        limit = f"(required {sign} {line.limit:.3g}{line.unit_text(line.limit)}{place})"
+        missed[f"{line.what} {found}{joint}{at} {limit}"] = None
     past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
     scope = [
         *dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance),

@@ -313,10 +313,10 @@ class Requirement:
         met = f"met within {100.0 * TOLERANCE:g} %" if self.within_tolerance else "met"
         return met if self.met else "NOT MET"
 
-    @property
-    def unit_text(self) -> str:
-        """The unit as it stands behind a number: with a space, but for degrees."""
-        return self.unit if self.unit in ("", "°") else f" {self.unit}"
+    def unit_text(self, value: float) -> str:
+        """The unit as it stands behind a value: with a space, but for degrees; 1 sample, 2 samples."""
+        unit = "sample" if (self.unit, value) == ("samples", 1.0) else self.unit
+        return unit if unit in ("", "°") else f" {unit}"
 
     def converted(self, degrees: bool) -> Requirement:
         """The requirement with angles and speeds of links in `degrees` where the report has them; bandwidths stay."""
@@ -341,7 +341,8 @@ _ROWS = {
     "damping": ("damping of oscillations", "", "≥", "damping",
         "smallest damping ratio of every oscillation, the estimator's included"),
     "ring_down": ("damping in the ring-down", "", "≥", "damping",
-        "smallest damping ratio of every oscillation that makes up 5 % of the struck joint's velocity or input"),
+        "smallest damping ratio of every oscillation that makes up 5 % of the velocity or input of the joint with "
+        "the impulse"),
     "peak_sensitivity": ("peak sensitivity", "", "≤", "peak_sensitivity",
         "largest singular value of S at the plant's inputs, over all frequencies"),
     "gain_margin": ("gain margin", "", "≥", "gain_margin",
@@ -359,10 +360,10 @@ _ROWS = {
         "largest distance of a true link position from the move, of the joint nearest to its limit"),
     "final": ("distance after the move", "", "≤", "",
         "largest distance from the end of the move in the last tenth of the run; required: 2 % of the joint's way"),
-    "limit_cycle": ("hunting at rest", "", "≤", "",
+    "limit_cycle": ("limit cycle at rest", "", "≤", "",
         "largest amplitude of a link position in the last half; the limit is three standard deviations of a measured "
         "position, or one step of its sensor"),
-    "load_step": ("remaining sag", "", "≤", "",
+    "load_step": ("remaining deflection", "", "≤", "",
         "largest deviation of a link in the last tenth; the limit is 2 % of its step"),
     "deadlines": ("missed deadlines", "%", "≤", "",
         "samples whose input was not there before the next sample was due"),

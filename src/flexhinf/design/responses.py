@@ -358,7 +358,7 @@ class JointLimits:
 
     @property
     def effort(self) -> np.ndarray:
-        """The smaller of requirement and saturation (n,)."""
+        """Effort limit of each motor (n,): the smaller of the required one and the saturation."""
         return np.minimum(self.peak, self.saturation)
 
     @property

@@ -213,9 +213,9 @@ class Specification:
         "Step of every measurement, in its unit: 1e-4, or one per name of --measured, or per measured signal, such as "
         "0.01deg,0.1Nm; the estimator does not know of it.", "1e-4", "rad, m, …")
     integral_dead_zone: options.Distances | None = option(None, ADVANCED,
-        "Errors up to this size are not integrated, against hunting: 1e-3 (rad, m), 0.05deg, or one per joint; "
+        "Errors up to this size are not integrated, against limit cycles: 1e-3 (rad, m), 0.05deg, or one per joint; "
         "0: none.", "1e-3", "rad, m",
-        default="none, or the amplitude of the hunting that dry friction causes")
+        default="none, or the amplitude of the limit cycle that dry friction causes")
     load: options.Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
     draws: options.Count | None = option(None, TRIED,

@@ -291,9 +291,9 @@ def criterion_for(
 
 
 def check_mode(mode: str, advice: str) -> None:
-    """Refuse what is none of `MODES`."""
+    """Refuse a mode of tuning that is not in `MODES`."""
     refuse_if(
-        mode not in MODES, "There is no such way to tune.", f"expected {', '.join(MODES)}, got {mode!r}", advice,
+        mode not in MODES, "There is no such mode of tuning.", f"expected {', '.join(MODES)}, got {mode!r}", advice,
     )  # fmt: skip
 
 

@@ -90,7 +90,7 @@ def requirements(design: Design) -> Blocks:
 
 def limit_text(line: Requirement) -> str:
     """The limit with its sign and unit, for example ``≤ 60 V``."""
-    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text}"
+    return f"{'≤' if line.at_most else '≥'} {number(line.limit, 3)}{line.unit_text(line.limit)}"
 
 
 def achieved_text(line: Requirement) -> str:
@@ -99,7 +99,7 @@ def achieved_text(line: Requirement) -> str:
         return "diverges" if line.at_most else "unlimited"
     places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
     where = f" ({', '.join(filter(None, places))})" if any(places) else ""
-    return f"{number(line.found, 3)}{line.unit_text}{where}"
+    return f"{number(line.found, 3)}{line.unit_text(line.found)}{where}"
 
 
 def requirement_text(line: Requirement) -> str:
@@ -545,7 +545,7 @@ def _simulation(e: LawEvaluation) -> Rows:
         ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
          _source(s, "quantisation")),
         ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, position,
-         _source(s, "integral_dead_zone", "ours: against hunting")),
+         _source(s, "integral_dead_zone", "ours: against limit cycles")),
         ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
         ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
         ("length of the step", runs.step_duration, "s", _source(s, "duration", "by the slowest mode, 0.5 to 20 s")),

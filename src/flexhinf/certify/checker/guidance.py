@@ -82,7 +82,10 @@ _POINTS, _NEAREST = 200, 1e-6  # along a ray at which r is looked at, and the fi
 
 
 def refute_at_corners(claim: Claim, exact: Residual, failed: list[Corner]) -> None:
-    """Raise a `Refusal` where r > 0 at a point with V ≤ c, shown in balls, for parameters at a corner of their box."""
+    """Raise a `Refusal` if r > 0 at a point with V ≤ c, for parameters at a corner of their box.
+
+    The points lie on a ray for each corner, along which its quadratic form of r is largest; r > 0 is shown in balls.
+    """
     value = np.array(_doubles(form_of(exact.value)))
     parts: list[tuple[Any, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
     rows = [row_of(argument) for argument in exact.arguments]

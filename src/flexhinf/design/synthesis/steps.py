@@ -231,7 +231,8 @@ class _WholeLoop:
         return float(gained + MISSED * missed)
 
     def settings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """ω and ζ (n,), and the fraction of what the channels can cover, of x (5,)."""
+        """Of a point x (5,) of the search: target frequencies ω (n,), rad/s, damping weights ζ (n,), and the fraction
+        of the tolerances that the channels stand for."""
         weights = self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
         return *weights, float(np.clip(x[4], MIN_FRACTION, 1.0))
 

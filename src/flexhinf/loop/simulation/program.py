@@ -216,9 +216,7 @@ def loop_program(
     truth = b.whole("truth", 1 + sizes["parameters"], "in")
     command = b.row("reference", sizes["r"], "in", many)
     ahead = controller.mode.latency * controller.mode.moving * sizes["r"]
-    acting = [
-        replace(row, offset=ahead) for row in command
-    ]  # the command where the input of this sample acts
+    ahead_rows = [replace(row, offset=ahead) for row in command]  # the command where this sample's input acts
     if options is None:
         y, noise = b.row("outputs", sizes["y"], "out"), b.row("noise", sizes["y"], "in")
         estimate = b.row("estimates", sizes["estimate"], "out")
@@ -227,7 +225,7 @@ def loop_program(
         estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
     control, scratch = controller.steps(
         {
-            "y": y[0], "r": acting[0] if acting else None, "memory": memory[0], "data": data[0],
+            "y": y[0], "r": ahead_rows[0] if ahead_rows else None, "memory": memory[0], "data": data[0],
             "u": u[0], "estimate": estimate[0],
         }
     )  # fmt: skip

@@ -150,8 +150,8 @@ def payload(design: Design) -> Blocks:
     yield Table(
         (
             "payload", Column("overshoot", "%", 2), Column("settling", "s", 3),
-            Column("peak input", units_of(e).effort), Column("sag when gripped", unit), Column("back after", "s", 2),
-            Column("remaining sag", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
+            Column("peak input", units_of(e).effort), Column("deflection under it", unit), Column("back after", "s", 2),
+            Column("remaining deflection", unit), Column("damping", "", 3), Column("peak sensitivity", "", 2),
             Column("gain margin", "", 2),
         ),
         rows,
@@ -196,7 +196,7 @@ def payload_text(design: Design) -> str:
         else "and is not back within 2 % of its step in the run"
     )
     size = f"{units.small_text(load.deflection.value, 2)}{in_joint(load.deflection.joint, design.robot.joint_names)}"
-    return f"{text}; gripping it the robot sags by {size} {back}."
+    return f"{text}; gripping it deflects the robot by {size} {back}."
 
 
 # The planned move ---------------------------------------------------------------------------------------
@@ -309,11 +309,13 @@ def ring_down(design: Design) -> Blocks:
     """Ring-down of the loop after an impulse on each link: figure and table; nothing where a run diverged."""
     runs, units = design.evaluation.ring_down, units_of(design.evaluation)
     if runs.ring_down is None:
-        yield note(f"After a blow on {runs.responses[0].joints[runs.worst]} at the goal the loop diverges.")
+        yield note(
+            f"After an impulse on {runs.responses[0].joints[runs.worst]} at the goal the loop diverges."
+        )
         return
     if not runs.exponential:
         yield note(
-            "After a blow the loop does not decay as a linear one does (dry friction, backlash or limits), and "
+            "After an impulse the loop does not decay as a linear one does (dry friction, backlash or limits), and "
             f"{'comes' if runs.ring_down.rests else 'does not come'} to rest; the damping ratios are those of the "
             "nearest decaying oscillations."
         )
@@ -404,7 +406,7 @@ def long_run(design: Design) -> Blocks:
         return
     dry, outcome = [name for name in run.extras if name in DRY], ""
     if run.oscillating:
-        outcome, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: hunting", ""
+        outcome, narrow = f"{run.response.run.time[-1]:.3g} s at rest with dry friction: limit cycle", ""
         both = all(
             any(name.startswith(side) for name in s.measured) for side in ("link_position", "motor_position")
         )
@@ -438,7 +440,7 @@ def long_run(design: Design) -> Blocks:
             {
                 **row,
                 "frequency": _frequency(row["frequency_Hz"]) if row["amplitude"] > 0.5 * run.limit else "–",
-                "result": "hunts" if row["amplitude"] > run.limit else "below the limit",
+                "result": "limit cycle" if row["amplitude"] > run.limit else "below the limit",
             }
             for row in long_run_rows(run)
         ],
@@ -485,7 +487,7 @@ def _long_run_figure(design: Design, run: LimitCycleCheck) -> Figure:
             joint_panel("input", units.effort, few, joints, _extremes(time, inputs)[1]),
         ),
         f"The last half of {response.run.time[-1]:.3g} s at the goal, without measurement noise. Dry friction is "
-        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is hunting.",
+        f"{friction}. An amplitude beyond {units.small_text(run.limit, 3)} is a limit cycle.",
         "At rest with dry friction",
     )
 
