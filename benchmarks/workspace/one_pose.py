@@ -51,7 +51,8 @@ class OnePose:
     def specification(self) -> fh.Specification:
         """What is asked of the design."""
         return fh.Specification(
-            measured=self.measured, measurement_noise=VARIANCE, delay=PERIOD, draws=0, rays=0, compare_rigid=False
+            measured=self.measured, measurement_noise=VARIANCE, unknown_delay=PERIOD, draws=0, rays=0,
+            compare_rigid=False,
         )  # fmt: skip
 
     def start(self, q: np.ndarray) -> None:

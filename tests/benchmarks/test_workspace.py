@@ -490,7 +490,7 @@ def test_the_linear_loop_of_the_law_of_one_pose_is_flexhinfs(tmp_path: Path) -> 
         law.controller.law, law.controller.estimator, arm.robot.plant(links, extras=("joint_damping",)), PERIOD,
         equilibrium=arm.robot.operating_point(q), moving=True, delay=1,
     ).linear()  # fmt: skip
-    theirs = np.abs(loop.running.multipliers)
+    theirs = np.abs(loop.closed_loop.multipliers)
     assert np.sort(mine)[::-1][:10] == pytest.approx(np.sort(theirs)[::-1][:10], abs=1e-7)
     run = trip(PLANTS["mujoco"], law, [arm], [short(arm)], Condition("test"))
     assert run.refused == 0
