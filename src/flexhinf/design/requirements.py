@@ -28,9 +28,9 @@ from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import (
     SETTLING_BAND,
     Command,
+    step_reduction,
     updated_late_error,
     updated_peak,
-    step_reduction,
 )
 from flexhinf.robot.signals import signal_names
 
