@@ -176,7 +176,7 @@ def without_effect(
         idle |= _of_certificate(robot, s, preset, tolerances)
         if observer:
             idle.pop("measured", None)
-    return _asked(s, idle)
+    return _active(s, idle)
 
 
 def without_effect_on_run(s: Specification, robot: Robot, noise: bool, commanded: bool) -> dict[str, str]:
@@ -191,11 +191,11 @@ def without_effect_on_run(s: Specification, robot: Robot, noise: bool, commanded
         idle |= dict.fromkeys(("pose", "start", "overshoot"), 'a step (--move "" takes back the move)')
     elif not commanded:
         idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
-    return _asked(s, idle)
+    return _active(s, idle)
 
 
 # a seed of 0 is a seed
-def _asked(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:
+def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:
     return {name: needs for name, needs in idle.items() if name == "seed" or getattr(s, name)}
 
 
