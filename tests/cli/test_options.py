@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import re
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +18,8 @@ import flexhinf as fh
 from flexhinf import pages
 from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
 from flexhinf.cli.commands import app
-from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS
+from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS, CompareOptions
+from flexhinf.design.laws import DEFAULT_LAWS, DESIGN
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis import by_step
 from flexhinf.options import CampaignOptions, declared, option_name
@@ -261,6 +264,17 @@ def test_what_would_be_ignored_is_refused(
     )
     told = refused(words.split(), option, folder)
     assert option in told.splitlines()[0]
+
+
+def test_the_help_of_laws_names_them_all_and_loads_no_synthesis() -> None:
+    text = declared(CompareOptions)["laws"].about.text
+    assert [name for name in DEFAULT_LAWS if name not in re.split(r"[ ,;]+", text)] == [DESIGN]
+    code = (
+        "import sys, flexhinf.cli.commands; assert 'flexhinf.design.laws' in sys.modules;"
+        "print({'flexhinf.design.pipeline', 'flexhinf.design.synthesis', 'flexhinf.hinf'} & set(sys.modules))"
+    )
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert outcome.stdout.strip() == "set()"
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
