@@ -61,8 +61,7 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["--bandwidth", "0.5Hz,3", "--damping", "0.25", "--peak-voltage", "24", "--via", "0.35,0.55"]
-    loop = ["--measured", "motor_position", "--estimator", "none"]
-    true = [*loop, "--load", "0.1", "--unknown-delay", "1e-3", "--quantisation", "1e-5"]
+    true = ["--estimator", "none", "--load", "0.1", "--unknown-delay", "1e-3", "--quantisation", "1e-5"]
     code = main(["design", "planar-two-link", *words, *true, *QUICK])
     shown = capsys.readouterr().out
     assert code == ("NOT MET" in shown)
@@ -71,7 +70,7 @@ def test_a_behaviour_is_asked_for_and_every_line_of_it_is_told(
     design = tomllib.loads(text_of(folder, "design.toml"))["design"]
     assert design == {
         "robot": "planar-two-link", "bandwidth": [3.141592653589793, 3.0], "damping": 0.25, "peak_effort": 24.0,
-        "via": [[0.35, 0.55]], "measured": ["motor_position"], "load": 0.1, "unknown_delay": 1e-3, "quantisation": 1e-5,
+        "via": [[0.35, 0.55]], "load": 0.1, "unknown_delay": 1e-3, "quantisation": 1e-5,
         "estimator": "none", "degrees": [2], "rays": 0, "draws": 0, "compare_rigid": False,
     }  # fmt: skip
     again = "--via 0.35,0.55 --bandwidth 0.5Hz,3 --damping 0.25 --peak-voltage 24"

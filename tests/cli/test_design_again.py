@@ -27,7 +27,7 @@ def test_the_same_design_is_made_again(arm: str, folder: Path) -> None:
     (folder / "arm.toml").write_text(
         arm.replace("100.0", "{value = 100.0, tolerance = 10}"), encoding="utf-8"
     )
-    words = ["--bandwidth", "4", "--pose", "10deg", "--preset", "robust", "--seed", "3", *QUICK]
+    words = ["--bandwidth", "4", "--pose", "10deg", "--preset", "robust", "--seed=3", *QUICK, "--draws=2"]
     code = main(["design", "arm.toml", *words])
     assert main(["design", "flexhinf-design/design.toml", "--out", "below/again"]) == code
     first, again = folder / "flexhinf-design", folder / "below" / "again"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import re
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,10 +16,10 @@ from typer.main import get_command
 
 import flexhinf as fh
 from flexhinf import pages
-from flexhinf.cli.arguments import with_options
+from flexhinf.cli.arguments import with_options, without_effect, without_effect_on_run
 from flexhinf.cli.commands import app
-from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS
-from flexhinf.cli.without_effect import without_effect, without_effect_on_run
+from flexhinf.cli.options import CERTIFY_FIELDS, COMPARE_FIELDS, RUN_FIELDS, CompareOptions
+from flexhinf.design.laws import DEFAULT_LAWS, DESIGN
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.design.synthesis import by_step
 from flexhinf.options import CampaignOptions, declared, option_name
@@ -162,6 +164,18 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
         ("design", "paper", {"command": True}, {"command"}),
         ("design", "paper", {"command": True, "disturbances": ["link_torque"]}, set()),
         ("design", "paper", {"estimator": "none", "process_noise": 1e-9}, {"process_noise", "measurement_noise"}),
+        ("design", "paper", {"estimator": "none", "seed": 5}, {"measured"}),
+        ("design", "paper", {"estimator": "none", "seed": 5, "draws": 0}, {"measured"}),
+        ("design", "paper", {"estimator": "none", "seed": 5, "rays": 0}, {"measured", "proof_seconds"}),
+        (
+            "design", "paper", {"estimator": "none", "seed": 5, "rays": 0, "draws": 0},
+            {"measured", "proof_seconds", "seed"},
+        ),
+        ("design", "paper", {"seed": 5, "rays": 0, "draws": 0}, {"proof_seconds"}),
+        ("compare", "paper", {"estimator": "none", "seed": 5}, {"measured", "proof_seconds"}),
+        ("compare", "paper", {"estimator": "none", "seed": 5, "draws": 0}, {"measured", "proof_seconds", "seed"}),
+        ("certify", "paper", {"degrees": 2, "seed": 5}, {"proof_seconds", "seed"}),
+        ("certify", "paper", {"seed": 5}, {"proof_seconds"}),
         ("design", "paper", {"friction_model": True}, {"friction_model"}),
         ("design", "paper", {"friction_model": True, "extras": ["coulomb_friction"]}, set()),
         ("design", "paper", {"rays": 0, "checked_penalty": [1.0]}, {"checked_penalty", "proof_seconds"}),
@@ -181,7 +195,15 @@ def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_act_is_known(command: str, robot: str, fields: dict[str, Any], idle: set[str]) -> None:
-    always = {"checked_gamma_ratio", "measurement_noise", "shaping", "estimator", "measured", "proof_seconds"}
+    always = {
+        "checked_gamma_ratio",
+        "measurement_noise",
+        "shaping",
+        "estimator",
+        "measured",
+        "proof_seconds",
+        "seed",
+    }
     fields = {k: [v] if k in ("degrees", "start") else v for k, v in fields.items()}
     found = set(without_effect(command, fh.load_robot(robot), Specification(**fields)))
     assert found & {*fields, *idle} == idle
@@ -193,6 +215,9 @@ def test_the_checked_gain_is_not_that_of_all_tolerances() -> None:
     assert "checked_gamma_ratio" in without_effect("certify", robot, s, tolerances=True)
     assert "checked_gamma_ratio" not in without_effect("certify", robot, s)
     assert "measured" not in without_effect("certify", robot, s, observer=True)
+    fed_back = Specification(degrees=(2, 4), estimator="none")
+    assert "measured" in without_effect("certify", robot, fed_back)
+    assert "measured" not in without_effect("certify", robot, fed_back, observer=True)
 
 
 def test_what_a_run_does_not_depend_on() -> None:
@@ -210,6 +235,8 @@ def test_what_a_run_does_not_depend_on() -> None:
     [
         ("design paper --tracking-error 1deg", "--tracking-error"),
         ("design arm.toml --draws 5", "--draws"),
+        ("design paper --estimator none --rays 0 --draws 0 --seed 5", "--seed"),
+        ("design paper --estimator none --measured motor_position,link_position", "--measured"),
         ("design paper --rays 0 --checked-gamma-ratio 2", "--checked-gamma-ratio"),
         ("compare paper --proof-seconds 5", "--proof-seconds"),
         ("certify paper --degrees 2 --overshoot 3", "--overshoot"),
@@ -237,6 +264,17 @@ def test_what_would_be_ignored_is_refused(
     )
     told = refused(words.split(), option, folder)
     assert option in told.splitlines()[0]
+
+
+def test_the_help_of_laws_names_them_all_and_loads_no_synthesis() -> None:
+    text = declared(CompareOptions)["laws"].about.text
+    assert [name for name in DEFAULT_LAWS if name not in re.split(r"[ ,;]+", text)] == [DESIGN]
+    code = (
+        "import sys, flexhinf.cli.commands; assert 'flexhinf.design.laws' in sys.modules;"
+        "print({'flexhinf.design.pipeline', 'flexhinf.design.synthesis', 'flexhinf.hinf'} & set(sys.modules))"
+    )
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert outcome.stdout.strip() == "set()"
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)

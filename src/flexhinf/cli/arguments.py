@@ -1,4 +1,4 @@
-"""Arguments and options of the commands, made from their declarations, and what commands say.
+"""Arguments and options of the commands, made from their declarations; options without effect; what commands say.
 
 Errors in three parts in the command line's own syntax, notes and progress go to standard error; exit codes.
 """
@@ -27,6 +27,8 @@ from flexhinf.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declare
 
 if TYPE_CHECKING:
     from flexhinf.design import DesignRequest
+    from flexhinf.design.specification import Specification
+    from flexhinf.robot import Robot
 
 
 def with_options(options: type, fields: Collection[str] = ()) -> Callable[[Any], Any]:
@@ -116,8 +118,6 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
 
 def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool) -> None:
     """Refuse options that cannot change what a command computes of this request; `options` as for `without_effect`."""
-    from flexhinf.cli.without_effect import without_effect
-
     command = str(context.info_name)
     refuse_stated(context, without_effect(command, request.robot, request.specification, **options))
 
@@ -131,6 +131,117 @@ def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
             f"expected it with {needs}; got it without",
             f"leave out {option_name(name)}",
         )
+
+
+# Options without effect. What is switched off (0, false, nothing) asks for nothing, and is never among them.
+#: States of a law for each joint, with its integral.
+STATES = 5
+
+#: Fields of an estimator alone.
+NOISES = ("process_noise", "torque_noise", "measurement_noise")
+
+#: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
+STEPPED = ("shaping", "quantisation", "friction_model", "integral_dead_zone")
+SEARCHED = (
+    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", *NOISES,
+    "extras", "latency", "unknown_delay",
+)  # fmt: skip
+
+#: What fields of a step would act on, where no step is run.
+RUNS = "several --degrees or a search for weights, by which runs of the step choose the law"
+
+
+def without_effect(
+    command: str, robot: Robot, s: Specification, *, tolerances: bool = False, observer: bool = False
+) -> dict[str, str]:
+    """Fields on which the result of ``design``, ``compare`` or ``certify`` does not depend, by name: what they act on.
+
+    `tolerances`, `observer`: of ``certify``.
+    """
+    from flexhinf.design.problem.presets import preset_of
+    from flexhinf.design.synthesis.by_step import rays_of
+
+    idle, preset, joints = _of_loop(robot, s), preset_of(robot, s), len(robot.joint_names)
+    sampled = command == "design" and rays_of(STATES * joints, s.rays) > 0
+    if s.estimator == "none" and not sampled and (not robot.uncertain or s.draws == 0):
+        idle["seed"] = "an estimator, robots within their tolerances (--draws) or a sampled region (--rays)"
+    if command == "design" and preset != "proved":
+        if not sampled:
+            idle |= dict.fromkeys(("checked_gamma_ratio", "checked_penalty"), "a sampled region (--rays)")
+        if not sampled or joints > 1 or s.via:
+            idle["proof_seconds"] = "a robot of one joint, one law (no --via) and a sampled region (--rays)"
+    elif command == "compare" and preset != "proved":
+        idle |= dict.fromkeys(("checked_penalty", "proof_seconds"), "--preset proved")
+    elif command == "certify":
+        idle |= _of_certificate(robot, s, preset, tolerances)
+        if observer:
+            idle.pop("measured", None)
+    return _active(s, idle)
+
+
+def without_effect_on_run(s: Specification, robot: Robot, noise: bool, commanded: bool) -> dict[str, str]:
+    """Fields on which a run of a finished controller does not depend, as `without_effect`.
+
+    `noise`: whether measurements have noise. `commanded`: whether the controller takes a command.
+    """
+    idle, random = _of_loop(robot, s), noise and s.estimator != "none"
+    if not random:
+        idle |= dict.fromkeys(("measurement_noise", "seed"), "noise of the measurements")
+    if s.move is not None:
+        idle |= dict.fromkeys(("pose", "start", "overshoot"), 'a step (--move "" takes back the move)')
+    elif not commanded:
+        idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
+    return _active(s, idle)
+
+
+# a seed of 0 is a seed
+def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:
+    return {name: needs for name, needs in idle.items() if name == "seed" or getattr(s, name)}
+
+
+def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
+    from flexhinf.robot.elastic import DRY
+
+    idle = {}
+    if s.move is None:
+        idle["tracking_error"] = "a move (--move)"
+    if s.disturbances is None:
+        idle["command"] = "--disturbances: without them the command is the disturbance anyway"
+    if s.estimator == "none":
+        idle |= dict.fromkeys(("measured", *NOISES), "an estimator")
+    if s.estimator not in ("ukf", "ekf") or not set(s.extras) & set(DRY):
+        idle["friction_model"] = "the estimator ukf or ekf, and dry friction among --extras"
+    if not robot.uncertain:
+        idle["draws"] = "tolerances in the robot's file"
+    if all(robot.links.slides):
+        idle["angle_unit"] = "a joint that turns"
+    return idle
+
+
+def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: bool) -> dict[str, str]:
+    from flexhinf.design.responses import joint_limits
+
+    limits, proved = joint_limits(robot, s), preset == "proved"
+    several = not proved and (s.degrees is None or len(s.degrees) > 1)
+    chosen = several and not s.via  # the step chooses the degree
+    searched = preset in ("damped", "robust", "proved")
+    limited = limits.limits_effort if proved else searched and (limits.limits_peak or limits.limits_speed)
+    run = chosen or limited or preset == "robust"
+    names = [] if run else [*STEPPED, "seed"]
+    if not run and (proved or not searched):
+        names += ["measured", *(name for name in SEARCHED if name != "start" or not (tolerances or proved))]
+    names += [] if chosen or (limited and not proved) else ["draws", "duration"]
+    names += [] if chosen else ["overshoot"]
+    idle = dict.fromkeys(names, RUNS)
+    if not several:
+        idle["via"] = "several --degrees, of which a law of several poses uses the lowest"
+    if not proved:
+        idle["proof_seconds"] = "--preset proved"
+    elif limited:
+        idle["peak_speed"] = "a preset that keeps limits of speeds"
+    if tolerances:
+        idle["checked_gamma_ratio"] = "a region of the nominal robot (without --tolerances)"
+    return idle
 
 
 def read_source(

@@ -386,7 +386,7 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     Exit code: 0 if every deadline and every requirement was met; 1 if not;
     2 for a mistake; 130 if interrupted.
     """
-    from flexhinf.cli.without_effect import without_effect_on_run
+    from flexhinf.cli.arguments import without_effect_on_run
     from flexhinf.design.deployed_run import perturbed, prepare_run
     from flexhinf.design.plans import has_integrals
     from flexhinf.robot.mujoco import MuJoCoView, check_display, check_expressed

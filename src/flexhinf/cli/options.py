@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
+from flexhinf.design.laws import LARGEST_DEGREE, NL_HINF, RIVALS
 from flexhinf.design.specification import FIELDS
 from flexhinf.options import (
     ADVANCED,
@@ -121,8 +122,8 @@ class CompareOptions(RobotOptions):
 
     out: Path = option(Path("flexhinf-compare"), WRITTEN, FOLDER)
     laws: Text = option("", COMPARED,
-        "nl-hinf, nl-hinf-2 … nl-hinf-12 (degree of V), hinf, nlqr, lqr, lqr-gravity, lqg, pd, pd-gravity, pid, "
-        "torque, torque-i, flatness, flatness-i; between commas. Default: all without a degree.", "pd,pid")
+        f"{NL_HINF}, {NL_HINF}-2 … {NL_HINF}-{LARGEST_DEGREE} (degree of V), {', '.join(RIVALS)}; between commas. "
+        "Default: all without a degree.", "pd,pid")
     tune: Text = option("peak", COMPARED,
         "What the laws share when they are tuned: peak (largest input of the step as deployed: at most the limit asked "
         "for or the saturation, or that of the design where it is larger), bandwidth (of the linear loop: at most the "

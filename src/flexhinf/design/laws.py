@@ -1,21 +1,25 @@
-"""The laws that can be compared, by name: description, sensors, tuned parameters, and construction of each."""
+"""The laws that can be compared, by name: description, sensors, tuned parameters, and construction of each.
+
+The help of the command line has their names from here, so what needs a synthesis is imported late.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from flexhinf.baselines import FeedbackLinearisation, GravityCompensatedLQR, MotorPD, TorqueFeedback, lqr
 from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE
-from flexhinf.design.problem.presets import sized_channels
-from flexhinf.design.synthesis.steps import Synthesis
-from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.plant import GeneralisedPlant, Law, Penalty
 from flexhinf.validation import unknown_name
+
+if TYPE_CHECKING:
+    from flexhinf.design.synthesis.steps import Synthesis
 
 #: The design's own law as `flexhinf design` makes it, the reference of the criterion. It is not tuned for the
 #: criterion, so it is not ranked; the next one is.
@@ -95,6 +99,17 @@ _MOTOR, _BOTH = ("motor_position",), ("link_position", "motor_position")
 _TORQUE, _TORQUE_BOTH = (*_MOTOR, "joint_torque"), (*_BOTH, "joint_torque")
 
 
+def _hji(problem: GeneralisedPlant, degree: float, gamma_ratio: float = INFINITE_GAMMA) -> Law:
+    from flexhinf.hinf import smallest_gamma, solve_hji
+
+    infinite = gamma_ratio >= INFINITE_GAMMA * (1.0 - ROUNDING)
+    return solve_hji(problem, np.inf if infinite else gamma_ratio * smallest_gamma(problem), round(degree))
+
+
+def _torque(problem: GeneralisedPlant, rotor_inertia: float, **numbers: Any) -> Law:
+    return TorqueFeedback.tuned(problem, inertia_ratio=rotor_inertia, **numbers)
+
+
 @dataclass(frozen=True)
 class LawKind:
     """A law that can be compared."""
@@ -104,12 +119,13 @@ class LawKind:
     group: str  # panel of the figure
     source: str  # key into docs/references.bib, or who proposes it
     model: str  # the part of the model that the law itself uses; the estimator has the whole model
+    make: Callable[..., Law]  # from the weighted problem and, by name, the other numbers that are tuned
     tuned: tuple[str, ...]  # names of all numbers that its gains are made from, and of R^v of its estimator
     sensors: tuple[
         tuple[str, ...], ...
     ] = ()  # sets of sensors, of which the best is used; empty: the design's sensors
-    integral: bool = True  # whether it integrates the error of the link positions
-    degree: int | None = None  # degree of V in the name; 0 for the design's, or the tuned one
+    degree: int | None = None  # degree of V; 0 for the design's, or the tuned one; None if there is no V
+    linear_estimator: bool = False  # a linear Kalman filter in place of the design's estimator
 
     @property
     def parameters(self) -> tuple[TuningParameter, ...]:
@@ -120,64 +136,43 @@ class LawKind:
 _ROBUST, _LINEAR_QUADRATIC, _USUAL = "H∞ and γ = ∞", "linear-quadratic", "in use today"
 
 _KINDS = (
-    LawKind(
-        DESIGN, "nonlinear H∞ as flexhinf design makes it, not tuned for the criterion", _ROBUST, "flexhinf design",
-        "whole model", (), degree=0,
-    ),
-    LawKind(
-        NL_HINF, "nonlinear H∞: the design's problem", _ROBUST, "van der Schaft 1992", "whole model",
-        (*_H_INFINITY, DEGREE), degree=0,
-    ),
-    LawKind(
-        "hinf", "linear H∞: degree 2 of the same problem", _ROBUST, "van der Schaft 1992", "linear at the goal",
-        _H_INFINITY, degree=2,
-    ),
-    LawKind(
-        "nlqr", "nonlinear LQR: γ = ∞", _ROBUST, "Al'brekht 1961", "whole model", (*_QUADRATIC, DEGREE), degree=0,
-    ),
-    LawKind(
-        "lqr", "LQR", _LINEAR_QUADRATIC, "Anderson & Moore 1990", "linear at the goal", _QUADRATIC,
-    ),
-    LawKind(
-        "lqr-gravity", "LQR of the weightless robot, weight compensated at every pose", _LINEAR_QUADRATIC,
-        "Anderson & Moore 1990", "linear, and gravity", _QUADRATIC,
-    ),
-    LawKind(
-        "lqg", "LQR with a linear Kalman filter instead of the design's estimator", _LINEAR_QUADRATIC,
-        "Anderson & Moore 1990", "linear at the goal", _QUADRATIC,
-    ),
-    LawKind(
-        "pd", "PD on the motor side, weight at the goal compensated", _USUAL, "Tomei 1991",
-        "inertia, gravity at the goal", ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,), False,
-    ),
-    LawKind(
-        "pd-gravity", "PD on the motor side, weight compensated from the motor at every pose", _USUAL,
-        "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity", ("bandwidth", "damping", *_ESTIMATOR),
-        (_MOTOR,), False,
-    ),
-    LawKind(
-        "pid", "PD on the motor side with the integral of the link's error", _USUAL, "Tomei 1991, with an integral",
-        "inertia, gravity at the goal", ("bandwidth", "damping", "integral_rate", *_ESTIMATOR), (_BOTH,),
-    ),
-    LawKind(
-        "torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
+    LawKind(DESIGN, "nonlinear H∞ as flexhinf design makes it, not tuned for the criterion", _ROBUST,
+        "flexhinf design", "whole model", _hji, (), degree=0),
+    LawKind(NL_HINF, "nonlinear H∞: the design's problem", _ROBUST,
+        "van der Schaft 1992", "whole model", _hji, (*_H_INFINITY, DEGREE), degree=0),
+    LawKind("hinf", "linear H∞: degree 2 of the same problem", _ROBUST,
+        "van der Schaft 1992", "linear at the goal", _hji, _H_INFINITY, degree=2),
+    LawKind("nlqr", "nonlinear LQR: γ = ∞", _ROBUST,
+        "Al'brekht 1961", "whole model", _hji, (*_QUADRATIC, DEGREE), degree=0),
+    LawKind("lqr", "LQR", _LINEAR_QUADRATIC,
+        "Anderson & Moore 1990", "linear at the goal", lqr, _QUADRATIC),
+    LawKind("lqr-gravity", "LQR of the weightless robot, weight compensated at every pose", _LINEAR_QUADRATIC,
+        "Anderson & Moore 1990", "linear, and gravity", GravityCompensatedLQR.design, _QUADRATIC),
+    LawKind("lqg", "LQR with a linear Kalman filter instead of the design's estimator", _LINEAR_QUADRATIC,
+        "Anderson & Moore 1990", "linear at the goal", lqr, _QUADRATIC, linear_estimator=True),
+    LawKind("pd", "PD on the motor side, weight at the goal compensated", _USUAL,
+        "Tomei 1991", "inertia, gravity at the goal",
+        MotorPD.tuned, ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,)),
+    LawKind("pd-gravity", "PD on the motor side, weight compensated from the motor at every pose", _USUAL,
+        "De Luca, Siciliano & Zollo 2005", "inertia, stiffness, gravity",
+        partial(_torque, rotor_inertia=1.0), ("bandwidth", "damping", *_ESTIMATOR), (_MOTOR,)),
+    LawKind("pid", "PD on the motor side with the integral of the link's error", _USUAL,
+        "Tomei 1991, with an integral", "inertia, gravity at the goal",
+        partial(MotorPD.tuned, integral="link_position"),
+        ("bandwidth", "damping", "integral_rate", *_ESTIMATOR), (_BOTH,)),
+    LawKind("torque", "PD with feedback of the spring's torque, weight compensated from the motor", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007", "inertia, stiffness, gravity",
-        ("bandwidth", "damping", "rotor_inertia", *_ESTIMATOR), (_TORQUE,), False,
-    ),
-    LawKind(
-        "torque-i", "the same with the integral of the link's error", _USUAL,
+        _torque, ("bandwidth", "damping", "rotor_inertia", *_ESTIMATOR), (_TORQUE,)),
+    LawKind("torque-i", "the same with the integral of the link's error", _USUAL,
         "Albu-Schäffer, Ott & Hirzinger 2007, with an integral", "inertia, stiffness, gravity",
-        ("bandwidth", "damping", "rotor_inertia", "integral_rate", *_ESTIMATOR), (_TORQUE_BOTH,),
-    ),
-    LawKind(
-        "flatness", "feedback linearisation with flatness feedforward", _USUAL, "Spong 1987; De Luca & Book 2016",
-        "whole model and its derivatives", ("bandwidth", *_ESTIMATOR), (_BOTH,), False,
-    ),
-    LawKind(
-        "flatness-i", "the same with the integral of the link's error", _USUAL,
+        partial(_torque, integral="link_position"),
+        ("bandwidth", "damping", "rotor_inertia", "integral_rate", *_ESTIMATOR), (_TORQUE_BOTH,)),
+    LawKind("flatness", "feedback linearisation with flatness feedforward", _USUAL,
+        "Spong 1987; De Luca & Book 2016", "whole model and its derivatives",
+        FeedbackLinearisation.tuned, ("bandwidth", *_ESTIMATOR), (_BOTH,)),
+    LawKind("flatness-i", "the same with the integral of the link's error", _USUAL,
         "Spong 1987; De Luca & Book 2016, with an integral", "whole model and its derivatives",
-        ("bandwidth", "integral_rate", *_ESTIMATOR), (_BOTH,),
-    ),
+        partial(FeedbackLinearisation.tuned, integral=True), ("bandwidth", "integral_rate", *_ESTIMATOR), (_BOTH,)),
 )  # fmt: skip
 
 _BY_NAME = {kind.name: kind for kind in _KINDS}
@@ -186,14 +181,17 @@ _WITH_DEGREE = re.compile(rf"{NL_HINF}-(\d+)\Z")
 #: Without a choice: every kind of law, with and without an integral.
 DEFAULT_LAWS = tuple(_BY_NAME)
 
+#: Those that are compared with the design's own law and the same tuned.
+RIVALS = DEFAULT_LAWS[2:]
+
 
 def law_kind(name: str) -> LawKind:
     """The law of a name. Raises `InvalidInput` for a name that is not known, with the nearest that is."""
     match = _WITH_DEGREE.match(name)
     if match and 2 <= (degree := int(match[1])) <= LARGEST_DEGREE:
-        return LawKind(
-            name, f"nonlinear H∞ of degree {degree}: the design's problem, V of that degree", _ROBUST,
-            "flexhinf design --degrees", "whole model", _H_INFINITY, degree=degree,
+        return replace(
+            _BY_NAME[NL_HINF], name=name, source="flexhinf design --degrees", tuned=_H_INFINITY, degree=degree,
+            description=f"nonlinear H∞ of degree {degree}: the design's problem, V of that degree",
         )  # fmt: skip
     if name in _BY_NAME:
         return _BY_NAME[name]
@@ -227,6 +225,8 @@ class LawFactory:
     @cached_property
     def gamma_ratio(self) -> float:
         """γ of the design over the smallest γ of the solved problem (with channels of the tolerances)."""
+        from flexhinf.hinf import smallest_gamma
+
         solved = self.synthesis.design_problem
         return float(solved.gamma / smallest_gamma(solved.problem))
 
@@ -275,30 +275,21 @@ class LawFactory:
             own is not None and all(values.get(n, x) == x for n, x in own.items() if n not in _ESTIMATOR)
         ):
             return self.synthesis.law
-        family, problem = kind.name.removesuffix("-i"), self.synthesis.problem
-        if "bandwidth" in values:
-            bandwidth, rate = values["bandwidth"], values.get("integral_rate", INTEGRAL_RATE)
-            tracked = "link_position" if kind.integral else None
-            if family in ("pd", "pid"):
-                return MotorPD.tuned(problem, bandwidth, values["damping"], tracked, rate)
-            if family in ("pd-gravity", "torque"):
-                rotor = values.get("rotor_inertia", 1.0)
-                return TorqueFeedback.tuned(problem, bandwidth, values["damping"], rotor, tracked, rate)
-            integral_rate = rate if kind.integral else None
-            return FeedbackLinearisation.tuned(problem, bandwidth, kind.integral, integral_rate=integral_rate)
-        if family == "hinf" or family.startswith(NL_HINF):
+        problem, fixed = self.synthesis.problem, (CHANNELS, *_QUADRATIC)
+        numbers = {name: values[name] for name in kind.tuned if name in values and name not in fixed}
+        if kind.degree is not None:
+            numbers[DEGREE] = degree or numbers.get(DEGREE) or self.degree(kind)
+        if CHANNELS in kind.tuned:
+            from flexhinf.design.problem.presets import sized_channels
+
             size = values.get(CHANNELS, 1.0)
             size = 0.0 if size <= NO_CHANNELS * (1.0 + ROUNDING) else size
             problem = sized_channels(self.synthesis.design_problem.problem, problem, size)
-        problem = weighted(problem, values["effort"], values["integral_weight"], values["velocity_weight"])
-        if family in ("lqr", "lqg"):
-            return lqr(problem)
-        if family == "lqr-gravity":
-            return GravityCompensatedLQR.design(problem)
-        ratio = values.get("gamma_ratio", INFINITE_GAMMA)
-        gamma = np.inf if ratio >= INFINITE_GAMMA * (1.0 - ROUNDING) else ratio * smallest_gamma(problem)
-        degree = round(values.get(DEGREE, self.degree(kind))) if degree is None else degree
-        return solve_hji(problem, gamma, degree)
+        if "effort" in kind.tuned:
+            problem = weighted(
+                problem, values["effort"], values["integral_weight"], values["velocity_weight"]
+            )
+        return kind.make(problem, **numbers)
 
 
 def weighted(problem: GeneralisedPlant, effort: float, integral: float, velocity: float) -> GeneralisedPlant:

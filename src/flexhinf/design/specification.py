@@ -33,7 +33,7 @@ from flexhinf.options import (
 from flexhinf.robot.waypoints import WaypointError, waypoints
 from flexhinf.validation import nearest, value_text
 
-Move = Annotated[
+MoveTable = Annotated[
     Any, BeforeValidator(waypoints), Allowed("a CSV file with columns time and joints, or such columns by name"),
     WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "object"}]}),
 ]  # fmt: skip
@@ -123,7 +123,7 @@ class Specification:
         "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
         "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
         "with jump.", "jerk-limited")
-    move: Move | None = option(None, WAY,
+    move: MoveTable | None = option(None, WAY,
         "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
         "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
         default="the way from start to goal, not judged")

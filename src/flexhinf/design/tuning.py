@@ -541,7 +541,7 @@ class Tuner:
         steps = other_quantisation(own.robot, s.measured, s.quantisation, s.estimator, sensors)
         setup = replace(
             own, law=law, specification=replace(s, measured=sensors, quantisation=steps),
-            estimator_noise=own.process_noise.scaled(*factors, "tuned"), linear_model=kind.name == "lqg",
+            estimator_noise=own.process_noise.scaled(*factors, "tuned"), linear_model=kind.linear_estimator,
         )  # fmt: skip
         return LawEvaluation(kind.name, setup, self.own.scenario, values, other_noise=False)
 
