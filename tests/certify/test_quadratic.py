@@ -113,7 +113,7 @@ def test_an_interrupted_check_ends_at_its_next_cells() -> None:
         if len(seen) == 20:
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
         if len(seen) >= 20:
-            time.sleep(0.2)  # until the main thread has it
+            time.sleep(1.0)  # until the main thread has it
 
     with pytest.raises(KeyboardInterrupt):
         upright(level=0.99 * LEVEL).check(threads=2, sample=None, tick=tick)

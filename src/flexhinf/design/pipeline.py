@@ -24,13 +24,13 @@ from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import by_step, steps
-from flexhinf.errors import refuse_if
+from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
 from flexhinf.notebook import Summarised
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot, mujoco
-from flexhinf.validation import checked_kind
+from flexhinf.validation import checked_kind, value_text
 
 Progress = Callable[[str], None]
 
@@ -291,10 +291,9 @@ class Comparison(Summarised):
 def checked_specification(robot: Robot, specification: Specification) -> Specification:
     """The specification; refuses what is no robot, such as its file, or no specification."""
     checked_kind("This is no robot.", robot, Robot, "a flexhinf.Robot", "flexhinf.load_robot('arm.toml')")
-    refuse_if(
-        not isinstance(specification, Specification), "This is no specification.",
-        f"expected a flexhinf.Specification, got {type(specification).__name__}", "fh.Specification(pose='90deg')",
-    )  # fmt: skip
+    if not isinstance(specification, Specification):
+        found = f"expected a flexhinf.Specification, got {value_text(specification)}"
+        raise InvalidInput("This is no specification.", found, "flexhinf.Specification(pose='90deg')")
     return specification
 
 

@@ -313,7 +313,7 @@ def corners(e: LawEvaluation, robust: bool) -> Blocks:
         return
     if cases.unstable:
         advice = (
-            "the law itself does not stand them: try a shorter --period, --latency or --unknown-delay, or less --bandwidth"
+            "the law itself is unstable there: try a shorter --period or --unknown-delay, or less --bandwidth"
             if state is not None and state.unstable > 0
             else "the estimator causes it: try another --torque-noise or --estimator"
         )
