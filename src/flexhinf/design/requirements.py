@@ -388,20 +388,20 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
 def margin_requirements(
     s: Specification, margins: Margins, joints: Sequence[str] = ("",), damped: float = math.nan
 ) -> list[Requirement]:
-    """Peak sensitivity, gain margin and delay margin of the running loop; `joints` are those of the inputs, and
-    `damped` the delay margin with more damping of the springs, s, which the criterion states."""
-    delays, row = np.array([margins.delay_margin_s, damped]) / s.period, REQUIREMENTS["delay_margin"]
-    criterion = row.criterion
-    if not math.isnan(damped):
-        criterion += f"; {delays[1]:.3g} samples with springs damped by {100.0 * SPRING_DAMPING:g} % more"
-    return [
+    """Peak sensitivity, gain margin and, if it is stated, delay margin of the running loop. `joints` are those of the
+    inputs; `damped` is the delay margin with more damping of the springs, s, which the criterion states."""
+    rows = [
         REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP),
         REQUIREMENTS["gain_margin"].judge(
             s, s.gain_margin_limit, margins.gain_margin, SAMPLED_LOOP,
             joint=joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
-        row.judge(s, s.delay_margin, delays[0], SAMPLED_LOOP, criterion=criterion),
     ]  # fmt: skip
+    if s.delay_margin is not None:
+        row, found = REQUIREMENTS["delay_margin"], margins.delay_margin_s / s.period
+        beside = f"{damped / s.period:.3g} samples with springs damped by {100.0 * SPRING_DAMPING:g} % more"
+        rows.append(row.judge(s, s.delay_margin, found, SAMPLED_LOOP, criterion=f"{row.criterion}; {beside}"))
+    return rows
 
 
 def behaviour_requirements(

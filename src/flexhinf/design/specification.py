@@ -159,8 +159,9 @@ class Specification:
     gain_margin: options.AboveOne | None = option(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
         default=f"{GAIN_MARGIN:g}")
-    delay_margin: options.NotNegative = option(1.0, LOOP,
-        "Least extra delay, in samples on top of the latency, that the running loop tolerates.", "1", "samples")
+    delay_margin: options.Positive | None = option(None, LOOP,
+        "Least extra delay, in samples on top of the latency, that the running loop tolerates.", "1", "samples",
+        default="no requirement")
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
