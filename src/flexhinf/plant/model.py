@@ -248,11 +248,9 @@ def signals(what: str, model: Callable[[], Any]) -> np.ndarray:
             "the names in states, inputs and disturbances, and NumPy functions on the elements",
         ) from error
     refuse_if(
-        signals.ndim != 1,
-        f"{what} does not return a vector.",
-        f"expected one axis, got shape {signals.shape}",
+        signals.ndim != 1, f"{what} does not return a vector.", f"expected one axis, got shape {signals.shape}",
         "np.array([...]) of the elements",
-    )
+    )  # fmt: skip
     return signals
 
 
@@ -323,11 +321,9 @@ class Model(Summarised):
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
         refuse_if(
-            not self.states or not self.inputs,
-            "A plant needs at least one state and one input.",
-            f"got {len(self.states)} states and {len(self.inputs)} inputs",
-            "states=(...), inputs=(...)",
-        )
+            not self.states or not self.inputs, "A plant needs at least one state and one input.",
+            f"got {len(self.states)} states and {len(self.inputs)} inputs", "states=(...), inputs=(...)",
+        )  # fmt: skip
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         refuse_if(
             self.traced_flow.size1_out(0) != len(self.states),
@@ -339,11 +335,9 @@ class Model(Summarised):
         if not self.outputs:
             object.__setattr__(self, "outputs", tuple(f"output_{i + 1}" for i in range(measured)))
         refuse_if(
-            len(self.outputs) != measured,
-            "output(x, u, p) and the names of the outputs disagree.",
-            f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}",
-            "one name per signal",
-        )
+            len(self.outputs) != measured, "output(x, u, p) and the names of the outputs disagree.",
+            f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}", "one name per signal",
+        )  # fmt: skip
 
     @property
     def n(self) -> int:
@@ -387,8 +381,8 @@ class Model(Summarised):
         """
         if isinstance(self.flow, StoredCode):
             return
-        arguments = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
-        text = serial([pack(array) for array in arguments], self._flow_text(*arguments))
+        arguments, columns = self._flow_symbols
+        text = serial(columns, self._flow_text(*arguments))
         if text == vars(self).get("_checked"):  # as it was when it was traced: half the work of a trace
             return
         refuse_if(
@@ -398,6 +392,13 @@ class Model(Summarised):
             "build the plant anew, or make what changes a parameter: plant.with_parameters(name=value)",
         )
         vars(self)["_checked"] = text
+
+    @cached_property
+    def _flow_symbols(
+        self,
+    ) -> tuple[list[np.ndarray], list[Any]]:  # of x, u, d and p, as arrays and as columns
+        arrays = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
+        return arrays, [pack(array) for array in arrays]
 
     def with_parameters(self, **changes: Any) -> Self:
         """The same plant with other parameter values; nothing is traced or compiled again."""
@@ -437,10 +438,8 @@ class Model(Summarised):
             With one of them, linearised there (``ss`` with D, in deviations); without, nonlinear (``nlsys``).
         """
         names = {
-            "inputs": [*self.inputs, *self.disturbances],
-            "outputs": [*self.outputs],
-            "states": [*self.states],
-        }
+            "inputs": [*self.inputs, *self.disturbances], "outputs": [*self.outputs], "states": [*self.states],
+        }  # fmt: skip
         p, m = self.parameters.vector(), len(self.inputs)
 
         def rates(t: float, x: Any, v: Any, params: Any) -> np.ndarray:
