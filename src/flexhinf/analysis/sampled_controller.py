@@ -373,15 +373,15 @@ class SampledController:
         self.selections = np.reshape(from_y, (self.k, self.p)), np.reshape(from_state, (self.k, self.n))
         sizes = {
             "belief": self.n * len(self.parts), "u": self.m, "integral": self.k, "position": self.k,
-            "queue": latency * self.m, "commands": latency * moving * self.k,
+            "queue": latency * self.m, "commands": control.mode.command_lead * self.k,
         }  # fmt: skip
         ends = np.cumsum([*sizes.values()]).tolist()
         #: Where the parts of the memory are, and its length.
         self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends)}
         self.size = ends[-1]
         #: Place of the input that acted until this sample.
-        self.acted = slice(self.places["queue"].stop - self.m, self.places["queue"].stop)
-        self.acted = self.acted if latency else self.places["u"]
+        newest, queue = self.places["u"], self.places["queue"]
+        self.acted = slice(queue.stop - self.m, queue.stop) if latency else newest
         if self.parts == (0,) and estimator is not None:
             u = np.asarray(law.operating_input, dtype=float)
             mean, held = np.asarray(estimator.initial.mean, dtype=float), self._held(None)
@@ -448,7 +448,9 @@ class SampledController:
         placed = self.moving and self.law.depends_on_reference
         where = stacked(deviation, about[: self.n], at_goal) if placed else deviation
         u = at_goal + where.through(self.law_rows.about if placed else self.law_rows)
-        after = stacked(u, integral, position, waiting, commands[: self.latency * self.moving * self.k])
+        after = stacked(
+            u, integral, position, waiting, commands[: self.controller.mode.command_lead * self.k]
+        )
         if self.estimator is not None:
             after = stacked((beliefs or self._ahead(belief, u, held))[0], after)
         return Stepped(u, deviation, after)
@@ -463,7 +465,7 @@ class SampledController:
 
     def latency_memory(self, u: np.ndarray, command: np.ndarray) -> np.ndarray:
         """The part of the memory that a latency adds, where input (m,) and command (k,) stand still."""
-        return np.concatenate([np.tile(u, self.latency), np.tile(command, self.latency * self.moving)])
+        return np.concatenate([np.tile(u, self.latency), np.tile(command, self.controller.mode.command_lead)])
 
     # The estimator -------------------------------------------------------------------------------------
     def _held(self, fixed: np.ndarray | None) -> np.ndarray:

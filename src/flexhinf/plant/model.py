@@ -394,9 +394,7 @@ class Model(Summarised):
         vars(self)["_checked"] = text
 
     @cached_property
-    def _flow_symbols(
-        self,
-    ) -> tuple[list[np.ndarray], list[Any]]:  # of x, u, d and p, as arrays and as columns
+    def _flow_symbols(self) -> tuple[list[np.ndarray], list[Any]]:  # as arrays and as columns
         arrays = [symbols(name, size) for name, size in zip("xudp", self._sizes)]
         return arrays, [pack(array) for array in arrays]
 

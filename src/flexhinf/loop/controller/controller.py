@@ -33,6 +33,7 @@ from flexhinf.loop.controller.step import (
     Source,
     controller_step,
     inverse_slope,
+    law_slope,
 )
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
@@ -269,7 +270,7 @@ class Controller(Summarised):
 
     @cached_property
     def _slopes(self) -> list[np.ndarray]:  # ∂u/∂x of each law at its operating point
-        return [LawCode(law, True).slope for law in self.laws]
+        return [law_slope(law) for law in self.laws]
 
     @cached_property
     def _data_values(self) -> dict[str, np.ndarray]:
@@ -349,8 +350,7 @@ class Controller(Summarised):
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
             **({"command": zeros} if mode.limits_command else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
-            **({"commands": np.tile(self.operating_reference, (mode.latency, 1))}
-               if mode.latency and mode.moving else {}),
+            **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
         }  # fmt: skip
 
     # Code -----------------------------------------------------------------------------------------

@@ -242,6 +242,9 @@ ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 #: Options that have another name in a file.
 IN_FILE = {"blend_time": "fade"}
 
+#: What a file without these options means; they are not written.
+UNWRITTEN = (("before_first", "hold"), ("latency", 0))
+
 
 def write_controller(
     path: str | os.PathLike[str],
@@ -261,10 +264,7 @@ def write_controller(
             arrays |= _prefixed(f"{name}.", vars(option))
         elif isinstance(option, np.ndarray):
             arrays[name] = option
-        elif (name, option) not in (
-            ("before_first", "hold"),
-            ("latency", 0),
-        ):  # what a file without them means
+        elif (name, option) not in UNWRITTEN:
             plain[IN_FILE.get(name, name)] = option
     header = {
         "format": FORMAT, "version": VERSION, "period": period, "options": plain,

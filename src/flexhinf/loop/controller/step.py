@@ -40,6 +40,17 @@ from flexhinf.validation import checked_kind, value_text
 TABLE = 500
 
 
+def law_slope(law: Law) -> np.ndarray:
+    """∂u/∂x of a law at its operating point, (m, n)."""
+    n, data = len(law.state_names), np.ravel(law.law_data)
+    table = None if law.depends_on_reference else law.law_table
+    if table is None:
+        return jacobian(law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
+    before = sum(basis.count(n, k) for k in table.degrees if k < 1)
+    linear = table.coefficients[:, before : before + n]
+    return linear if 1 in table.degrees else np.zeros_like(linear)
+
+
 @dataclass(frozen=True, eq=False)
 class LawCode:
     """A law and the form of its numbers in a kernel.
@@ -71,17 +82,6 @@ class LawCode:
             return np.ravel(self.law.law_data)
         rows = self.table.coefficients.T
         return np.pad(rows, ((0, 0), (0, self.columns - rows.shape[1]))).ravel()
-
-    @cached_property
-    def slope(self) -> np.ndarray:
-        """∂u/∂x at the operating point, (m, n)."""
-        n, data = len(self.law.state_names), np.ravel(self.law.law_data)
-        table = None if self.law.depends_on_reference else self.law.law_table
-        if table is None:
-            return jacobian(self.law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
-        before = sum(basis.count(n, k) for k in table.degrees if k < 1)
-        linear = table.coefficients[:, before : before + n]
-        return linear if 1 in table.degrees else np.zeros_like(linear)
 
     def on(
         self, run: Any, data: Any, active: Any = None, about: tuple[Any, Any] | None = None
@@ -144,6 +144,11 @@ class Mode:
     has_dead_zone: bool = False
     bounds_windup: bool = False
     latency: int = 0
+
+    @property
+    def command_lead(self) -> int:
+        """Samples by which a moving reference is given ahead of its instant: those of the latency."""
+        return self.latency if self.moving else 0
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -225,7 +230,7 @@ def controller_step(
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     operating_input = r[len(estimate) :] if mode.moving else operating_input
     wanted, commands = r, None
-    if mode.moving and mode.latency:
+    if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
     others = (
         *((r, wanted) if mode.moving else ()),

@@ -434,8 +434,7 @@ class Loop(Summarised):
         moving reference is given that of the instant at which its input acts, so there are `latency` more rows."""
         controller, plant = self.controller, self.true_plant
         samples = sample_count(duration, controller.period)
-        ahead = controller.mode.latency * controller.mode.moving
-        times = np.arange(samples + ahead) * controller.period
+        times = np.arange(samples + controller.mode.command_lead) * controller.period
         names, held = controller.commanded, controller.operating_reference
         value = held if reference is None else reference
         if isinstance(reference, Mapping):

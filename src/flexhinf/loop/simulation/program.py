@@ -215,7 +215,7 @@ def loop_program(
     memory, data = b.whole("memory", sizes["memory"], "state"), b.whole("data", sizes["data"], "in", many)
     truth = b.whole("truth", 1 + sizes["parameters"], "in")
     command = b.row("reference", sizes["r"], "in", many)
-    ahead = controller.mode.latency * controller.mode.moving * sizes["r"]
+    ahead = controller.mode.command_lead * sizes["r"]
     ahead_rows = [replace(row, offset=ahead) for row in command]  # the command where this sample's input acts
     if options is None:
         y, noise = b.row("outputs", sizes["y"], "out"), b.row("noise", sizes["y"], "in")
