@@ -134,9 +134,6 @@ def refuse_stated(context: typer.Context, idle: Mapping[str, str]) -> None:
 
 
 # Options without effect. What is switched off (0, false, nothing) asks for nothing, and is never among them.
-#: States of a law for each joint, with its integral.
-STATES = 5
-
 #: Fields of an estimator alone.
 NOISES = ("process_noise", "torque_noise", "measurement_noise")
 
@@ -159,7 +156,7 @@ def without_effect(
     `tolerances`, `observer`: of ``certify``.
     """
     from flexhinf.design.problem.presets import preset_of
-    from flexhinf.design.synthesis.by_step import rays_of
+    from flexhinf.design.synthesis.by_step import STATES, rays_of
 
     idle, preset, joints = _of_loop(robot, s), preset_of(robot, s), len(robot.joint_names)
     sampled = command == "design" and rays_of(STATES * joints, s.rays) > 0
@@ -194,8 +191,7 @@ def without_effect_on_run(s: Specification, robot: Robot, noise: bool, commanded
     return _active(s, idle)
 
 
-# a seed of 0 is a seed
-def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:
+def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a seed of 0 is a seed
     return {name: needs for name, needs in idle.items() if name == "seed" or getattr(s, name)}
 
 

@@ -27,6 +27,7 @@ from flexhinf.campaign.journal import UNREADABLE, check_own_folder, differing, l
 from flexhinf.certify.certificate import linear_part
 from flexhinf.design import certification, checks, design_file, evaluation, laws, pipeline
 from flexhinf.design.deployed_run import DesignCampaign, fields_text
+from flexhinf.design.synthesis.by_step import STATES
 from flexhinf.design.synthesis.steps import synthesise
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.files import locked, write_file
@@ -244,9 +245,6 @@ def open_pair(pair: DesignPair, progress: Callable[[str], None] = print) -> list
 
 #: File of the gains in the campaign's folder, and its largest size, bytes.
 FILE, _MOST_FILE = Path("worst-case") / "disturbance.json", 100_000_000
-
-#: States of the problem of one joint.
-STATES = 5
 
 #: Where no region was sampled: level of V of small disturbances, relative to V where the step starts.
 SMALL = 1e-4

@@ -231,9 +231,9 @@ class DesignCampaign:
             fit the period.
         """
         s, robot = design.specification, design.robot
-        plan, *ends = plans.run_ends(robot, s)
+        plan, start, goal = plans.run_ends(robot, s)
         limits = responses.joint_limits(robot, s)
-        metrics = required.RunMetrics(limits, (ends[0], ends[1]))
+        metrics = required.RunMetrics(limits, (start, goal))
         if plan is not None:
             instants = np.arange(0.0, plan.duration + 0.5 * s.period, s.period)
             travel = np.ptp(np.reshape(plan(instants), (len(instants), -1)), axis=0)
@@ -245,7 +245,7 @@ class DesignCampaign:
         if o.payload is not None:
             robot = load_robot(design.source, design.elastic, payload=o.payload)
         robot, variables = _varied(robot, o, s.extras)
-        return cls(design, o, plan, (ends[0], ends[1]), robot, variables, metrics)
+        return cls(design, o, plan, (start, goal), robot, variables, metrics)
 
     @property
     def stated(self) -> dict[str, str]:

@@ -121,9 +121,8 @@ class LawKind:
     model: str  # the part of the model that the law itself uses; the estimator has the whole model
     make: Callable[..., Law]  # from the weighted problem and, by name, the other numbers that are tuned
     tuned: tuple[str, ...]  # names of all numbers that its gains are made from, and of R^v of its estimator
-    sensors: tuple[
-        tuple[str, ...], ...
-    ] = ()  # sets of sensors, of which the best is used; empty: the design's sensors
+    # sets of sensors, of which the best is used; empty: the design's sensors
+    sensors: tuple[tuple[str, ...], ...] = ()
     degree: int | None = None  # degree of V; 0 for the design's, or the tuned one; None if there is no V
     linear_estimator: bool = False  # a linear Kalman filter in place of the design's estimator
 

@@ -87,6 +87,10 @@ class DegreeChoice:
     missed: tuple[str, ...] = ()  # requirements that the costlier step of a lower degree meets, this one not
 
 
+#: States of the problem of one joint, with its integral.
+STATES = 5
+
+
 def tried_degrees(states: int, stated: Sequence[int] | None) -> tuple[int, ...]:
     """Degrees of V that are solved: as stated, or fewer for more states."""
     return tuple(stated) if stated is not None else ((2, 4, 6) if states <= 10 else (2, 4))
