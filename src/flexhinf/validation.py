@@ -175,9 +175,8 @@ def value_text(value: Any, most: int = 200) -> str:
     """A value as Python writes it, cut to `most` characters; whatever its ``__repr__`` does, this returns."""
     try:
         return readable(repr(value), most)
-    except (
-        Exception
-    ) as error:  # an integer of more than 4300 digits, lists nested too deeply, foreign objects
+    # An integer of more than 4300 digits, lists nested too deeply, foreign objects.
+    except Exception as error:
         return f"a {type(value).__name__} that cannot be printed ({readable(str(error), 80)})"
 
 

@@ -519,9 +519,8 @@ def worst_gain(
     others = np.empty((0, len(point))) if starts is None else starts
     best, runs = WorstGain(point, first, 0), 0
 
-    def searched(
-        point: np.ndarray,
-    ) -> tuple[DisturbanceSearch, np.ndarray]:  # and the best disturbance (N, k)
+    # The search at a point, and its best disturbance (N, k).
+    def searched(point: np.ndarray) -> tuple[DisturbanceSearch, np.ndarray]:
         problem = problem_at(point)
         search = DisturbanceSearch(problem, MovedLaw(law, problem), None, period, horizon)
         place = np.searchsorted(best.attained.times, search.search_runs.times + 1e-9, side="right") - 1

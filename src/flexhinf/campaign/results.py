@@ -353,9 +353,8 @@ class Replayed:
         self.again = {name: column.tolist()[0] for name, column in rows.items() if column.ndim == 1}
         self.recorded = journal.row(sample)
         pairs = [(self.recorded.get(name), value) for name, value in self.again.items()]
-        self.same = not self.recorded or all(
-            a == b or (a != a and b != b) for a, b in pairs
-        )  # NaN is not itself
+        # NaN is not itself.
+        self.same = not self.recorded or all(a == b or (a != a and b != b) for a, b in pairs)
 
 
 #: Confidence level of every single interval.

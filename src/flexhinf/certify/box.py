@@ -206,9 +206,8 @@ def group_ends(
 _RAYS, _SHARES = 1500, (1e-3, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
 _ROUNDS, _KEPT, _TRIES = 8, 40, 12  # of the local search: each round halves its steps
 _AGAIN = 3  # number of local searches; after each, s is chosen anew
-_SCALES = np.geomspace(
-    0.2, 8.0, 30
-)  # factors of s, relative to the s at which the inputs of law and penalty cost the same
+# Factors of s, relative to the s at which the inputs of law and penalty cost the same.
+_SCALES = np.geomspace(0.2, 8.0, 30)
 
 
 def sampled_gain(statement: Certificate, level: float, about: float, seed: int = 0) -> tuple[float, float]:
@@ -334,9 +333,8 @@ def common_value(statement: Certificate) -> CommonValue | None:
     higher degree are left out.
     """
     n, r2 = len(statement.states), np.array(statement.r2)
-    t = np.linalg.inv(
-        np.linalg.cholesky(quadratic_part(statement.value, n))
-    ).T  # in these coordinates V is ½|z|²
+    # In these coordinates V is ½|z|².
+    t = np.linalg.inv(np.linalg.cholesky(quadratic_part(statement.value, n))).T
     gain, h = linear_part(statement.law, n), linear_part(statement.penalty, n)
     slopes = itertools.product(*map(_slopes, statement.functions))
     systems = (linear_system(statement, *at) for at in itertools.product(box_vertices(statement), slopes))

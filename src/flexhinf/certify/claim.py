@@ -197,9 +197,8 @@ class Observer(Part):
     """x̂' = f with its nonlinear part taken from y, + g2 u + L (y − C x̂), of the n_e states that are not `known`."""
 
     measured: Matrix  # C (p, n): y = C x, in deviations
-    known: Annotated[
-        tuple[Name, ...], Field(max_length=MOST_STATES)
-    ]  # integrators: their estimates have no errors
+    # Integrators, whose estimates have no errors.
+    known: Annotated[tuple[Name, ...], Field(max_length=MOST_STATES)]
     gain: Matrix  # L (n_e, p)
     weight: Matrix  # M (n_e, n_e)
     storage: Matrix  # X (n_e, n_e): ½ eᵀXe pays for ½ eᵀMe ≥ ½ vᵀR2v, v = k(x̂) − k(x)

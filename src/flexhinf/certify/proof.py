@@ -40,10 +40,8 @@ from flexhinf.validation import HUGE
 
 _DIRECTIONS = 20_000  # number of rays that estimate the extent of the region
 _BELOW = (0.999, 0.995, 0.98, 0.95, 0.9, 0.8)  # shares of the level that failed, tried in turn
-_ROOM, _LARGER = (
-    1.1,
-    1.6,
-)  # factors of the reach over the largest radius seen, and over one that was too small
+# Factors of the reach over the largest radius seen, and over one that was too small.
+_ROOM, _LARGER = 1.1, 1.6
 _BOX_ROOM = 1.002  # level over the largest V on a path that is to be inside
 #: Of the largest level over the one that a step needs: how large it may be, and the ratio at which its search ends.
 _MOST_LEVELS, _FINE = 1e6, 1.05

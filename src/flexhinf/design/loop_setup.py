@@ -217,10 +217,8 @@ class LoopPlants:
         """The model of the deployed estimator: on request with smoothed dry friction. Its slope at standstill would
         count as damping, so linear metrics use `model`."""
         s = self.specification
-        known = s.friction_model and s.estimator in (
-            "ukf",
-            "ekf",
-        )  # the observer's gain is computed without friction
+        # The observer's gain is computed without friction.
+        known = s.friction_model and s.estimator in ("ukf", "ekf")
         return self.robot.plant(s.measured, extras=self.dry_friction) if known else self.model
 
     @cached_property

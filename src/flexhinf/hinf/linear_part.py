@@ -76,9 +76,8 @@ def solve_riccati(a: np.ndarray, m: np.ndarray, q: np.ndarray) -> RiccatiSolutio
         if stable != n or np.abs(np.diag(triangular)).min() <= _AXIS * n * size or mixed:
             return None
         p = np.linalg.solve(upper.T, lower.T).T
-    except (
-        np.linalg.LinAlgError
-    ):  # an eigenvalue crossed the axis while the form was being ordered, or P is infinite
+    # An eigenvalue crossed the axis while the form was being ordered, or P is infinite.
+    except np.linalg.LinAlgError:
         return None
     p = (p + p.T) / 2
     eigenvalues = np.linalg.eigvalsh(p) if np.isfinite(p).all() else np.array([-np.inf])

@@ -128,9 +128,8 @@ def solve_degrees(
     value: Parts = {2: p[np.triu_indices(n)] / 2}
     records = [DegreeRecord(2, "Riccati", riccati.residual, seconds)]
     gradients: Parts = {2: gradient(value[2], n, 2)}
-    rows: Parts = {
-        1: matrix_product(gradients[2], problem.g[0][:, :, 0])
-    }  # w, shape (count(n, degree), channels)
+    # w, of shape (count(n, degree), channels).
+    rows: Parts = {1: matrix_product(gradients[2], problem.g[0][:, :, 0])}
     for k in range(3, problem.degree + 1):
         begin = perf_counter()
         # w_{k−1} without V_k,x g(0): Σ_{i<k} V_i,x g_{k−i}

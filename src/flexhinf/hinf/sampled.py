@@ -536,9 +536,8 @@ class _Search:
     def touched(self, stops: Stops, best: Stops) -> Stops:
         """The lowest contact of a level set with the violations at which rays stopped."""
         sphere, chosen = self.inequality.on_sphere(stops.direction), []
-        for place in np.argsort(
-            stops.level
-        ):  # those that stopped lowest, no two in nearly the same direction
+        # Rays that stopped lowest, no two in nearly the same direction.
+        for place in np.argsort(stops.level):
             if not np.isfinite(stops.level[place]) or len(chosen) == _TOUCHES:
                 break
             if all(sphere[place] @ sphere[other] < _APART for other in chosen):

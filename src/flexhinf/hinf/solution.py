@@ -329,14 +329,8 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
 _FORMAT, _VERSION = "flexhinf solution", 1
 _FIELDS = ("f", "g1", "g2", "h")
 HIGHEST = 200  # degree of V; far beyond what converges, and even one state would take minutes
-_DAMAGED = (
-    KeyError,
-    ValueError,
-    TypeError,
-    AttributeError,
-    OverflowError,
-    RecursionError,
-)  # what its reading may raise
+# What reading a damaged file may raise.
+_DAMAGED = (KeyError, ValueError, TypeError, AttributeError, OverflowError, RecursionError)
 
 
 def _assembled(arrays: dict[str, np.ndarray], whole: bool, problem: Problem | None) -> dict[str, Any]:

@@ -186,9 +186,8 @@ def _theorem(claim: Certificate) -> list[Section]:
         blocks: list[Any] = [Bullets(tuple(map(_set, lines)))]
         if title == "Proved":  # with numbers of its own, by which the rest names it
             blocks = [Paragraph(_set(line)) for line in lines]
-        if (
-            title == "Hypotheses"
-        ):  # equations in a table, R2, the law and V as they can be copied, then the rest
+        # Equations in a table, R2, the law and V as they can be copied, then the rest.
+        if title == "Hypotheses":
             rates = [line.removeprefix("d/dt ").split(" = ", 1) for line in lines if line.startswith("d/dt ")]
             formulas = [line for line in lines if re.match(r"\w+ = ", line)]  # R2, an input's law, V
             others = [_set(line) for line in lines if not re.match(r"\w+ = |d/dt ", line)]

@@ -452,9 +452,8 @@ def _draw_arm(axes: Axes, film: ArmFilm) -> Moving:
             motor.set_data(*points[1:].T)
         joints.set_data(*np.array([points[0] for points in own]).T)
         aim.set_data(*wanted[-1][-1:].T)
-        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(
-            int
-        )  # of a second
+        # The last second.
+        past = np.linspace(int(np.searchsorted(film.time, film.time[k] - 1.0)), k, 24).astype(int)
         trail.set_data(*np.array([film.arm(film.links[i])[-1][-1] for i in past]).T)
 
     return [*goal, aim, trail, *fans, *links, *motors, joints], move

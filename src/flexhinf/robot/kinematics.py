@@ -265,10 +265,8 @@ UNUSUAL = {
     "length": (5.0, 20.0),  # From a joint's frame to the next one or to a centre of mass, m
     "gyration": (2.0, 10.0),  # Radius of gyration of a link, m
     "motor": (1e4, 1e6),  # Motor's inertia over the one it moves; a light wrist with strong gears has 1000
-    "payload": (
-        10.0,
-        100.0,
-    ),  # Mass over that of the moving links: industrial robots carry less than their own
+    # Mass over that of the moving links; industrial robots carry less than their own.
+    "payload": (10.0, 100.0),
 }
 
 #: Motor's inertia over the one it moves, where it is stated as if it were reflected and is not.

@@ -323,9 +323,8 @@ class PartReader(Protocol):
 
     file: str  # its name
     data: dict[str, Any]
-    stated: list[
-        tuple[tuple[Any, ...], tuple[str, ...], Stated]
-    ]  # places, units and texts of numbers with a unit
+    # Places, units and texts of numbers that state a unit.
+    stated: list[tuple[tuple[Any, ...], tuple[str, ...], Stated]]
 
     def table(self, data: Any, keys: Mapping[str, Key], place: tuple[Any, ...]) -> dict[str, Any]:
         """The keys of a table that are stated or have a default."""

@@ -88,10 +88,8 @@ class Symbol:
     arcsinh, arccosh, arctanh = _unary(ca.OP_ASINH), _unary(ca.OP_ACOSH), _unary(ca.OP_ATANH)
     exp, log, sqrt = _unary(ca.OP_EXP), _unary(ca.OP_LOG), _unary(ca.OP_SQRT)
     expm1, log1p = _unary(ca.OP_EXPM1), _unary(ca.OP_LOG1P)
-    __floor__, __ceil__ = (
-        _unary(ca.OP_FLOOR),
-        _unary(ca.OP_CEIL),
-    )  # np.floor and np.ceil go through the math module
+    # np.floor and np.ceil go through the math module.
+    __floor__, __ceil__ = _unary(ca.OP_FLOOR), _unary(ca.OP_CEIL)
     arctan2, hypot = _binary(ca.OP_ATAN2), _binary(ca.OP_HYPOT)
 
     def log10(self) -> Symbol:

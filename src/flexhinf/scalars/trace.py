@@ -241,9 +241,10 @@ def jacobian(
     value = traced.call(inputs)[0]
     derivative = ca.jacobian(value, inputs[0])
     flat = ca.densify(ca.vec(derivative.T))  # SX is column-major: the transpose flattens in C order
+    # A partial can be pickled, unlike a nested function.
     return partial(
         _value_and_jacobian, ca.Function(name, inputs, [value, flat], {"cse": True}), derivative.shape
-    )  # which can be pickled, unlike a nested function
+    )
 
 
 def _value_and_jacobian(

@@ -128,9 +128,8 @@ class Residual:
         def polynomial(pairs: Polynomial) -> Any:
             return ring.from_dict({(*powers, *(0,) * (end - n)): as_rational(a) for powers, a in pairs})
 
-        def field(
-            terms: Terms,
-        ) -> Any:  # (2); an uncertain p^e is one variable, since p stands with no other exponent
+        # Eq. (2). An uncertain p^e is one variable, since p stands with no other exponent.
+        def field(terms: Terms) -> Any:
             result = ring.constant(0)
             for term in terms:
                 product = polynomial(((term.powers, term.coefficient),))
@@ -234,9 +233,8 @@ class Corner(NamedTuple):
 def look_at_corners(claim: Claim, exact: Residual) -> tuple[int, list[Corner]]:
     """Number of corners (0 if r is no quadratic form, or the region leaves the reach), and the first few failing
     corners, the one with the smallest minor first."""
-    parts: list[tuple[Any, ...]] = list(
-        zip(exact.plain, *exact.factors, strict=True)
-    )  # by product of parameters
+    # One part for each product of parameters.
+    parts: list[tuple[Any, ...]] = list(zip(exact.plain, *exact.factors, strict=True))
     if any(sum(map(int, e)) != 2 for form in (exact.value, *itertools.chain(*parts)) for e in form.to_dict()):
         return 0, []
     value = form_of(exact.value)

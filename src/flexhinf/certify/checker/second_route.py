@@ -122,9 +122,10 @@ def _taylor(function: Function, center: fmpq, radius: arb) -> tuple[list[fmpq], 
     worst = arb(0)
     for i in range(_PIECES):
         piece = (low + (high - low) * i / _PIECES).union(low + (high - low) * (i + 1) / _PIECES)
+        # nan if one of them is nan.
         worst = worst.max(
             abs(series_of(function.name, arb_series([offset + piece, 1], prec=_ORDER + 3))[_ORDER + 2])
-        )  # of a ball with nan, nan
+        )
     return values, rounding + worst * radius ** (_ORDER + 1)
 
 

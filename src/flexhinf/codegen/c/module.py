@@ -433,9 +433,8 @@ class Translator:
         name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
         flow = read_dataflow(function, OPERATIONS, fused=True)
         codes = {code for code, *_ in instructions(function)}
-        own = [
-            code for code in SINES if code in codes and real.name == "double"
-        ]  # a float build calls the library
+        # A build of floats calls the library's sine and cosine.
+        own = [code for code in SINES if code in codes and real.name == "double"]
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }

@@ -193,9 +193,8 @@ class Algebra:
         inverse = self._spread(writer.select(singular, writer.lanes.constant(0.0), inverse), together)
         rounding = self._spread(rounding, together)
         blocks = str(pitch // together)
-        with writer.loop(
-            blocks, writer.let(f"udiv i64 {j}, {together}")
-        ) as q:  # left of the diagonal in vain
+        # Blocks left of the diagonal are computed in vain.
+        with writer.loop(blocks, writer.let(f"udiv i64 {j}, {together}")) as q:
             column = writer.let(f"mul nsw i64 {q}, {together}")
             place = self._at(j, pitch, column)
             value = wide.real("fmul", self._load(rows, place, together), inverse)
