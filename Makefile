@@ -78,13 +78,17 @@ $(PEERS)/.stamp: benchmarks/campaign/peers.txt benchmarks/certificates/peers.txt
 bench-jitter: environment-dev
 	OMP_NUM_THREADS=1 $(PY) -m benchmarks.jitter
 
-# Rows that are missing in benchmarks/hardware/rows, one after the other; with every row missing, an hour or two.
+# Designs at one pose, then the whole workspace: the rows that are missing in benchmarks/hardware/rows, one after the
+# other, an hour or two with every row missing; and those of bench-workspace.
 bench-hardware: environment-dev
 	$(PY) -m benchmarks.hardware
+	$(PY) -m benchmarks.workspace --jobs $(JOBS)
 
-# Rows that are missing in benchmarks/workspace/rows for 200 goals of each robot; with every row missing, hours.
+# Rows that are missing in benchmarks/workspace/rows for 200 goals of each robot; with every row missing, hours:
+# make bench-workspace JOBS=4 makes four at a time.
+JOBS ?= 1
 bench-workspace: environment-dev
-	$(PY) -m benchmarks.workspace
+	$(PY) -m benchmarks.workspace --jobs $(JOBS)
 
 # Needs gcc, valgrind, arm-none-eabi-gcc and qemu-system-arm; two minutes.
 bench-firmware: environment-dev

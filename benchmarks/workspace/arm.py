@@ -122,10 +122,14 @@ class Arm:
         """Pinocchio's scratch."""
         return self.model.createData()
 
+    @cached_property
+    def _upper(self) -> np.ndarray:
+        return np.triu(np.ones((self.n, self.n), dtype=bool))
+
     def inertia_matrix(self, q: np.ndarray) -> np.ndarray:
         """M(q), (n, n)."""
-        upper = np.triu(pin.crba(self.model, self.memory, q))
-        return upper + np.triu(upper, 1).T
+        whole = pin.crba(self.model, self.memory, q)  # its upper part counts
+        return np.where(self._upper, whole, whole.T)
 
     def gravity(self, q: np.ndarray) -> np.ndarray:
         """G(q), (n,)."""

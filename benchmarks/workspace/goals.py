@@ -30,10 +30,11 @@ GOALS_SEED, POSES_SEED, STEPS_SEED = 7, 1, 9
 
 
 class Reference(NamedTuple):
-    """What a law is told at a sample: x_d (4n,) = (q, q̇, θ, θ̇) now, and u_d (n,) for when its input acts."""
+    """What a law is told at a sample: x_d (4n,) = (q, q̇, θ, θ̇) now, u_d (n,) for when its input acts, and x_d then."""
 
     state: np.ndarray
     input: np.ndarray
+    ahead: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,13 +45,15 @@ class Move:
     goal: np.ndarray
     states: np.ndarray  # (N, 4n)
     inputs: np.ndarray  # (N, n)
+    latency: int = 1  # samples, that the law knows
 
     def __len__(self) -> int:
         return len(self.states)
 
     def reference(self, sample: int) -> Reference:
         """What the law is told at a sample."""
-        return Reference(self.states[sample], self.inputs[sample])
+        ahead = min(sample + self.latency, len(self) - 1)  # a move ends at rest
+        return Reference(self.states[sample], self.inputs[sample], self.states[ahead])
 
 
 def poses(arm: Arm, count: int, seed: int = POSES_SEED) -> np.ndarray:
@@ -98,7 +101,7 @@ def planned(arm: Arm, start: np.ndarray, goal: np.ndarray, latency: int, duratio
     at, time = quintic(start, goal, duration), PERIOD * np.arange(round((duration + REST) / PERIOD))
     states, _ = arm.robot.inverse_dynamics(*at(time))
     _, inputs = arm.robot.inverse_dynamics(*at(time + (latency + 0.5) * PERIOD))
-    return Move(start, goal, states, inputs)
+    return Move(start, goal, states, inputs, latency)
 
 
 def moves(arm: Arm, goals: np.ndarray, latency: int = 1) -> list[Move]:
@@ -119,5 +122,5 @@ def steps(arm: Arm, goals: np.ndarray, latency: int = 1, seed: int = STEPS_SEED)
         goal[joint] += STEP * (arm.upper - arm.lower)[joint] * (1.0 if start[joint] < middle[joint] else -1.0)
         count = round(REST / PERIOD)
         state, held = arm.robot.inverse_dynamics(goal)
-        found.append(Move(start, goal, np.tile(state, (count, 1)), np.tile(held, (count, 1))))
+        found.append(Move(start, goal, np.tile(state, (count, 1)), np.tile(held, (count, 1)), latency))
     return found

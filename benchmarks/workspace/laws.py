@@ -88,24 +88,29 @@ class DifferenceLaw:
         self.scale = arm.rotor / self.rotor
         unit, w = (self.scale / arm.per_input)[:, None], self.w
         #: M̄ times these, entry by entry, are the gains on e_θ, ė_θ and the sum of e T.
-        self.weights = [
-            unit * factor * np.outer(w, w) ** power
-            for factor, power in ((1.0, 1.0), (2.0 * DAMPING, 0.5), (INTEGRAL * integral, 1.5))
-        ]
+        self.weights = np.array(
+            [
+                unit * factor * np.outer(w, w) ** power
+                for factor, power in ((1.0, 1.0), (2.0 * DAMPING, 0.5), (INTEGRAL * integral, 1.5))
+            ]
+        )
         self.friction, self.turn = np.diag(arm.viscous / arm.per_input), (1.0 - self.scale) / arm.per_input
-        self.at_home = None if matrix else self.gains_of(np.diag(own + self.rotor))
+        self.light, self.pose = np.diag(self.rotor), b""
+        self.known = self.gains_of(np.diag(own + self.rotor))
         self.start(arm.home)
 
     def gains_of(self, inertia: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gains (n, n) on e_θ, ė_θ and the sum of e T for M̄, in units of the input."""
-        p, d, i = (weight * inertia for weight in self.weights)
+        p, d, i = self.weights * inertia
         d = d - self.friction
         # A motor that damps itself by more keeps its damping.
         return p, d if self.matrix else np.maximum(d, 0.0), i
 
     def gains(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The same at a commanded pose."""
-        return self.at_home or self.gains_of(self.arm.inertia_matrix(q) + np.diag(self.rotor))
+        if self.matrix and self.pose != (pose := q.tobytes()):  # at rest they stay
+            self.pose, self.known = pose, self.gains_of(self.arm.inertia_matrix(q) + self.light)
+        return self.known
 
     def start(self, q: np.ndarray) -> None:
         """Begin at rest."""
@@ -130,7 +135,7 @@ class DifferenceLaw:
             late = twist if self.twist is None else self.twist
             self.twist = twist
             wish = wish + self.turn * arm.stiffness * (twist + LEAD * (twist - late))
-        u = np.clip(wish, -arm.limit, arm.limit)
+        u = np.minimum(np.maximum(wish, -arm.limit), arm.limit)
         error = link if self.links else motor
         if self.integral:
             self.sum = self.sum + np.where(u == wish, PERIOD * (i @ error), 0.0)
@@ -227,7 +232,7 @@ class FlatnessLaw:
         corrected = self.error + self._l @ (y - seen - mine)
         self.error = self._f @ corrected + self._g @ self.sent
         wish = reference.input - self._k @ self.error - self.sum
-        u = np.clip(wish, -arm.limit, arm.limit)
+        u = np.minimum(np.maximum(wish, -arm.limit), arm.limit)
         integrated = (y - seen)[:n] if self.links else corrected[:n]
         self.sum = self.sum + np.where(u == wish, PERIOD * (self._i @ integrated), 0.0)
         self.sent = u - reference.input

@@ -87,17 +87,26 @@ def stable(matrix: np.ndarray) -> bool:
     return bool(np.abs(np.linalg.eigvals(matrix)).max() < 1.0)
 
 
-def margin(holds: Callable[[float], bool], tried: Sequence[float], start: float) -> float:
-    """The last of the values, in their order, up to which it holds, with the edge halved; at most the last value."""
-    low = start
+def margin(
+    holds: Callable[[float], bool], tried: Sequence[float], start: float, enough: float = np.inf
+) -> float:
+    """The last of the values, in their order, up to which it holds, with the edge halved; at most the last value.
+
+    The search ends where `enough` is reached: then the margin is that or more.
+    """
+    low, high = start, None
     for value in tried:
+        if low >= enough:
+            return low
         if not holds(value):
             high = value
-            for _ in range(HALVINGS):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if holds(middle) else (low, middle)
-            return low
+            break
         low = value
+    for _ in range(HALVINGS if high is not None else 0):
+        if low >= enough:
+            return low
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) else (low, middle)
     return low
 
 
@@ -113,22 +122,29 @@ class PoseLoop:
     gain: float  # factor of all inputs that it tolerates, up or down, whichever is smaller
 
 
-def judged(arm: Arm, q: np.ndarray, law: Linear, links: bool, latency: int = 1) -> PoseLoop:
-    """Damping and margins of the loop at a pose."""
-    c = outputs(arm.n, links)
+#: Fields of a PoseLoop that are margins.
+MARGINS = ("delay", "damped_delay", "gain")
+
+
+def judged(
+    arm: Arm, q: np.ndarray, law: Linear, links: bool, latency: int = 1,
+    enough: Sequence[float] = (np.inf, np.inf, np.inf),
+) -> PoseLoop:  # fmt: skip
+    """Damping and margins of the loop at a pose; each of the `MARGINS` is searched up to what is `enough`."""
+    c, nan = outputs(arm.n, links), float("nan")
     plain, soft = arm.linear(q), arm.linear(q, SPRINGS)
     plant = late(*plain, latency)
     loop = closed(plant, law, c)
     slow, fast = damping(loop)
     if not stable(loop):
-        return PoseLoop(False, slow, fast, *[float("nan")] * 3)
+        return PoseLoop(False, slow, fast, nan, nan, nan)
 
-    def delayed(model: tuple[np.ndarray, np.ndarray]) -> float:
+    def delayed(model: tuple[np.ndarray, np.ndarray], enough: float) -> float:
         def holds(extra: float) -> bool:
             return stable(closed(late(*model, latency + extra), law, c))
 
-        return margin(holds, DELAYS, 0.0) if holds(0.0) else float("nan")
+        return margin(holds, DELAYS, 0.0, enough) if model is plain or holds(0.0) else nan
 
-    up = margin(lambda gain: stable(closed(plant, law, c, gain)), GAINS, 1.0)
-    down = margin(lambda gain: stable(closed(plant, law, c, 1.0 / gain)), GAINS, 1.0)
-    return PoseLoop(True, slow, fast, delayed(plain), delayed(soft), min(up, down))
+    up = margin(lambda gain: stable(closed(plant, law, c, gain)), GAINS, 1.0, enough[2])
+    down = margin(lambda gain: stable(closed(plant, law, c, 1.0 / gain)), GAINS, 1.0, min(up, enough[2]))
+    return PoseLoop(True, slow, fast, delayed(plain, enough[0]), delayed(soft, enough[1]), min(up, down))

@@ -39,6 +39,7 @@ class MoveMetrics:
     path: float  # largest |q − q_d|, rad or m
     ripple: float  # largest standard deviation of an input over the last 0.3 s, per cent of its limit
     saturation: float  # per cent of samples with a motor at its limit
+    samples: int
     peak: float  # largest |q − goal| from the push on, rad or m; 0 without a push
     back: float  # from the push until all joints stay within 2 % of the largest travel, s; infinite if never
 
@@ -57,7 +58,7 @@ def metrics(
     saturation = 100.0 * float(np.mean(np.any(np.abs(u) >= SATURATED * limit, axis=1)))
     ripple = 100.0 * float(np.max(np.std(u[-TAIL:], axis=0) / limit))
     if len(q) < len(move):
-        return MoveMetrics(True, np.inf, np.inf, np.inf, np.inf, ripple, saturation, np.inf, np.inf)
+        return MoveMetrics(True, np.inf, np.inf, np.inf, np.inf, ripple, saturation, len(u), np.inf, np.inf)
     wanted, travel = move.states[:, :n], np.abs(move.goal - move.start)
     largest = np.array(
         [np.where(slides == kind, travel, own * travel / span).max() for kind, own in zip(slides, span)]
@@ -83,13 +84,14 @@ def metrics(
         float(away.max()),
         ripple,
         saturation,
+        len(u),
         peak,
         back,
     )
 
 
 def summary(rows: list[MoveMetrics]) -> dict[str, Any]:
-    """All moves: how many arrive, the worst of each number, mean saturation; None for what is infinite."""
+    """All moves: how many arrive, the worst of each number, saturation of all samples; None for what is infinite."""
 
     def number(value: float) -> float | None:
         return float(f"{value:.6g}") if np.isfinite(value) else None
@@ -106,6 +108,8 @@ def summary(rows: list[MoveMetrics]) -> dict[str, Any]:
         "remaining_median": number(float(np.median(remaining))),
         "remaining_worst": number(max(remaining)),
         **worst,
-        "saturation": number(float(np.mean([row.saturation for row in rows]))),
+        "saturation": number(
+            sum(row.saturation * row.samples for row in rows) / sum(row.samples for row in rows)
+        ),
         "remaining": [number(value) for value in remaining],
     }

@@ -1,8 +1,9 @@
 """The law of one pose: what ``flexhinf design ROBOT`` makes today, about the robot's home, run along moves.
 
-Everything is at its default but the sensors, their noise, and the loop's delay of one sample, which is stated as
-``--unknown-delay 1ms``. The controller runs in error coordinates about the moving reference, as designs run moves;
-its estimator has the robot's nonlinear model, its gain is that of home, and neither predicts over the delay.
+Everything is at its default but the sensors, their noise, and the loop's latency of one sample, which is stated as
+``--latency 1``. The controller runs in error coordinates about the moving reference, as designs run moves: its command
+is that of the instant at which its input acts. Its estimator has the robot's nonlinear model and predicts over the
+latency; the gain of its law is that of home.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from flexhinf.analysis import EquilibriumLoop
 
 __all__ = ["OnePose"]
 
-#: Variance of the encoders' noise, rad² (m²).
-VARIANCE = 1e-10
+#: Variance of the encoders' noise, rad² (m²), and the latency of the loop, samples.
+VARIANCE, LATENCY = 1e-10, 1
 
 
 class OnePose:
@@ -51,7 +52,7 @@ class OnePose:
     def specification(self) -> fh.Specification:
         """What is asked of the design."""
         return fh.Specification(
-            measured=self.measured, measurement_noise=VARIANCE, unknown_delay=PERIOD, draws=0, rays=0,
+            measured=self.measured, measurement_noise=VARIANCE, latency=LATENCY, draws=0, rays=0,
             compare_rigid=False,
         )  # fmt: skip
 
@@ -62,13 +63,13 @@ class OnePose:
 
     def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
         """The controller's own step; where it refuses one, the caller hears of it."""
-        return self.controller.step(y, np.concatenate(reference))
+        return self.controller.step(y, np.concatenate([reference.ahead, reference.input]))
 
     def linear(self, q: np.ndarray) -> Linear:
         """Memory and input by memory and measurement, with the filter's stationary gain at this pose."""
         loop = EquilibriumLoop(
             self.controller.law, self.controller.estimator, self.arm.robot.plant(self.measured), PERIOD,
-            equilibrium=self.arm.robot.operating_point(q), moving=True,
+            equilibrium=self.arm.robot.operating_point(q), moving=True, latency=LATENCY,
         ).linear()  # fmt: skip
         size = len(loop.memory)
         return loop.memory[:, :size], loop.memory[:, size:], loop.law[:, :size], loop.law[:, size:]

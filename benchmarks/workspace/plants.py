@@ -96,6 +96,7 @@ class MuJoCo:
         self.sub_steps = sub_steps or max(4, int(np.ceil(arm.fastest() * PERIOD / 0.25)))
         self.model = mujoco.MjModel.from_xml_string(mjcf(arm, friction, PERIOD / self.sub_steps))
         self.data = mujoco.MjData(self.model)
+        self.positions, self.applied = self.data.qpos, self.data.qfrc_applied  # views
         names = arm.robot.joint_names
         self.motors = np.array([self.model.joint(f"motor {name}").qposadr[0] for name in names])
         self.twists = np.array([self.model.joint(f"twist {name}").qposadr[0] for name in names])
@@ -109,14 +110,14 @@ class MuJoCo:
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions of links and motors."""
-        theta = self.data.qpos[self.motors]
-        return theta + self.data.qpos[self.twists], theta
+        theta = self.positions[self.motors]
+        return theta + self.positions[self.twists], theta
 
     def advance(self, u: np.ndarray, push: np.ndarray | None = None) -> None:
         """One period with this input; a torque on a link does work on the motor's joint and on the twist."""
-        links = np.zeros(self.arm.n) if push is None else push
-        self.data.qfrc_applied[self.motors] = self.arm.per_input * u + links
-        self.data.qfrc_applied[self.twists] = links
+        torque = self.arm.per_input * u
+        self.applied[self.motors] = torque if push is None else torque + push
+        self.applied[self.twists] = 0.0 if push is None else push
         self._mujoco.mj_step(self.model, self.data, self.sub_steps)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +14,11 @@ import flexhinf as fh
 from benchmarks.workspace import goals as the_goals
 from benchmarks.workspace.arm import Arm
 from benchmarks.workspace.laws import LAWS, SHARES, TUNING, TUNING_SEED, Choice, Law
-from benchmarks.workspace.linear import judged
+from benchmarks.workspace.linear import MARGINS, PoseLoop, judged
 from benchmarks.workspace.metrics import summary
 from benchmarks.workspace.plants import PLANTS
 from benchmarks.workspace.robots import ROBOTS, Entry, true_arms
+from benchmarks.workspace.size import object_bytes
 from benchmarks.workspace.trip import CONDITIONS, Condition, trip
 
 __all__ = ["ROWS", "Bench", "kept", "law_name", "law_record", "row_name", "written"]
@@ -59,21 +59,22 @@ def judged_at(
     arm: Arm, law: Law, links: bool, count: int, seed: int = the_goals.POSES_SEED
 ) -> dict[str, Any]:
     """The smallest of every number over random poses; None where the loop is unstable at one of them."""
-    loops = []
+    loops: list[PoseLoop] = []
+    least = dict.fromkeys(MARGINS, np.inf)
     for q in the_goals.poses(arm, count, seed):
         try:
-            loops.append(judged(arm, q, law.linear(q), links))
+            loops.append(judged(arm, q, law.linear(q), links, enough=list(least.values())))
         except (fh.FlexhinfError, np.linalg.LinAlgError):  # no controller at this pose
-            continue
-    steady = [asdict(loop) for loop in loops if loop.stable]
-    found: dict[str, Any] = {"poses": count, "stable": len(steady)}
+            loops.append(PoseLoop(False, np.inf, np.inf, np.nan, np.nan, np.nan))
+        for name in MARGINS:  # NaN, where it is unstable, ends the search at every later pose
+            value = getattr(loops[-1], name)
+            least[name] = min(least[name], -np.inf if np.isnan(value) else value)
+    found: dict[str, Any] = {"poses": count, "stable": sum(loop.stable for loop in loops)}
     for name in ("damping", "fast"):
-        found[name] = float(f"{min(getattr(loop, name) for loop in loops):.6g}") if loops else None
-    for name in ("delay", "damped_delay", "gain"):
-        values = [loop[name] for loop in steady]
-        whole = len(steady) == count and bool(np.all(np.isfinite(values)))
-        found[name] = float(f"{min(values):.6g}") if whole else None
-    return found
+        least[name] = min(getattr(loop, name) for loop in loops)
+    return found | {
+        name: float(f"{value:.6g}") if np.isfinite(value) else None for name, value in least.items()
+    }
 
 
 def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[float, list[dict[str, Any]]]:
@@ -114,6 +115,7 @@ def law_record(entry: Entry, choice: Choice, links: bool, poses: int, folder: Pa
         except fh.FlexhinfError as error:
             return {"poses": poses, "refused": str(error).splitlines()[0]}
         record |= getattr(law, "note", {"design_cpu": time.process_time() - began})
+        record["object_bytes"] = object_bytes(law.controller) if hasattr(law, "controller") else None
     return record | judged_at(arm, law, links, poses)
 
 

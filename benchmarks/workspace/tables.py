@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.workspace.arm import PERIOD
 from benchmarks.workspace.laws import LAWS
 from benchmarks.workspace.linear import DELAYS, GAINS
+from benchmarks.workspace.metrics import PUSHED
 from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import kept, law_name, row_name
 from benchmarks.workspace.trip import CONDITIONS
@@ -15,6 +17,7 @@ from benchmarks.workspace.trip import CONDITIONS
 __all__ = ["TABLES"]
 
 MUJOCO, OTHER = "mujoco", "runge-kutta"
+PD, MISSING = "pd", "not measured"
 
 
 def moves(folder: Path) -> str:
@@ -34,7 +37,7 @@ def moves(folder: Path) -> str:
 
 def _numbers(row: dict[str, Any] | None) -> list[str]:
     if row is None:
-        return [""] * 5
+        return [MISSING] * 5
     return [
         f"{_milli(row['remaining_median'])}, {_milli(row['remaining_worst'])}",
         _percent(row["wrong_way"]),
@@ -45,10 +48,13 @@ def _numbers(row: dict[str, Any] | None) -> list[str]:
 
 
 def loops(folder: Path) -> str:
-    """Linear loops at random poses with one sample of latency, and CPU time."""
+    """Linear loops at random poses with one sample of latency, CPU time, and the size of the exported C.
+
+    The time of a step is also in parts of that of PD, which ran on the same machine.
+    """
     lines = _head(
         "robot", "law", "share s", "stable", "worst damping below 350 rad/s", "of faster ones",
-        "extra delay, samples (springs damped by 0.5 %)", "gain margin", "CPU: design", "a step",
+        "extra delay, samples (springs damped by 0.5 %)", "gain margin", "CPU: design", "a step (of PD's)", "C, bytes",
     )  # fmt: skip
     for robot in ROBOTS:
         for law, choice in LAWS.items():
@@ -56,9 +62,10 @@ def loops(folder: Path) -> str:
             if record is None:
                 continue
             if "refused" in record:
-                lines.append(_cells(robot, choice.title, f"refused: {record['refused']}", *[""] * 7))
+                lines.append(_cells(robot, choice.title, f"refused: {record['refused']}", *[""] * 8))
                 continue
-            row = _row(folder, robot, law, "nominal")
+            row, unit = (_row(folder, robot, name, "nominal") for name in (law, PD))
+            size = record.get("object_bytes")
             delay = f"{_margin(record['delay'], DELAYS)} ({_margin(record['damped_delay'], DELAYS)})"
             lines.append(
                 _cells(
@@ -71,7 +78,8 @@ def loops(folder: Path) -> str:
                     delay,
                     _margin(record["gain"], GAINS),
                     f"{record['design_cpu']:.0f} s",
-                    "" if row is None else f"{1e6 * row['step_cpu']:.0f} µs",
+                    MISSING if row is None else _time(row["step_cpu"], unit),
+                    "–" if size is None else f"{size:,}",
                 )
             )
     return "\n".join(lines)
@@ -80,8 +88,9 @@ def loops(folder: Path) -> str:
 def others(folder: Path) -> str:
     """Without friction, a push, bare steps, motor encoders alone."""
     lines = _head(
-        "robot", "law", "without dry friction: arrive, worst that remains", "push: peak, worst 0.4 s later",
-        "bare steps: wrong way, others move", "motor encoders alone: arrive, worst that remains",
+        "robot", "law", "motor encoders alone: arrive, worst that remains",
+        "without dry friction: arrive, worst that remains", "pushes: peak, back within 2 %, worst 0.4 s later",
+        "bare steps: wrong way, others move",
     )  # fmt: skip
     for robot, law in _laws(folder, MUJOCO):
         free, push, steps, motors = (
@@ -91,10 +100,15 @@ def others(folder: Path) -> str:
             _cells(
                 robot,
                 LAWS[law].title,
-                _both(free),
-                "" if push is None else f"{_milli(push['peak'])}, {_milli(push['remaining_worst'])}",
-                "" if steps is None else f"{_percent(steps['wrong_way'])}, {_percent(steps['excursion'])}",
                 "needs those of the links" if LAWS[law].needs_links else _both(motors),
+                _both(free),
+                MISSING
+                if push is None
+                else f"{push['moves']}: {_milli(push['peak'])}, {_back(push)}, "
+                f"{_milli(push['remaining_worst'])}",
+                MISSING
+                if steps is None
+                else f"{steps['moves']}: {_percent(steps['wrong_way'])}, {_percent(steps['excursion'])}",
             )
         )
     return "\n".join(lines)
@@ -150,12 +164,24 @@ def _cells(*cells: str) -> str:
 
 def _arrive(row: dict[str, Any] | None) -> str:
     if row is None:
-        return ""
+        return MISSING
     return f"{row['arrived']} of {row['moves']}" + (f"; {row['lost']} lost" if row["lost"] else "")
 
 
 def _both(row: dict[str, Any] | None) -> str:
-    return "" if row is None else f"{_arrive(row)}, {_milli(row['remaining_worst'])}"
+    return MISSING if row is None else f"{_arrive(row)}, {_milli(row['remaining_worst'])}"
+
+
+def _back(row: dict[str, Any]) -> str:
+    """When all joints are back after a push, at the latest."""
+    late = "lost" if row["lost"] else f"not in {1e3 * PERIOD * PUSHED:.0f} ms"
+    return late if row["back"] is None else f"{1e3 * row['back']:.0f} ms"
+
+
+def _time(step: float, unit: dict[str, Any] | None) -> str:
+    """Of a step, and in parts of the one of another row."""
+    text = f"{1e6 * step:.0f} µs"
+    return text if unit is None else f"{text} ({_digits(step / unit['step_cpu'])})"
 
 
 def _number(value: float | None) -> str:

@@ -41,11 +41,11 @@ CONDITIONS = {
     "nominal": Condition("the robot of the file, with dry friction"),
     "payload": Condition("with a payload that the law does not know", robots="payload"),
     "sampled": Condition("robots at corners of their tolerances", robots="sampled"),
-    "frictionless": Condition("without dry friction", friction=False),
     "late": Condition("a second sample of latency, unknown", latency=2),
+    "motors": Condition("motor encoders alone", links=False),
+    "frictionless": Condition("without dry friction", friction=False),
     "push": Condition("30 % of the limits on all links for 50 ms, at rest", pushed=True),
     "steps": Condition("bare steps of one joint by 2 % of its range", steps=True),
-    "motors": Condition("motor encoders alone", links=False),
 }
 
 
@@ -66,14 +66,14 @@ def drive(
     n, count = arm.n, len(move)
     sensors = 2 if condition.links else 1
     noise, size = (np.tile(np.where(arm.slides, pair[1], pair[0]), sensors) for pair in (NOISE, STEP))
-    errors = noise * rng.standard_normal((count, sensors * n))
+    errors, limit = noise * rng.standard_normal((count, sensors * n)), arm.limit
     q, u = np.zeros((count, n)), np.zeros((count, n))
     middle, span = 0.5 * (arm.lower + arm.upper), arm.upper - arm.lower
     cpu, refused, last = 0.0, 0, queue[-1]
     links = PUSH * arm.limit * arm.per_input
     for k in range(count):
         true, motors = plant.read()
-        if not (np.abs(true - middle) <= span).all():
+        if not (np.abs(true - middle) <= span).all():  # NaN too
             return q[:k], u[: max(k, 1)], cpu, refused
         q[k] = true
         y = np.concatenate((true, motors)) if condition.links else motors
@@ -84,7 +84,7 @@ def drive(
         except fh.FlexhinfError:
             refused += 1
         cpu += time.process_time() - began
-        u[k] = last = np.clip(last, -arm.limit, arm.limit)
+        u[k] = last = np.minimum(np.maximum(last, -limit), limit)
         queue.append(last)
         push = condition.pushed and count - PUSHED <= k < count - PUSHED + PUSH_LENGTH
         plant.advance(queue.pop(0), links if push else None)

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import platform
+import re
+import shutil
+import subprocess
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -14,11 +18,12 @@ from benchmarks.workspace import __main__ as program, rows as the_rows
 from benchmarks.workspace.arm import PERIOD, Arm
 from benchmarks.workspace.goals import REST, Move, Reference, goals, moves, planned, poses, steps
 from benchmarks.workspace.laws import LAWS, SHARES, DifferenceLaw, FlatnessLaw, Law
-from benchmarks.workspace.linear import closed, damping, judged, late, outputs
+from benchmarks.workspace.linear import MARGINS, closed, damping, judged, late, outputs
 from benchmarks.workspace.metrics import PUSHED, TAIL, metrics, summary
 from benchmarks.workspace.plants import PLANTS, MuJoCo, RungeKutta
 from benchmarks.workspace.robots import ROBOTS, true_arms
 from benchmarks.workspace.rows import Bench
+from benchmarks.workspace.size import FLAGS, object_bytes
 from benchmarks.workspace.tables import TABLES
 from benchmarks.workspace.trip import Condition, trip
 from scipy.integrate import solve_ivp
@@ -114,6 +119,16 @@ def test_a_move_is_at_half_the_speed_limits_and_its_feedforward_drives_the_frict
     assert worst < 2e-4 * float(np.abs(move.goal - move.start).max())
 
 
+def test_a_law_is_told_where_the_robot_is_to_be_when_its_input_acts(arms: dict[str, Arm]) -> None:
+    move = short(arms[SCARA])
+    for k in (0, 100, len(move) - 1):
+        state, _, ahead = move.reference(k)
+        assert np.array_equal(state, move.states[k])
+        assert np.array_equal(ahead, move.states[min(k + 1, len(move) - 1)])
+    late = planned(arms[SCARA], move.start, move.goal, 3, 0.5)
+    assert np.array_equal(late.reference(10).ahead, move.states[13])
+
+
 def test_bare_steps_move_one_joint(arms: dict[str, Arm]) -> None:
     arm = arms[SCARA]
     for one in steps(arm, poses(arm, 5)):
@@ -191,7 +206,8 @@ def test_the_linear_model_of_a_law_is_what_its_steps_do(arms: dict[str, Arm], na
     arm, rng = arms[name], np.random.default_rng(0)
     q = poses(arm, 1, 4)[0]
     theta, held = arm.rest(q)
-    reference = Reference(np.concatenate([q, 0.0 * q, theta, 0.0 * q]), held)
+    rest = np.concatenate([q, 0.0 * q, theta, 0.0 * q])
+    reference = Reference(rest, held, rest)
     seen = np.concatenate([q, theta]) if links else theta
     for law in choices(arm, links).values():
         law.start(q)
@@ -264,6 +280,31 @@ def test_margins_are_edges_of_stability(arms: dict[str, Arm]) -> None:
     assert largest(1.0, loop.gain) < 1.0 < max(largest(1.0, 1.1 * loop.gain), largest(1.0, 0.9 / loop.gain))
 
 
+@pytest.mark.parametrize(("name", "share"), [(PLANAR, 2.5), (SCARA, 0.15), (SCARA, 2.5)])
+def test_the_smallest_margins_are_those_of_all_poses(arms: dict[str, Arm], name: str, share: float) -> None:
+    """The search at a pose ends where the margin is beyond those of the poses before; the least is the same."""
+    arm, law = arms[name], DifferenceLaw(arms[name], True, share)
+    found = the_rows.judged_at(arm, law, True, 12, 3)
+    loops = [judged(arm, q, law.linear(q), True) for q in poses(arm, 12, 3)]
+    assert found["stable"] == sum(loop.stable for loop in loops)
+    for field in ("damping", "fast", *MARGINS):
+        values = [getattr(loop, field) for loop in loops]
+        if np.all(np.isfinite(values)):
+            assert found[field] == pytest.approx(min(values), rel=1e-5)
+        else:
+            assert found[field] is None
+
+
+def test_gains_with_the_full_inertia_are_those_of_the_commanded_pose(arms: dict[str, Arm]) -> None:
+    arm = arms[SCARA]
+    law = DifferenceLaw(arm, True, 0.3, matrix=True, integral=True)
+    one, other = poses(arm, 2, 4)
+    for q in (one, one, other, one):
+        wanted = DifferenceLaw(arm, True, 0.3, matrix=True, integral=True).gains(q)
+        assert all(np.array_equal(mine, its) for mine, its in zip(law.gains(q), wanted))
+    assert not np.array_equal(law.gains(one)[0], law.gains(other)[0])
+
+
 # Metrics ------------------------------------------------------------------------------------------
 def still(start: np.ndarray, goal: np.ndarray, count: int = 1500) -> Move:
     n = len(goal)
@@ -301,6 +342,7 @@ def test_metrics_of_known_runs() -> None:
     assert lost.lost
     assert summary([found, lost])["remaining_worst"] is None
     assert summary([found, lost])["arrived"] == 1
+    assert summary([found, lost])["saturation"] == pytest.approx(300 / 22, rel=1e-5)
 
 
 def test_small_travels_count_as_a_twentieth_of_the_largest_and_resting_joints_apart() -> None:
@@ -465,6 +507,61 @@ def test_a_run_that_goes_on_is_the_run_that_was_not_interrupted(
     assert f"{row['arrived']} of 2" in TABLES["moves"](whole)
 
 
+def test_rows_that_several_processes_make_are_those_of_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--robots", PLANAR, "--laws", "pd", "flatness", "--plants", "mujoco", "--conditions", "nominal"]
+    asked += ["--goals", "1", "--poses", "2", "--rows"]
+    for name in ("one", "two"):
+        for law, share in (("pd", 2.5), ("flatness", 1.5)):  # tuned already
+            record = {"share": share, "poses": 2}
+            the_rows.written(tmp_path / name, f"{PLANAR}.{law}", record)
+    assert program.main([*asked, str(tmp_path / "one")]) == 0
+    assert program.main([*asked, str(tmp_path / "two"), "--jobs", "2"]) == 0
+    assert columns(tmp_path / "one") == columns(tmp_path / "two")
+    assert len(columns(tmp_path / "two")) == 4
+    capsys.readouterr()
+
+
+def test_tables_say_what_is_missing_and_when_joints_are_back(tmp_path: Path) -> None:
+    row = {"moves": 3, "lost": 0, "peak": 0.1, "back": 0.25, "remaining_worst": 0.002}
+    the_rows.written(tmp_path, f"{PLANAR}.pd.mujoco.push", row)
+    the_rows.written(tmp_path, f"{SCARA}.pd.mujoco.push", row | {"back": None})
+    planar, scara = TABLES["others"](tmp_path).splitlines()[2:]
+    assert "3: 100 mrad, 250 ms, 2 mrad" in planar
+    assert "not in 750 ms" in scara
+    assert planar.count("not measured") == 3
+    shared = {"poses": 2, "stable": 2, "damping": 0.1, "fast": 0.1, "delay": 1, "damped_delay": 1, "gain": 2}
+    for law, bytes_ in (("pd", None), ("one-pose", 12345)):
+        record = shared | {"design_cpu": 1.0, "object_bytes": bytes_}
+        the_rows.written(tmp_path, f"{PLANAR}.{law}", record)
+        step = {"step_cpu": 1e-5 if law == "pd" else 2e-5}
+        the_rows.written(tmp_path, f"{PLANAR}.{law}.mujoco.nominal", step)
+    pd, own = TABLES["loops"](tmp_path).splitlines()[2:]
+    assert pd.endswith("| 10 µs (1) | – |")
+    assert own.endswith("| 20 µs (2) | 12,345 |")
+
+
+@pytest.mark.skipif(
+    shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
+)
+def test_the_size_of_a_law_is_that_of_its_exported_code(tmp_path: Path) -> None:
+    """The sections that a processor needs, as objdump lists them."""
+    robot = fh.paper_arm()
+    problem = robot.problem()
+    law = fh.linear_law(problem, gamma=2.0 * fh.smallest_gamma(problem))
+    filter = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4)
+    controller = fh.Controller(law, filter, 1e-3)
+    folder = fh.export_c(controller, tmp_path / "c", "law")
+    subprocess.run(["gcc", *FLAGS, "-c", "law.c"], cwd=folder, check=True)
+    words = ["objdump", "-h", "law.o"]
+    listed = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout
+    rows = re.findall(r"^ *\d+ (\S+) +([0-9a-f]{8}).*\n +(.*)$", listed, re.MULTILINE)
+    wanted = sum(int(size, 16) for _, size, flags in rows if "ALLOC" in flags and "CONTENTS" in flags)
+    assert object_bytes(controller) == wanted > 1000
+    assert object_bytes(None) is None
+
+
 def test_a_row_of_other_goals_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(tmp_path, goals=2, poses=3)
     kept = {"goals": 1, "moves": 1}
@@ -488,7 +585,7 @@ def test_the_linear_loop_of_the_law_of_one_pose_is_flexhinfs(tmp_path: Path) -> 
     mine = np.abs(np.linalg.eigvals(closed(late(*arm.linear(q), 1.0), law.linear(q), outputs(2))))
     loop = EquilibriumLoop(
         law.controller.law, law.controller.estimator, arm.robot.plant(links, extras=("joint_damping",)), PERIOD,
-        equilibrium=arm.robot.operating_point(q), moving=True, delay=1,
+        equilibrium=arm.robot.operating_point(q), moving=True, latency=1,
     ).linear()  # fmt: skip
     theirs = np.abs(loop.closed_loop.multipliers)
     assert np.sort(mine)[::-1][:10] == pytest.approx(np.sort(theirs)[::-1][:10], abs=1e-7)
