@@ -53,7 +53,7 @@ def loops(folder: Path) -> str:
     The time of a step is also in parts of that of PD, which ran on the same machine.
     """
     lines = _head(
-        "robot", "law", "share s", "stable", "worst damping below 350 rad/s", "of faster ones",
+        "robot", "law", "share s (at most)", "stable", "worst damping below 350 rad/s", "of faster ones",
         "extra delay, samples (springs damped by 0.5 %)", "gain margin", "CPU: design", "a step (of PD's)", "C, bytes",
     )  # fmt: skip
     for robot in ROBOTS:
@@ -71,7 +71,7 @@ def loops(folder: Path) -> str:
                 _cells(
                     robot,
                     choice.title,
-                    f"{record['share']:g}" if "share" in record else "",
+                    f"{record['share']:g} ({record['fastest']:g} rad/s)" if "share" in record else "",
                     f"{record['stable']} of {record['poses']}",
                     _number(record["damping"]),
                     _number(record["fast"]),

@@ -514,7 +514,7 @@ def test_rows_that_several_processes_make_are_those_of_one(
     asked += ["--goals", "1", "--poses", "2", "--rows"]
     for name in ("one", "two"):
         for law, share in (("pd", 2.5), ("flatness", 1.5)):  # tuned already
-            record = {"share": share, "poses": 2}
+            record = {"share": share, "fastest": 120.0, "poses": 2}
             the_rows.written(tmp_path / name, f"{PLANAR}.{law}", record)
     assert program.main([*asked, str(tmp_path / "one")]) == 0
     assert program.main([*asked, str(tmp_path / "two"), "--jobs", "2"]) == 0
