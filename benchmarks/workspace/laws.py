@@ -8,9 +8,10 @@ The rule of tuning: a rival has one number, the share s: joint j gets the bandwi
 its own vibration with the motor held, at home, and at most the first of `FASTEST`. Of `SHARES` the rival gets the one
 with which it arrives most often in `TUNING` moves that are not those of the benchmark, then with the smallest worst
 remaining error. Before others come those that there tolerate one more sample of delay (springs damped by 0.5 %) and a
-gain of two, then those that are stable; where no share comes so far, the next of `FASTEST` is tried: robots with
-light wrists on stiff springs need it. Of them, those come first that stay below 1.5 % of ripple; where none does, the
-least ripple decides between those that arrive as often. So a rival is tuned for the criterion by which it is judged.
+gain of two, then those that are stable. Where no share tolerates both, the first of `FASTEST` with which some share
+tolerates one is taken, or else with which some is stable: robots with light wrists on stiff springs need it. Of them,
+those come first that stay below 1.5 % of ripple; where none does, the least ripple decides between those that arrive
+as often. So a rival is tuned for the criterion by which it is judged.
 """
 
 from __future__ import annotations

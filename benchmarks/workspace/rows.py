@@ -83,13 +83,14 @@ def tuned(
     """The share and the largest bandwidth of the rule in `laws`, and what every share did with the latter."""
     loaded = true_arms(entry, "payload")[0]
     moves = the_goals.moves(arm, the_goals.goals(arm, loaded, TUNING, TUNING_SEED)[0])
-    first, fastest, tried = 3, 0.0, list[dict[str, Any]]()
+    fewest, fastest, tried = 4, 0.0, list[dict[str, Any]]()
     for largest in FASTEST:
         placed = [_placed(arm, choice, links, share, largest) for share in SHARES]
-        if (best := min(one["place"] for one in placed)) < first:
-            first, fastest, tried = best, largest, placed
-        if not first:
+        if (missed := min(map(_missed, placed))) < fewest:
+            fewest, fastest, tried = missed, largest, placed
+        if not fewest:
             break
+    first = min(one["place"] for one in tried)
     seen: dict[bytes, dict[str, Any]] = {}  # shares with which all bandwidths are the largest are one
     for one in [one for one in tried if one["place"] == first]:
         key = bandwidths(arm, one["share"], fastest).tobytes()
@@ -109,12 +110,18 @@ def tuned(
 
 
 def _placed(arm: Arm, choice: Choice, links: bool, share: float, fastest: float) -> dict[str, Any]:
-    """Whether a candidate keeps the margins: 0, is stable: 1, or not: 2, at all poses of the tuning."""
+    """A candidate's margins at the poses of the tuning, and its place: 0 if it keeps both, 2 if it is unstable."""
     law = choice.make(arm, links, share, fastest)
     margins = judged_at(arm, law, links, TUNED_POSES, TUNING_SEED)
     delay, gain = margins["damped_delay"], margins["gain"]
-    place = 2 if delay is None or gain is None else int(delay < TUNED_DELAY or gain < TUNED_GAIN)
-    return {"share": share, "place": place, "delay": delay, "gain": gain}
+    one = {"share": share, "place": 0, "delay": delay, "gain": gain}
+    return one | {"place": (0, 1, 1, 2)[_missed(one)]}
+
+
+def _missed(one: dict[str, Any]) -> int:
+    """Margins that a candidate misses; 3 where it is unstable."""
+    delay, gain = one["delay"], one["gain"]
+    return 3 if delay is None or gain is None else (delay < TUNED_DELAY) + (gain < TUNED_GAIN)
 
 
 def numbers(choice: Choice, record: dict[str, Any], folder: Path) -> tuple[Any, ...]:

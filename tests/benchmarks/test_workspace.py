@@ -1,12 +1,7 @@
-"""``make bench-workspace``: two simulators, metrics, linear loops, and runs that go on after an interruption."""
+"""``make bench-workspace``: two simulators, goals, laws, linear loops, and metrics."""
 
 from __future__ import annotations
 
-import json
-import platform
-import re
-import shutil
-import subprocess
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -14,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.workspace import __main__ as program, rows as the_rows
+from benchmarks.workspace import rows as the_rows
 from benchmarks.workspace.arm import PERIOD, Arm
 from benchmarks.workspace.goals import REST, Move, Reference, goals, moves, planned, poses, steps
 from benchmarks.workspace.laws import LAWS, SHARES, DifferenceLaw, FlatnessLaw, Law
@@ -22,9 +17,6 @@ from benchmarks.workspace.linear import MARGINS, closed, damping, judged, late, 
 from benchmarks.workspace.metrics import PUSHED, TAIL, metrics, summary
 from benchmarks.workspace.plants import PLANTS, MuJoCo, RungeKutta
 from benchmarks.workspace.robots import ROBOTS, true_arms
-from benchmarks.workspace.rows import Bench
-from benchmarks.workspace.size import FLAGS, object_bytes
-from benchmarks.workspace.tables import TABLES
 from benchmarks.workspace.trip import Condition, trip
 from scipy.integrate import solve_ivp
 
@@ -455,120 +447,6 @@ def test_a_law_begins_at_rest_and_takes_a_jump_of_the_command_without_a_blow(arm
     f, g, _ = flat.model(move.goal)
     away = np.concatenate([move.start, np.zeros(2), theta, np.zeros(2)]) - reference.state
     assert flat.error == pytest.approx(f @ away + g @ (held - reference.input))
-
-
-def columns(folder: Path) -> dict[str, dict[str, Any]]:
-    """All rows but their CPU times."""
-    return {
-        file.name: {
-            key: value
-            for key, value in json.loads(file.read_text(encoding="utf-8")).items()
-            if "cpu" not in key
-        }
-        for file in sorted(folder.glob("*.json"))
-    }
-
-
-def test_a_run_that_goes_on_is_the_run_that_was_not_interrupted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(the_rows, "TUNING", 1)
-    monkeypatch.setattr(the_rows, "SHARES", (1.5, 2.5))
-    monkeypatch.setattr(the_rows, "TUNED_POSES", 2)
-    asked = [
-        "--robots", PLANAR, "--laws", "pd", "--plants", "mujoco", "--conditions", "nominal", "push", "steps",
-        "--goals", "2", "--poses", "3",
-    ]  # fmt: skip
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
-    assert program.main([*asked, "--rows", str(whole)]) == 0
-    real, made = the_rows.written, []
-
-    def once(folder: Path, name: str, row: dict[str, Any]) -> None:
-        if len(made) == 2:
-            raise KeyboardInterrupt
-        made.append(name)
-        real(folder, name, row)
-
-    monkeypatch.setattr(the_rows, "written", once)
-    assert program.main([*asked, "--rows", str(parts)]) == 130
-    assert len(columns(parts)) == 2
-    monkeypatch.setattr(the_rows, "written", real)
-    assert program.main([*asked, "--rows", str(parts)]) == 0
-    assert columns(parts) == columns(whole)
-    assert len(columns(whole)) == 4
-    before = {file: file.stat().st_mtime_ns for file in whole.iterdir()}
-    assert program.main([*asked, "--rows", str(whole)]) == 0  # nothing is made again
-    assert {file: file.stat().st_mtime_ns for file in whole.iterdir()} == before
-    capsys.readouterr()
-    row = columns(whole)[f"{PLANAR}.pd.mujoco.nominal.json"]
-    for name in ("moves", "others", "loops"):
-        text = TABLES[name](whole)
-        assert len(text.splitlines()) == 3
-    assert f"{row['arrived']} of 2" in TABLES["moves"](whole)
-
-
-def test_rows_that_several_processes_make_are_those_of_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked = ["--robots", PLANAR, "--laws", "pd", "flatness", "--plants", "mujoco", "--conditions", "nominal"]
-    asked += ["--goals", "1", "--poses", "2", "--rows"]
-    for name in ("one", "two"):
-        for law, share in (("pd", 2.5), ("flatness", 1.5)):  # tuned already
-            record = {"share": share, "fastest": 120.0, "poses": 2}
-            the_rows.written(tmp_path / name, f"{PLANAR}.{law}", record)
-    assert program.main([*asked, str(tmp_path / "one")]) == 0
-    assert program.main([*asked, str(tmp_path / "two"), "--jobs", "2"]) == 0
-    assert columns(tmp_path / "one") == columns(tmp_path / "two")
-    assert len(columns(tmp_path / "two")) == 4
-    capsys.readouterr()
-
-
-def test_tables_say_what_is_missing_and_when_joints_are_back(tmp_path: Path) -> None:
-    row = {"moves": 3, "lost": 0, "peak": 0.1, "back": 0.25, "remaining_worst": 0.002}
-    the_rows.written(tmp_path, f"{PLANAR}.pd.mujoco.push", row)
-    the_rows.written(tmp_path, f"{SCARA}.pd.mujoco.push", row | {"back": None})
-    planar, scara = TABLES["others"](tmp_path).splitlines()[2:]
-    assert "3: 100 mrad, 250 ms, 2 mrad" in planar
-    assert "not in 750 ms" in scara
-    assert planar.count("not measured") == 3
-    shared = {"poses": 2, "stable": 2, "damping": 0.1, "fast": 0.1, "delay": 1, "damped_delay": 1, "gain": 2}
-    for law, bytes_ in (("pd", None), ("one-pose", 12345)):
-        record = shared | {"design_cpu": 1.0, "object_bytes": bytes_}
-        the_rows.written(tmp_path, f"{PLANAR}.{law}", record)
-        step = {"step_cpu": 1e-5 if law == "pd" else 2e-5}
-        the_rows.written(tmp_path, f"{PLANAR}.{law}.mujoco.nominal", step)
-    pd, own = TABLES["loops"](tmp_path).splitlines()[2:]
-    assert pd.endswith("| 10 µs (1) | – |")
-    assert own.endswith("| 20 µs (2) | 12,345 |")
-
-
-@pytest.mark.skipif(
-    shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
-)
-def test_the_size_of_a_law_is_that_of_its_exported_code(tmp_path: Path) -> None:
-    """The sections that a processor needs, as objdump lists them."""
-    robot = fh.paper_arm()
-    problem = robot.problem()
-    law = fh.linear_law(problem, gamma=2.0 * fh.smallest_gamma(problem))
-    filter = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4)
-    controller = fh.Controller(law, filter, 1e-3)
-    folder = fh.export_c(controller, tmp_path / "c", "law")
-    subprocess.run(["gcc", *FLAGS, "-c", "law.c"], cwd=folder, check=True)
-    words = ["objdump", "-h", "law.o"]
-    listed = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=True).stdout
-    rows = re.findall(r"^ *\d+ (\S+) +([0-9a-f]{8}).*\n +(.*)$", listed, re.MULTILINE)
-    wanted = sum(int(size, 16) for _, size, flags in rows if "ALLOC" in flags and "CONTENTS" in flags)
-    assert object_bytes(controller) == wanted > 1000
-    assert object_bytes(None) is None
-
-
-def test_a_row_of_other_goals_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(tmp_path, goals=2, poses=3)
-    kept = {"goals": 1, "moves": 1}
-    the_rows.written(tmp_path, f"{PLANAR}.pd.mujoco.nominal", kept)
-    assert not bench.has(PLANAR, "pd", "mujoco", "nominal")
-    assert Bench(tmp_path, goals=1, poses=3).row(PLANAR, "pd", "mujoco", "nominal") == kept
-    assert bench.law(PLANAR, "torque", links=False) is None
 
 
 def test_shares_rise() -> None:
