@@ -2,6 +2,6 @@
 
 ``arm`` holds a robot's numbers and its rigid-body dynamics by Pinocchio, ``plants`` two simulators that share no code
 with flexhinf, ``goals`` the moves, ``laws`` what is compared, ``linear`` damping and margins at random poses, ``trip``
-one run, ``metrics`` its numbers, ``size`` the bytes of an exported law, ``rows`` what is kept of all, and ``tables`` the
-tables of docs/workspace.md.
+one run, ``metrics`` its numbers, ``size`` the bytes of an exported law, ``rows`` what is kept of all, ``tables``
+the tables of docs/workspace.md.
 """
