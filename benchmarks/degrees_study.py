@@ -137,7 +137,9 @@ class Study:
     @staticmethod
     def of(case: Case, levels: EstimatorNoise | None) -> Study:
         """With the weights of the preset damped about the operating point of the law."""
-        s = Specification(pose=tuple(case.goal), start=tuple(case.start), preset="damped", duration=LENGTH)
+        s = Specification(
+            pose=tuple(case.goal), start=tuple(case.start), preset="damped", duration=LENGTH, latency=0
+        )
         chosen = choose(case.robot, case.start if case.factor == "pose" else case.goal, case.start, s)
         law = fh.solve_hji(chosen.problem, chosen.gamma, 2)
         setup = LoopSetup(case.robot, s, law, case.goal, case.start, estimator_noise=levels)

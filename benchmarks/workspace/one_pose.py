@@ -51,8 +51,8 @@ class OnePose:
     def specification(self) -> fh.Specification:
         """What is asked of the design."""
         return fh.Specification(
-            measured=self.measured, measurement_noise=VARIANCE, unknown_delay=PERIOD, draws=0, rays=0,
-            compare_rigid=False,
+            measured=self.measured, measurement_noise=VARIANCE, latency=0, unknown_delay=PERIOD, draws=0,
+            rays=0, compare_rigid=False,
         )  # fmt: skip
 
     def start(self, q: np.ndarray) -> None:
@@ -68,7 +68,7 @@ class OnePose:
         """Memory and input by memory and measurement, with the filter's stationary gain at this pose."""
         loop = EquilibriumLoop(
             self.controller.law, self.controller.estimator, self.arm.robot.plant(self.measured), PERIOD,
-            equilibrium=self.arm.robot.operating_point(q), moving=True,
+            equilibrium=self.arm.robot.operating_point(q), moving=True, latency=0,
         ).linear()  # fmt: skip
         size = len(loop.memory)
         return loop.memory[:, :size], loop.memory[:, size:], loop.law[:, :size], loop.law[:, size:]

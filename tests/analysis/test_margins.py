@@ -120,7 +120,9 @@ def test_one_input_as_python_control_sees_it(
 ) -> None:
     control = pytest.importorskip("control")
     filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
-    linear = EquilibriumLoop(cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2).linear()
+    linear = EquilibriumLoop(
+        cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2, latency=0
+    ).linear()
     found, opened = margins(linear), linear.opened()
     grid = np.geomspace(0.05, 0.999 * np.pi / PERIOD, 40_000)
     loop = control.ss(opened.a, opened.b, -opened.c, -opened.d, PERIOD)  # python-control's loops have a minus
@@ -175,7 +177,7 @@ def test_several_inputs_by_brute_force(
 ) -> None:
     plant = two_link.plant()
     filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=period)
-    linear = EquilibriumLoop(two_link_law, filter, plant, period).linear()
+    linear = EquilibriumLoop(two_link_law, filter, plant, period, latency=0).linear()
     found = margins(linear)
     fine = found.delay_margin_s * np.array([0.0, 0.3, 0.6, 0.9, 0.99, 0.9999, 1.0001])
     radii = [np.abs(made.dense_system(linear, delay).multipliers).max() for delay in fine]

@@ -488,7 +488,7 @@ def test_the_linear_loop_of_the_law_of_one_pose_is_flexhinfs(tmp_path: Path) -> 
     mine = np.abs(np.linalg.eigvals(closed(late(*arm.linear(q), 1.0), law.linear(q), outputs(2))))
     loop = EquilibriumLoop(
         law.controller.law, law.controller.estimator, arm.robot.plant(links, extras=("joint_damping",)), PERIOD,
-        equilibrium=arm.robot.operating_point(q), moving=True, delay=1,
+        equilibrium=arm.robot.operating_point(q), moving=True, delay=1, latency=0,
     ).linear()  # fmt: skip
     theirs = np.abs(loop.closed_loop.multipliers)
     assert np.sort(mine)[::-1][:10] == pytest.approx(np.sort(theirs)[::-1][:10], abs=1e-7)
