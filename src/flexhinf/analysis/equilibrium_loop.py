@@ -29,6 +29,7 @@ from flexhinf.analysis.sampled_controller import (
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
 from flexhinf.loop import Loop
+from flexhinf.loop.controller.options import checked_latency
 from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant, equilibrium as plant_equilibrium
 from flexhinf.plant.plant import pose_values
@@ -63,7 +64,7 @@ class EquilibriumLoop:
         `flexhinf.loop.Controller` with ``moving=True``.
     period, delay, latency : float, int, int
         s; whole samples between an input and its effect, of which the estimator does not know, and samples that it
-        knows, see `flexhinf.loop.Controller`. At most 200 together, which is the loop's `delay`.
+        knows, by default those of `flexhinf.loop.Controller`. At most 200 together, which is the loop's `delay`.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
@@ -81,7 +82,7 @@ class EquilibriumLoop:
         equilibrium: tuple[np.ndarray, np.ndarray] | None = None,
         moving: bool = False,
         delay: int = 0,
-        latency: int = 0,
+        latency: int | None = None,
         positions: str | Sequence[str] | None = None,
     ) -> None:
         if goal is not None and equilibrium is not None:
@@ -94,6 +95,7 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
+        latency = checked_latency(latency, filter)
         check_delay(delay + latency, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay + latency

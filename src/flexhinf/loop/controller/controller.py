@@ -59,7 +59,8 @@ class Controller(Summarised):
     solution : Law or Schedule
         A solution of `solve_hji` or any other law; or several, see `Schedule`.
     estimator : Estimator or None
-        None feeds back the true state: `step` then takes the state of the plant that the law was made for.
+        None feeds back the true state: `step` then takes the state of the plant that the law was made for, and the
+        input acts at once.
     period : float
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
@@ -92,10 +93,11 @@ class Controller(Summarised):
     before_first : {"hold", "zero"} or (m,) array
         The input until the first good measurement, from which the first output continues: the one that holds the robot
         at the initial estimate (by its model; without one the operating input), zero, or these numbers.
-    latency : int
+    latency : int, optional
         Samples between a measurement and the effect of the input computed from it, 0 to 10: u(k) acts from
         t_k + latency·period on. The estimator predicts the state at that instant from the inputs that wait, and the law
-        reads the prediction; so a latency needs an estimator. With `moving`, the command is that of the same instant.
+        reads the prediction. By default 1; without an estimator nothing predicts, and it is 0. With `moving`, the
+        command is that of the same instant.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
 
@@ -122,7 +124,7 @@ class Controller(Summarised):
         input_rate: Any = None,
         integral_dead_zone: Any = None,
         before_first: Any = "hold",
-        latency: int = 0,
+        latency: int | None = None,
         windup: Windup | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator

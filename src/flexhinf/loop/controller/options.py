@@ -60,9 +60,15 @@ def checked_period(value: Any) -> float:
 #: Longest latency that an estimator predicts over, samples: each beyond the first costs a step one more time update.
 LONGEST_LATENCY = 10
 
+#: Latency of a controller with an estimator that states none, samples: an input is written when the next sample begins.
+LATENCY = 1
 
-def checked_latency(value: Any, estimator: Estimator | None) -> int:
-    """Samples between a measurement and the effect of its input; what is none, or needs an estimator, is refused."""
+
+def checked_latency(value: Any, estimator: Any) -> int:
+    """Samples between a measurement and the effect of its input; by default (None) `LATENCY`, or 0 without an
+    estimator. What is no latency, or needs an estimator, is refused."""
+    if value is None:
+        return 0 if estimator is None else LATENCY
     samples = real_number(value)
     most = 0 if estimator is None else LONGEST_LATENCY
     if isinstance(value, bool) or not (0 <= samples <= most and samples == int(samples)):
