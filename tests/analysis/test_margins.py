@@ -12,7 +12,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
-from flexhinf.analysis.margins import _gain_margins
+from flexhinf.analysis.margins import COARSE, _gain_margins
 from flexhinf.analysis.search import crossings, highest_peak
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
@@ -210,6 +210,22 @@ def test_runs_on_both_sides_of_the_delay_margin(
         early, late = (np.abs(velocity[int(a * 1000) : int(b * 1000)]).max() for a, b in ((20, 30), (50, 60)))
         sizes.append(late / early)
     assert sizes[0] < 0.8 < 1.3 < sizes[1]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", [None, "ekf"])
+def test_a_search_knows_the_delay_margin_up_to_what_it_needs(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None
+) -> None:
+    plant, (x, _) = two_link.plant(), two_link.operating_point()
+    filter = None if kind is None else made.filter(plant, x, kind)
+    found = margins(EquilibriumLoop(two_link_law, filter, plant, PERIOD))
+    exact = found.delay_margin_s
+    for share in (0.3, 0.999):
+        assert found.delay_margin_within(share * exact) == share * exact
+    for share in (1.001, 1.7):
+        assert 0.0 <= exact - found.delay_margin_within(share * exact) <= COARSE * share * exact
+    assert margins(mass(made, 100.0, -1.0, 0.01)).delay_margin_within(1.0) == 0.0
 
 
 @pytest.mark.oracle

@@ -32,6 +32,7 @@ WRITERS = ("dataclasses.py", "options.py", "design_file.py", "arguments.py")
 BEHIND = {
     "peak_sensitivity_limit": "peak_sensitivity",
     "gain_margin_limit": "gain_margin",
+    "delay_margin_limit": "delay_margin",
     "overshoot_limit": "overshoot",
     "known_latency": "latency",
     "unknown_samples": "unknown_delay",

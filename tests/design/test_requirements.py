@@ -25,6 +25,7 @@ from flexhinf.design.requirements import (
 )
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import (
+    DELAY_MARGIN,
     GAIN_MARGIN,
     OVERSHOOT,
     PEAK_SENSITIVITY,
@@ -172,9 +173,10 @@ def test_an_unstable_loop_has_no_bandwidth() -> None:
 
 def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     found: Any = Linear(peak=2.2, gain=1.9)
-    peak, gain = margin_requirements(Specification(), found)
-    assert (peak.limit, gain.limit) == (PEAK_SENSITIVITY, GAIN_MARGIN)
-    assert (peak.met, gain.met, peak.stated_by) == (True, True, "default")
+    peak, gain, delay = margin_requirements(Specification(), found)
+    assert (peak.limit, gain.limit, delay.limit) == (PEAK_SENSITIVITY, GAIN_MARGIN, DELAY_MARGIN)
+    assert (peak.met, gain.met, delay.met, delay.stated_by) == (True, True, True, "default")
+    assert len(margin_requirements(Specification(estimator="none"), found)) == 2
     stated = Specification(peak_sensitivity=2.0, gain_margin=2.0, delay_margin=2.0)
     peak, gain, delay = margin_requirements(stated, found, damped=4e-3)
     assert (peak.met, gain.met, delay.met) == (False, False, False)
@@ -188,7 +190,12 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
 
 @pytest.mark.parametrize(
     ("field", "limit"),
-    [("overshoot", OVERSHOOT), ("peak_sensitivity", PEAK_SENSITIVITY), ("gain_margin", GAIN_MARGIN)],
+    [
+        ("overshoot", OVERSHOOT),
+        ("peak_sensitivity", PEAK_SENSITIVITY),
+        ("gain_margin", GAIN_MARGIN),
+        ("delay_margin", DELAY_MARGIN),
+    ],
 )
 def test_a_limit_that_is_stated_as_its_default_is_stated(field: str, limit: float) -> None:
     option = f"--{field.replace('_', '-')}"

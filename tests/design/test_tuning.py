@@ -89,7 +89,7 @@ def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any)
     """Margins from the loop transfer on a grid, and the peak from a loop that is put together here."""
     assert pd.feasible
     setup, s = pd.setup, pd.setup.specification
-    opened = setup.equilibrium_loop().linear().opened(s.unknown_delay)
+    opened = setup.equilibrium_loop().linear().opened()
     grid = opened.frequencies(4000)
     sensitivity = 1.0 / np.abs(1.0 - opened.response(grid)[:, 0, 0])
     most = {limit.metric: limit.value for limit in rig.criterion.limits}

@@ -43,7 +43,7 @@ NOT_COMPARED = ("tracking_error", "compare_rigid", "mujoco", "rays", "checked_ga
 COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
 
 #: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
-NOT_CERTIFIED = ("tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "delay_margin")
+NOT_CERTIFIED = ("tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco")
 CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
 
 #: Fields that change a run and not its controller.

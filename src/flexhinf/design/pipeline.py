@@ -464,7 +464,7 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     margins = []
     if linear:
-        damped = np.nan if s.delay_margin is None else evaluation.damped_delay_margin
+        damped = np.nan if s.delay_margin_limit is None else evaluation.damped_delay_margin
         margins = required.margin_requirements(s, evaluation.margins, setup.joints, damped)
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
     step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)

@@ -388,7 +388,7 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
 def margin_requirements(
     s: Specification, margins: Margins, joints: Sequence[str] = ("",), damped: float = math.nan
 ) -> list[Requirement]:
-    """Peak sensitivity, gain margin and, if it is stated, delay margin of the running loop. `joints` are those of the
+    """Peak sensitivity, gain margin and required delay margin of the running loop. `joints` are those of the
     inputs; `damped` is the delay margin with more damping of the springs, s, which the criterion states."""
     rows = [
         REQUIREMENTS["peak_sensitivity"].judge(s, s.peak_sensitivity_limit, margins.peak_sensitivity, SAMPLED_LOOP),
@@ -397,10 +397,10 @@ def margin_requirements(
             joint=joints[margins.weakest_input] if len(joints) > 1 else "",
         ),
     ]  # fmt: skip
-    if s.delay_margin is not None:
+    if (least := s.delay_margin_limit) is not None:
         row, found = REQUIREMENTS["delay_margin"], margins.delay_margin_s / s.period
         beside = f"{damped / s.period:.3g} samples with springs damped by {100.0 * SPRING_DAMPING:g} % more"
-        rows.append(row.judge(s, s.delay_margin, found, SAMPLED_LOOP, criterion=f"{row.criterion}; {beside}"))
+        rows.append(row.judge(s, least, found, SAMPLED_LOOP, criterion=f"{row.criterion}; {beside}"))
     return rows
 
 

@@ -52,8 +52,11 @@ TORQUE_NOISE = 1e-7
 #: only the link is measured.
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
+#: Default of the least extra delay that a loop with an estimator tolerates, samples.
+DELAY_MARGIN = 1.0
+
 #: Default latency of a loop with an estimator, samples.
-LATENCY = 0
+LATENCY = 1
 
 
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
@@ -161,7 +164,7 @@ class Specification:
         default=f"{GAIN_MARGIN:g}")
     delay_margin: options.Positive | None = option(None, LOOP,
         "Least extra delay, in samples on top of the latency, that the running loop tolerates.", "1", "samples",
-        default="no requirement")
+        default=f"{DELAY_MARGIN:g}, or no requirement where the true state is fed back")
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
@@ -284,6 +287,12 @@ class Specification:
     def overshoot_limit(self) -> float:
         """Largest overshoot that is allowed, per cent of the step: as stated, or `OVERSHOOT`."""
         return OVERSHOOT if self.overshoot is None else self.overshoot
+
+    @property
+    def delay_margin_limit(self) -> float | None:
+        """Least delay margin, samples: as stated, or `DELAY_MARGIN` with an estimator; None where none is required."""
+        default = None if self.estimator == "none" else DELAY_MARGIN
+        return default if self.delay_margin is None else self.delay_margin
 
     @property
     def known_latency(self) -> int:

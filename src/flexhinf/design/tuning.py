@@ -76,6 +76,7 @@ class LawMetrics:
     load_deviation: float = math.nan  # rad or m
     move_error: float = math.nan  # largest error behind the jerk-limited reference, rad or m
     remaining_error: float = math.nan  # largest in the last tenth of step, load response or move, rad or m
+    delay_margin: float = math.nan  # samples, at most the required ones; NaN where none are required
 
 
 def unstable_corners(evaluation: LawEvaluation) -> int:
@@ -104,6 +105,9 @@ def metrics_of(
             margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
             margins.slowest_bandwidth,
         )  # fmt: skip
+        if (least := evaluation.setup.specification.delay_margin_limit) is not None:
+            period = evaluation.setup.specification.period
+            metrics = replace(metrics, delay_margin=margins.delay_margin_within(least * period) / period)
     if criterion is not None and criterion.is_far(metrics):
         return metrics
     quiet, limits = evaluation.quiet, evaluation.setup.limits
@@ -284,6 +288,11 @@ def criterion_for(
     linear = (
         *wider("peak_sensitivity", "peak sensitivity", ""),
         *wider("gain_margin", "gain margin, up and down, a factor of", "", at_least=True),
+        *(
+            wider("delay_margin", "delay margin", "samples", at_least=True)
+            if "delay_margin" in limits
+            else ()
+        ),
         *wider("damping", "damping ratio of every oscillation", "", at_least=True),
         *wider("input_noise", "noise at the motor, rms,", unit),
     )
@@ -303,6 +312,7 @@ def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str,
     limits = {
         "peak_sensitivity": (s.peak_sensitivity_limit, s.peak_sensitivity and "--peak-sensitivity"),
         "gain_margin": (s.gain_margin_limit, s.gain_margin and "--gain-margin"),
+        "delay_margin": s.delay_margin_limit and (s.delay_margin_limit, s.delay_margin and "--delay-margin"),
         "peak_input": (joints.strongest, peak) if joints.limits_effort else None,
         "damping": (s.damping, "--damping") if s.damping else None,
         "bandwidth": None if s.bandwidth is None else (float(np.min(s.bandwidth)), "--bandwidth"),

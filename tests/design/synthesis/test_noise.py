@@ -72,6 +72,18 @@ def test_a_stricter_limit_costs_more_noise_at_the_motor(
     assert strict.noise_search.chosen.input_noise > 1.2 * synthesis.noise_search.chosen.input_noise
 
 
+def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., LoopSetup]) -> None:
+    options = {"measured": ("motor_position",), "preset": "damped"}
+    chosen = []
+    for samples in (1.0, 30.0):
+        setup = setup_of("planar-two-link", None, None, 2, options, delay_margin=samples, **options)
+        found = search_noise(setup)
+        assert found is not None
+        loop = replace(setup, estimator_noise=found.chosen.levels).equilibrium_loop()
+        chosen.append(margins(loop).delay_margin_s / setup.specification.period)
+    assert 1.0 <= chosen[0] < 30.0 <= chosen[1]
+
+
 def test_a_limit_that_no_levels_reach_is_left_out(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
 ) -> None:

@@ -37,7 +37,7 @@ from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.arm import payload_ends
 
 #: Limits of the choice, besides unstable corners.
-LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
+LIMITS = ("peak sensitivity", "gain margin", "delay margin", "damping", "compliance", "noise")
 
 #: Cost of a limit that is exceeded by the factor e, in decades of noise.
 MISSED_WEIGHT = 20.0
@@ -135,8 +135,8 @@ NEAR = 0.1
 #: Number of candidates whose corners are evaluated when no levels make all corners stable.
 LOOKED = 24
 
-#: Smallest gain margin and damping that are divided by.
-NOTHING = 1e-9
+#: Smallest gain margin and damping that are divided by, and smallest delay margin, samples.
+NOTHING, NO_DELAY = 1e-9, 0.05
 
 
 def search_noise(
@@ -187,7 +187,9 @@ class _Search:
         ]
         self.stiff = law.compliance(self.top)
         self.scales = scales = modes.JointScales.of(setup.model, setup.goal_equilibrium)
-        self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
+        # s, aimed at without allowance; with the true state fed back none is required.
+        self.delay_margin = (1.0 + TOLERANCE) * s.period * (s.delay_margin_limit or 0.0)
+        self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, np.inf, law.damping)
         # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
         self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
         # Available input of each motor (m,), V or N·m: its effort limit, and at most the largest input that any motor
@@ -291,7 +293,8 @@ class _Search:
         loaded = [each.margins(process) for each in self.loaded]
         ringing = min((each.damping if each.stable else 0.0 for each in loaded), default=np.inf)
         missed = self.excess(
-            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
+            loop.peak_sensitivity, loop.gain_margin, loop.delay_margin_within(self.delay_margin),
+            min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
             compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
         )  # fmt: skip
         candidate = self.counted(NoiseCandidate(
@@ -302,13 +305,14 @@ class _Search:
         return candidate
 
     def excess(
-        self, sensitivity: float, gain_margin: float, damping: float, *others: float
+        self, sensitivity: float, gain_margin: float, delay: float, damping: float, *others: float
     ) -> dict[str, float]:
         """ln(metric/limit) of each limit that fails; `others` are the ratios metric/limit of compliance and noise."""
         s = self.setup.specification
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
             s.gain_margin_limit / max(gain_margin, NOTHING),
+            self.delay_margin / max(delay, NO_DELAY * s.period),
             (1.0 + 0.5 * TOLERANCE) * self.damping / max(damping, NOTHING),  # aimed at without allowance
             *others,
         )

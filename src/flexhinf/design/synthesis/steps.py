@@ -28,7 +28,7 @@ from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_o
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
-from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
+from flexhinf.design.synthesis.noise import NO_DELAY, NoiseSearch, search_noise
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -271,12 +271,14 @@ class _WholeLoop:
         """Sum of ln(metric/limit) of the linear conditions that fail; each limit is the specification's or the value of
         `damped`, whichever is wider."""
         own, s = self.own.margins, self.task.s
+        most = s.period * (s.delay_margin_limit or 0.0)
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
         louder = noises / (NOISE * np.maximum(self.own.noises, 1e-300))
         ratios = [
             loop_margins.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
             min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
             min(required_damping(s.damping, self.target), own.damping) / max(loop_margins.damping, 1e-9),
+            own.delay_margin_within(most) / max(loop_margins.delay_margin_within(most), NO_DELAY * s.period),
             float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
             float(louder.max()) if self.own.noises.any() else 0.0,
         ]
@@ -454,7 +456,9 @@ class _Steps(Task):
             target, missed = problem.target, noise.chosen.missed
             slower, damping = 1.0, target.damping
             if self.s.bandwidth is None:
-                short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
+                short = max(
+                    missed.get(name, 0.0) for name in ("peak sensitivity", "gain margin", "delay margin")
+                )
                 slower = float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
             if self.s.damping is None:
                 loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
