@@ -137,7 +137,7 @@ def test_specification_and_linear_loop_refuse_the_same_delays(samples: int) -> N
     plant, problem = robot.plant(), robot.problem()
     law = fh.linear_law(problem, 2.0 * fh.smallest_gamma(problem))
     makers = (
-        lambda: Specification(unknown_delay=1e-3 * samples),
+        lambda: Specification(unknown_delay=1e-3 * samples, latency=0),
         lambda: EquilibriumLoop(law, None, plant, 1e-3, delay=samples),
     )
     for make in makers:

@@ -79,15 +79,17 @@ def files(
 
 
 def sample(pair: dict[str, Instance], k: int, goal: float) -> list[float]:
-    """One period of the loop: state at its beginning, then what the controller answers."""
+    """One period of the loop, both models at once: state at its beginning, then what the controller answers, which acts
+    in the next one."""
     controller, plant = pair["controller"], pair["plant"]
+    (acting,) = controller.get("u", ("motor_voltage",))
     state = plant.get("state", ("link_position", "link_velocity", "motor_position", "motor_velocity"))
     controller.set(
         measured__link_position=plant.get("measured", ("link_position",))[0], command__link_position=goal
     )
     controller.step(k)
     (u,) = controller.get("u", ("motor_voltage",))
-    plant.set(u__motor_voltage=u, disturbance__link_torque=LOAD if k >= SAMPLES // 2 else 0.0)
+    plant.set(u__motor_voltage=acting, disturbance__link_torque=LOAD if k >= SAMPLES // 2 else 0.0)
     plant.step(k)
     return [*state, u]
 
