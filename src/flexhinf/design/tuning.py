@@ -289,7 +289,7 @@ def criterion_for(
         *wider("peak_sensitivity", "peak sensitivity", ""),
         *wider("gain_margin", "gain margin, up and down, a factor of", "", at_least=True),
         *(
-            wider("delay_margin", "delay margin", "samples", at_least=True)
+            wider("delay_margin", "delay margin in samples", "", at_least=True)
             if "delay_margin" in limits
             else ()
         ),
