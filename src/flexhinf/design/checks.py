@@ -286,23 +286,27 @@ INSTANTS = 400
 
 @dataclass(frozen=True)
 class MarginLimits:
-    """Limits at every pose: largest peak sensitivity, smallest gain margin and damping (None: not required)."""
+    """Limits at every pose: largest peak sensitivity, smallest gain margin, and smallest damping ratio of oscillations
+    below a frequency, rad/s."""
 
     peak_sensitivity: float
     gain_margin: float
-    damping: float | None = None
+    damping: float
+    damped_below: float
+
+    def value(self, name: str, at_pose: Margins) -> float:
+        """The number that a limit is for."""
+        return at_pose.damping_about(self.damped_below)[0] if name == "damping" else getattr(at_pose, name)
 
     def shares(self, at_pose: Margins) -> dict[str, float]:
         """Share of each limit that is used: above 1 it is exceeded."""
         if not at_pose.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
-        shares = {
+        return {
             "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
             "gain_margin": self.gain_margin / at_pose.gain_margin,
+            "damping": self.damping / max(self.value("damping", at_pose), 1e-300),
         }
-        if self.damping:
-            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
-        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,17 +391,16 @@ def along_requirements(s: Specification, along: AlongMove) -> list[required.Requ
     limits = {
         "peak_sensitivity": s.peak_sensitivity_limit,
         "gain_margin": s.gain_margin_limit,
-        "damping": along.limits.damping and along.limits.damping * (1.0 + TOLERANCE),
+        "damping": along.limits.damping * (1.0 + TOLERANCE),
     }
     # for each margin, the pose at which it is nearest to its limit, or furthest beyond it
-    worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}
+    worst = {name: int(np.argmax([shares[name] for shares in along.shares])) for name in limits}
     return [
         required.REQUIREMENTS[name].judge(
-            s, limit, getattr(along.margins[worst[name]], name), where, at=float(along.times[worst[name]]),
+            s, limit, along.limits.value(name, along.margins[worst[name]]), where, at=float(along.times[worst[name]]),
             criterion="worst pose; linearised about the robot at rest there",
         )
         for name, limit in limits.items()
-        if limit
     ]  # fmt: skip
 
 
@@ -462,13 +465,9 @@ def payload_requirements(
     """
     name = f"with {load.mass:.3g} kg of payload"
     lines = required.step_requirements(s, limits, load.step, f"the step {name}")
-    if damping is not None:
-        lines.append(
-            required.REQUIREMENTS["damping"].judge(
-                None, min(RINGS, damping), load.margins.damping, f"running loop at the goal {name}",
-                criterion="smallest damping ratio; below 0.1 a loop rings",
-            )
-        )  # fmt: skip
+    least, below = min(RINGS, damping or 0.0), s.damped_below_limit
+    slow, place = load.margins.damping_about(below)[0], f"running loop at the goal {name}"
+    lines.append(required.damping_requirement(None, least, slow, below, place))
     if load.load_step is None:
         return lines
     where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.load_step.remaining

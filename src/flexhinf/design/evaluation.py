@@ -118,8 +118,8 @@ class LawEvaluation:
         return analysis.margins(self.loop)
 
     @cached_property
-    def damped_delay_margin(self) -> float:
-        """Delay margin of the running loop, s, with every spring damped by another `requirements.SPRING_DAMPING`.
+    def damped_margins(self) -> analysis.Margins:
+        """Margins of the running loop with every spring damped by another `requirements.SPRING_DAMPING`.
 
         Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
         """
@@ -132,7 +132,7 @@ class LawEvaluation:
                 damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
                 a[:, motor_rate] += damped
                 a[:, link_rate] -= damped
-        return analysis.margins(replace(linear, a=a)).delay_margin_s
+        return analysis.margins(replace(linear, a=a))
 
     @cached_property
     def linear_failure(self) -> str:
@@ -213,13 +213,26 @@ class LawEvaluation:
             *linear.closed_loop.modes(), linear.period, self.setup.joints, *self.energy
         )
 
+    @cached_property
+    def least_damped(self) -> tuple[modes.Mode | None, modes.Mode | None]:
+        """The oscillations with the damping ratios of `Margins.damping_about`, slow and fast; None where there is
+        none."""
+        below = self.setup.specification.damped_below_limit
+        ringing = [mode for mode in self.closed_loop_modes if mode.eigenvalue.imag > 0.0]
+        slow, fast = (
+            min(
+                (mode for mode in ringing if (abs(mode.eigenvalue) >= below) is is_fast),
+                key=lambda mode: abs(mode.damping - ratio), default=None,
+            )
+            for is_fast, ratio in zip((False, True), self.margins.damping_about(below))
+        )  # fmt: skip
+        return slow, fast
+
     @property
     def least_damped_joint(self) -> str:
-        """The joint that moves most in the oscillation whose damping `margins` has; empty where nothing oscillates."""
-        ringing = [mode for mode in self.closed_loop_modes if mode.eigenvalue.imag > 0.0]
-        if not ringing or not np.isfinite(self.margins.damping):
-            return ""
-        return min(ringing, key=lambda mode: abs(mode.damping - self.margins.damping)).joint
+        """The joint that moves most in the least damped oscillation; empty where nothing oscillates."""
+        ringing = [mode for mode in self.least_damped if mode is not None]
+        return min(ringing, key=lambda mode: mode.damping).joint if ringing else ""
 
     @cached_property
     def needed_states(self) -> tuple[str, ...]:

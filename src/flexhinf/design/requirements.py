@@ -23,7 +23,7 @@ from flexhinf.analysis import Margins, ToleranceCorners
 from flexhinf.campaign import Metrics
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.responses import ROBOT, JointLimits, LimitUse, Move, Response, limit_use, per_joint
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
+from flexhinf.design.specification import FIELDS, LEAST_DAMPING, TOLERANCE, Specification
 from flexhinf.loop import EnsembleResult, Instant, Reduction
 from flexhinf.loop.simulation.metrics import (
     SETTLING_BAND,
@@ -295,11 +295,12 @@ class Requirement:
     joint: str = ""  # Joint of the worst value; empty for a robot of one joint, or a value without a joint
     at: float | None = None  # Time at which the value occurs, s; None for a value without a time
     field: str = ""  # Field of the specification that states the limit; "" if none does
+    tolerance: float = TOLERANCE  # Relative
 
     @property
     def met(self) -> bool:
-        """Whether the requirement is met, within `TOLERANCE`."""
-        low, high = self.limit * (1.0 - TOLERANCE), self.limit * (1.0 + TOLERANCE)
+        """Whether the requirement is met, within its tolerance."""
+        low, high = self.limit * (1.0 - self.tolerance), self.limit * (1.0 + self.tolerance)
         return bool(self.found <= high if self.at_most else self.found >= low)
 
     @property
@@ -339,7 +340,10 @@ _ROWS = {
     "bandwidth": ("bandwidth", "rad/s", "≥", "bandwidth",
         "where |command → link position| is 3 dB below its value at rest"),
     "damping": ("damping of oscillations", "", "≥", "damping",
-        "smallest damping ratio of every oscillation, the estimator's included"),
+        "smallest damping ratio of every oscillation below {below:.3g} rad/s, the estimator's included"),
+    "fast_damping": ("damping of fast oscillations", "", "≥", "",
+        "smallest damping ratio from {below:.3g} rad/s on, where it has to be stable; {damped:.2g} with springs damped "
+        "by {percent:g} % more"),
     "ring_down": ("damping in the ring-down", "", "≥", "damping",
         "smallest damping ratio of every oscillation that makes up 5 % of the velocity or input of the joint with "
         "the impulse"),
@@ -385,6 +389,40 @@ def of_several(joints: Sequence[str], joint: str | int) -> str:
     return "" if len(joints) < 2 else joints[joint] if isinstance(joint, int) else joint
 
 
+def damping_requirement(
+    s: Specification | None, required: float | None, found: float, below: float, where: str = SAMPLED_LOOP,
+    **more: Any,
+) -> Requirement:  # fmt: skip
+    """The damping ratio of every oscillation below a frequency, rad/s: as required, and never less than
+    `LEAST_DAMPING`."""
+    limit = max(required or 0.0, LEAST_DAMPING)
+    exact = {"tolerance": 0.0} if limit == LEAST_DAMPING else {}
+    row = REQUIREMENTS["damping"]
+    return row.judge(
+        s, limit, found, where, **{"criterion": row.criterion.format(below=below), **exact, **more}
+    )
+
+
+def oscillation_requirements(
+    s: Specification,
+    margins: Margins,
+    damped: Margins,
+    required: float | None = None,
+    joints: Sequence[str] = ("", ""),
+) -> list[Requirement]:
+    """Damping of slow oscillations and, where there are any, of fast ones, each with its joint of `joints`. `damped`:
+    margins with more damping of the springs."""
+    below, row = s.damped_below_limit, REQUIREMENTS["fast_damping"]
+    slow, fast = margins.damping_about(below)
+    lines = [damping_requirement(s, required, slow, below, joint=joints[0])]
+    if fast < 1.0:
+        more = {"below": below, "damped": damped.damping_about(below)[1], "percent": 100.0 * SPRING_DAMPING}
+        lines.append(
+            row.judge(None, 0.0, fast, SAMPLED_LOOP, joint=joints[1], criterion=row.criterion.format(**more))
+        )
+    return lines
+
+
 def margin_requirements(
     s: Specification, margins: Margins, joints: Sequence[str] = ("",), damped: float = math.nan
 ) -> list[Requirement]:
@@ -404,24 +442,15 @@ def margin_requirements(
     return rows
 
 
-def behaviour_requirements(
-    s: Specification, bandwidth: np.ndarray, damping: float, margins: Margins, joints: Sequence[str],
-    least_damped: str = "",
-) -> list[Requirement]:  # fmt: skip
-    """Requirements on bandwidth (n,), rad/s, and damping of the running loop, if weights were searched for these.
-
-    `least_damped`: the joint of the smallest damping ratio.
-    """
+def bandwidth_requirement(
+    s: Specification, bandwidth: np.ndarray, margins: Margins, joints: Sequence[str]
+) -> Requirement:
+    """The requirement on the bandwidth (n,) of the running loop, rad/s, if weights were searched for it."""
     worst = int(np.argmin(np.nan_to_num(margins.bandwidth / bandwidth, nan=0.0)))
     own = np.nan_to_num(margins.bandwidth[worst], nan=0.0)
-    return [
-        REQUIREMENTS["bandwidth"].judge(
-            s, bandwidth[worst], own, SAMPLED_LOOP, joint=of_several(joints, worst)
-        ),
-        REQUIREMENTS["damping"].judge(
-            s, damping, margins.damping, SAMPLED_LOOP, joint=of_several(joints, least_damped)
-        ),
-    ]
+    return REQUIREMENTS["bandwidth"].judge(
+        s, bandwidth[worst], own, SAMPLED_LOOP, joint=of_several(joints, worst)
+    )
 
 
 def corner_requirement(corners: ToleranceCorners) -> Requirement:

@@ -11,6 +11,7 @@ import functools
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, ValidationError, WithJsonSchema
 
 from flexhinf import options
@@ -58,6 +59,13 @@ LATENCY = 0
 
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
 RINGS = 0.1
+
+#: No design meets its specification with a smaller damping ratio of an oscillation below `damped_below`, rad/s.
+#: Faster ones have hardly any amplitude; the models of springs and motors do not hold there.
+LEAST_DAMPING, DAMPED_BELOW = 0.05, 350.0
+
+#: Largest `damped_below`, as a fraction of half the sampling frequency.
+OF_NYQUIST = 1.0 / 3.0
 
 #: Relative tolerance of every limit, which is also the accuracy of the searches.
 TOLERANCE = 0.02
@@ -143,8 +151,13 @@ class Specification:
         "judged on the running loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
     damping: options.Ratio | None = option(None, LOOP,
-        "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
-        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")
+        "Least damping ratio of every oscillation below --damped-below, at least 0.05; searched for and judged as the "
+        "bandwidth is.", "0.3",
+        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it; 0.05 otherwise")
+    damped_below: options.Frequency | None = option(None, LOOP,
+        "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz, at most a third of half the "
+        "sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
+        default="350 rad/s, or that third")
     peak_effort: options.PerJoint | None = option(None, LIMITS,
         "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
         "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
@@ -261,6 +274,10 @@ class Specification:
                 found = f"expected a multiple of {self.period:g} s, got {self.unknown_delay:g} s"
                 raise _refusal("unknown_delay", found)
         self._check_length("duration", RUN_SAMPLES)
+        most = OF_NYQUIST * np.pi / self.period
+        if self.damped_below is not None and self.damped_below > most:
+            found = f"expected at most {most:.4g} rad/s, a third of half the sampling rate, got {self.damped_below:g}"
+            raise _refusal("damped_below", found, f"{most:.3g}")
 
     def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
         time = getattr(self, name) or 0.0
@@ -284,6 +301,12 @@ class Specification:
     def overshoot_limit(self) -> float:
         """Largest overshoot that is allowed, per cent of the step: as stated, or `OVERSHOOT`."""
         return OVERSHOOT if self.overshoot is None else self.overshoot
+
+    @property
+    def damped_below_limit(self) -> float:
+        """Frequency below which oscillations have to be damped, rad/s: as stated, or `DAMPED_BELOW`."""
+        most = OF_NYQUIST * np.pi / self.period
+        return min(DAMPED_BELOW, most) if self.damped_below is None else self.damped_below
 
     @property
     def known_latency(self) -> int:

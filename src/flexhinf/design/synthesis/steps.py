@@ -25,7 +25,7 @@ from flexhinf.design import checks, design_file, plans, proved_step, requirement
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import LEAST_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
@@ -345,9 +345,9 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     # Margins along the move, and laws at poses on it where one law does not keep them.
     progress("margins along the move")
     problem, most = synthesis.design_problem, 1.0 + TOLERANCE
-    damping = steps.damping(problem)
+    damping = max(steps.damping(problem) or 0.0, LEAST_DAMPING) / most
     limits = checks.MarginLimits(
-        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
+        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping, s.damped_below_limit
     )
     more = partial(steps.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
     law, along = checks.scheduled(

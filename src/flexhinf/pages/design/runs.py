@@ -277,7 +277,7 @@ def margins_along(design: Design) -> Blocks:
     slides, degrees = design.robot.links.slides, units_of(design.evaluation).degrees
     panels, rows, acting = [], [], np.array(along.laws)
     for name, quantity in MARGINS.items():
-        values = np.array([getattr(m, name) for m in along.margins], dtype=float)
+        values = np.array([along.limits.value(name, m) for m in along.margins], dtype=float)
         k = int((np.argmax if name == "peak_sensitivity" else np.argmin)(values))
         rows.append((quantity, values[k], along.times[k], pose_text(along.poses[k], slides, degrees)))
         dots, limit = {"marker": "o", "markersize": 4.5, "linestyle": "none"}, getattr(along.limits, name)
