@@ -15,9 +15,9 @@ from tests.refusals import refused_with
 import flexhinf as fh
 from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification
+from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (
     REQUIREMENTS,
-    MonteCarlo,
     Requirement,
     bandwidth_requirement,
     corner_requirement,

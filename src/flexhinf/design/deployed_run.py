@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
-from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
+from flexhinf.design import design_file, loop_setup, monte_carlo, plans, requirements as required, responses
 from flexhinf.design.specification import FIELDS, Specification
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
@@ -53,11 +53,16 @@ class DeployedRun:
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and the requirement that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
-        lines = (
-            required.step_requirements(s, limits, response, WHERE)
-            if self.plan is None
-            else required.move_requirements(s, limits, responses.Move.along(self.plan, response))
-        )
+        resolution = self.plants.position_resolution(loop_setup.DEVIATIONS)
+        if self.plan is None:
+            rows = responses.motion_metrics(limits, response)
+            lines = [
+                *required.step_requirements(s, limits, response, WHERE),
+                *required.motion_requirements(s, limits, rows, resolution, WHERE),
+            ]
+        else:
+            move = responses.Move.along(self.plan, response)
+            lines = required.move_requirements(s, limits, move, resolution)
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
@@ -216,7 +221,7 @@ class DesignCampaign:
     ends: tuple[np.ndarray, np.ndarray]  # link positions (n,) where a run begins and should end, rad or m
     robot: Robot  # the true robot with the tolerances of the campaign
     variables: tuple[Variable, ...]  # what varies from sample to sample
-    metrics: required.RunMetrics  # those of each run, with the limits of the design
+    metrics: monte_carlo.RunMetrics  # those of each run, with the limits of the design
 
     @property
     def specification(self) -> Specification:
@@ -233,11 +238,11 @@ class DesignCampaign:
         s, robot = design.specification, design.robot
         plan, start, goal = plans.run_ends(robot, s)
         limits = responses.joint_limits(robot, s)
-        metrics = required.RunMetrics(limits, (start, goal))
+        metrics = monte_carlo.RunMetrics(limits, (start, goal))
         if plan is not None:
             instants = np.arange(0.0, plan.duration + 0.5 * s.period, s.period)
             travel = np.ptp(np.reshape(plan(instants), (len(instants), -1)), axis=0)
-            metrics = required.RunMetrics(
+            metrics = monte_carlo.RunMetrics(
                 limits, None, required.move_limits(s.tracking_error, limits, travel)
             )
         if o.duration is not None:

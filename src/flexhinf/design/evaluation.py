@@ -14,7 +14,7 @@ import numpy as np
 
 from flexhinf import analysis
 from flexhinf.analysis import modes, sampled_controller
-from flexhinf.design import checks, requirements as required, responses
+from flexhinf.design import checks, monte_carlo, requirements as required, responses
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
@@ -70,6 +70,11 @@ class LawEvaluation:
         return self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
+    def step_motion(self) -> list[dict[str, Any]]:
+        """`responses.motion_metrics` of the step."""
+        return responses.motion_metrics(self.setup.limits, self.step, self.setup.command)
+
+    @cached_property
     def unlimited_step(self) -> responses.Response:
         """The step without input limits, which shows the input that the law demands; `step` itself if it reaches no
         limit."""
@@ -85,6 +90,11 @@ class LawEvaluation:
         return self.setup.move(self.runs.plan, sub_steps=self.runs.sub_steps, dwell=self.runs.dwell)
 
     @cached_property
+    def move_motion(self) -> list[dict[str, Any]]:
+        """`responses.motion_metrics` of the planned move."""
+        return responses.motion_metrics(self.setup.limits, self.move.response, self.move.plan)
+
+    @cached_property
     def load_response(self) -> responses.LoadResponse:
         """Response at the goal to constant torques on all links."""
         return self.setup.load_response(self.runs.load, self.runs.load_duration, self.runs.sub_steps)
@@ -97,11 +107,11 @@ class LawEvaluation:
 
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property
-    def step_samples(self) -> required.MonteCarlo | None:
+    def step_samples(self) -> monte_carlo.MonteCarlo | None:
         """The steps of the sampled robots with the deployed controller; None without sampled robots."""
         runs, setup = self.runs, self.setup
         return (
-            required.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
+            monte_carlo.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
             if runs.robots
             else None
         )
@@ -267,7 +277,7 @@ class LawEvaluation:
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
         runs, step = self.runs, self.step_samples
         if step is not None:
-            errors = required.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.dwell)
+            errors = monte_carlo.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.dwell)
             metrics |= {
                 "drawn_unsettled": float(step.unsettled),
                 "drawn_overshoot_percent": _median(step.overshoot),

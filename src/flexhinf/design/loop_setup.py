@@ -43,6 +43,9 @@ from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units
 #: Initial variance where no process noise is assumed: standard deviations of 1 mrad (mm) and 1 mrad/s (mm/s).
 INITIAL_VARIANCE = 1e-6
 
+#: A motion up to this number of standard deviations of a measured position, or one sensor step, is not seen.
+DEVIATIONS = 3.0
+
 #: A measured velocity has the noise of a position that is differentiated at this rate, 1/s.
 VELOCITY_RATE = 100.0
 
@@ -268,6 +271,14 @@ class LoopPlants:
         s = self.specification
         return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
 
+    def position_resolution(self, deviations: float = 1.0) -> float:
+        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
+        or m."""
+        names = self.model.outputs
+        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
+        positions = [step for name, step in zip(names, steps) if "position" in name]
+        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
+
     def estimator_at(
         self, at: np.ndarray, goal: np.ndarray, noise: EstimatorNoise, deployed: bool = False, linear: bool = False,
     ) -> Any:  # fmt: skip
@@ -353,14 +364,6 @@ class LoopSetup(LoopPlants):
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
         )  # fmt: skip
-
-    def position_resolution(self, deviations: float = 1.0) -> float:
-        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
-        or m."""
-        names = self.model.outputs
-        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
-        positions = [step for name, step in zip(names, steps) if "position" in name]
-        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
 
     @property
     def dead_zone(self) -> np.ndarray | None:

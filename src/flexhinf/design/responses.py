@@ -378,6 +378,12 @@ class JointLimits:
         finite = limits[np.isfinite(limits)]
         return float(finite.max()) if finite.size else np.inf
 
+    @property
+    def span(self) -> np.ndarray:
+        """Length of the range of each joint (n,), rad or m; one turn, or infinite, where there is none."""
+        turn = np.where(np.array(self.position_units) == "rad", 2.0 * np.pi, np.inf)
+        return np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, turn)
+
     def equivalent_peak(self, response: Response) -> float:
         """Peak input of a run as one number, V or N·m: its largest limit use times the limit of the `strongest`
         motor."""
@@ -404,6 +410,42 @@ class JointLimits:
         return limit_use(
             values if run.diverged_at is None else None, limits, self.joints, units, run.run.time
         )
+
+
+#: Points of a path from which distances are measured, and a travel that is rounding, rad or m.
+PATH_POINTS, STILL = 400, 1e-9
+
+
+def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None) -> list[dict[str, Any]]:
+    """Metrics of the motion of each joint along a plan, by default the straight one of a step; an empty list where the
+    run diverged.
+
+    Keys: joint, wrong_way_percent (of a joint that moves), excursion_percent (of one that should rest; None where no
+    travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a motor with a limit).
+    """
+    if run.diverged_at is not None:
+        return []
+    time, planned = run.run.time, run.goal[None]
+    path = np.array([run.start, run.goal])
+    if plan is not None:
+        instants = np.linspace(0.0, plan.duration, PATH_POINTS), time
+        path, planned = (np.reshape(plan(t), (len(t), -1)) for t in instants)
+    travel, slides = np.ptp(path, axis=0), np.array(limits.position_units) == "m"
+    largest = metrics.largest_travel(travel, slides, limits.span)
+    counted = np.maximum(travel, metrics.MIN_TRAVEL * largest)
+    distances = metrics.path_distance(run.positions, path, np.where(counted > STILL, counted, 1.0))
+    ripples, rows = metrics.ripple(time, run.inputs, limits.effort), []
+    errors = metrics.remaining_error(time, run.positions, planned)
+    for k, (joint, q) in enumerate(zip(run.joints, run.positions.T)):
+        if travel[k] > STILL:
+            own: dict[str, Any] = {"wrong_way_percent": metrics.wrong_way(q, path[:, k], counted[k])}
+        else:
+            away = metrics.excursion(q, path[0, k], largest[k]) if largest[k] > STILL else None
+            own = {"excursion_percent": away}
+        own |= {"path_distance": float(distances[k]), "remaining_error": float(errors[k])}
+        own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}
+        rows.append({"joint": joint, **own})
+    return rows
 
 
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:

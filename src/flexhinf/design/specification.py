@@ -53,6 +53,9 @@ TORQUE_NOISE = 1e-7
 #: only the link is measured.
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
+#: Default limits: motion the wrong way, per cent, ripple of a motor's input, per cent, and remaining error, rad or m.
+UNDERSHOOT, RIPPLE, REMAINING_ERROR = 5.0, 1.5, 1e-3
+
 #: Default latency of a loop with an estimator, samples.
 LATENCY = 0
 
@@ -62,7 +65,7 @@ RINGS = 0.1
 
 #: No design meets its specification with a smaller damping ratio of an oscillation below `damped_below`, rad/s.
 #: Faster ones have hardly any amplitude; the models of springs and motors do not hold there.
-LEAST_DAMPING, DAMPED_BELOW = 0.05, 350.0
+MIN_DAMPING, DAMPED_BELOW = 0.05, 350.0
 
 #: Largest `damped_below`, as a fraction of half the sampling frequency.
 OF_NYQUIST = 1.0 / 3.0
@@ -166,6 +169,19 @@ class Specification:
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
     overshoot: options.Positive | None = option(None, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%", default=f"{OVERSHOOT:g}")
+    undershoot: options.Positive | None = option(None, LOOP,
+        "Largest motion of a link the wrong way, in per cent of its travel in the step or the move, or of 5 % of the "
+        "largest travel.", "2", "%", default=f"{UNDERSHOOT:g}")
+    path_distance: options.Tolerances | None = option(None, LOOP,
+        "Largest distance of a link from the path of the step or the move, whenever it is there: 1deg (0.01 rad, m), "
+        "or one per joint 1deg,2mm.", "1deg", "rad, m", default="no requirement")
+    remaining_error: options.Tolerances | None = option(None, LOOP,
+        "Largest error of a link in the last 0.3 s, with the dry friction that the robot states and the dead zone of "
+        "the integrals: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm.", "1e-3", "rad, m",
+        default="1e-3 rad, m, or what the sensors resolve")
+    ripple: options.Positive | None = option(None, LOOP,
+        "Largest standard deviation of a motor's input in the last 0.3 s, in per cent of its limit, with the stated "
+        "noise and quantisation.", "1", "%", default=f"{RIPPLE:g}")
     peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")

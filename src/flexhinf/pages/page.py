@@ -67,7 +67,9 @@ def requirements(design: Design) -> Blocks:
         f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
     )
     if design.design_problem.target is None:
-        yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
+        yield Paragraph(
+            "No bandwidth is required, and of the damping only what every loop needs: they result from the given weights."
+        )
     limits, rows = design.setup.limits, []
     several, limited = len(design.setup.joints) > 1, limits.limits_effort
     for row in input_rows(design):
@@ -217,8 +219,8 @@ def design_page(
     status, lines = design.status, design.requirements
     defaults = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
     met = [f"{len(lines)} of {len(lines)} requirements{defaults}"]
-    if not any(line.what.startswith("damping") for line in lines):
-        met.append("neither bandwidth nor damping is required")
+    if not any(line.what == "bandwidth" for line in lines):
+        met.append("no bandwidth is required")
     kinds = {
         "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
         "not met": status.not_met,

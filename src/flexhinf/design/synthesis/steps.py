@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design import checks, design_file, plans, proved_step, requirements, responses
+from flexhinf.design import checks, design_file, monte_carlo, plans, proved_step, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
-from flexhinf.design.specification import LEAST_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
@@ -254,7 +254,7 @@ class _WholeLoop:
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
-        runs = requirements.sampled_runs(
+        runs = monte_carlo.sampled_runs(
             setup, [self.box.population.values[k] for k in which], duration, nominal.run.settings["sub_steps"]
         )
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
@@ -345,7 +345,7 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     # Margins along the move, and laws at poses on it where one law does not keep them.
     progress("margins along the move")
     problem, most = synthesis.design_problem, 1.0 + TOLERANCE
-    damping = max(steps.damping(problem) or 0.0, LEAST_DAMPING) / most
+    damping = max(steps.damping(problem) or 0.0, MIN_DAMPING) / most
     limits = checks.MarginLimits(
         most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping, s.damped_below_limit
     )

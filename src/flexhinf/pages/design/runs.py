@@ -22,8 +22,9 @@ from flexhinf.design.pipeline import Design
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse
 from flexhinf.design.specification import RINGS
-from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, VISIBLE, tail_of
-from flexhinf.pages.design.step import input_panel, peak_text, stiffness_of
+from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, tail_of
+from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.pages.design.step import input_panel, motion_table, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -171,7 +172,9 @@ def _payload_notes(design: Design) -> Blocks:
             )
             return
     s, limits = design.specification, design.setup.limits
-    places = {line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS)}
+    places = {
+        line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS, 0.0)
+    }
     missed = dict.fromkeys(line.what for line in design.requirements if not line.met and line.where in places)
     if missed:
         yield note(
@@ -249,6 +252,7 @@ def move(design: Design) -> Blocks:
             "in the last tenth of the run",
             "table-move",
         ),
+        motion_table(e, e.move_motion, "table-move-motion"),
     )  # fmt: skip
 
 
