@@ -81,8 +81,9 @@ class LawEvaluation:
         limits, step = self.setup.limits.saturated, self.step
         if limits is None or (step.diverged_at is None and np.all(step.peak_inputs < limits)):
             return step
-        free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
-        return free.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
+        return replace(self.setup, unlimited=True).step(
+            self.runs.step_duration, sub_steps=self.runs.sub_steps
+        )
 
     @cached_property
     def move(self) -> responses.Move:

@@ -326,6 +326,7 @@ class LoopSetup(LoopPlants):
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
     chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
     quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
+    unlimited: bool = False  # no limits of the inputs, which would hide the peak that a law demands
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -359,7 +360,8 @@ class LoopSetup(LoopPlants):
         is the one that holds the model at `at`.
         """
         return Controller(
-            self.law, self.estimator(at, deployed=True), self.specification.period, self.limits.saturated,
+            self.law, self.estimator(at, deployed=True), self.specification.period,
+            None if self.unlimited else self.limits.saturated,
             moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,

@@ -363,8 +363,9 @@ class JointLimits:
 
     @property
     def saturated(self) -> np.ndarray | None:
-        """The saturation (n,) for a controller; None where no motor has one."""
-        return self.saturation if np.isfinite(self.saturation).any() else None
+        """Limits (n,) of a controller: those of the motors, and stated peaks below them; None where there is none."""
+        limits = self.saturation if self.peak_source == ROBOT else self.effort
+        return limits if np.isfinite(limits).any() else None
 
     limits_peak = _limited("peak", "Whether the peak input of any joint has a limit.")
     limits_effort = _limited("effort", "Whether any input has a limit, required or by saturation.")

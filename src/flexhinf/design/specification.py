@@ -162,7 +162,7 @@ class Specification:
         "sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
         default="350 rad/s, or that third")
     peak_effort: options.PerJoint | None = option(None, LIMITS,
-        "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
+        "Largest input of every motor, which limits the controller too: 60, or one per joint 87,87,12.", "60",
         "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
     peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
         "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",

@@ -68,7 +68,7 @@ def requirements(design: Design) -> Blocks:
     )
     if design.design_problem.target is None:
         yield Paragraph(
-            "No bandwidth is required, and of the damping only what every loop needs: they result from the given weights."
+            "No bandwidth is required, and of damping only what every loop needs: they result from the given weights."
         )
     limits, rows = design.setup.limits, []
     several, limited = len(design.setup.joints) > 1, limits.limits_effort
@@ -526,7 +526,12 @@ def _simulation(e: LawEvaluation) -> Rows:
     s, runs, filter, limits = e.setup.specification, e.scenario, e.loop.filter, e.setup.limits
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
-    bounds, sources = (limits.saturation, limits.speed), (limits.saturation_source, limits.speed_source)
+    bounds = (
+        np.broadcast_to(np.inf if limits.saturated is None else limits.saturated, limits.speed.shape),
+        limits.speed,
+    )
+    peaked = not np.array_equal(bounds[0], limits.saturation)
+    sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
     inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()

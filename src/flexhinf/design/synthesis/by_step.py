@@ -54,16 +54,13 @@ class Task:
         """The problem of the specification with changes, searched from the weights of another one."""
         return choose(self.robot, self.goal, self.start, replace(self.s, **changes), near=near)
 
-    def setup(self, law: Law, levels: EstimatorNoise | None = None, **changes: Any) -> LoopSetup:
-        """The loop of a law, with these noise levels and changes of the specification."""
-        s = replace(self.s, **changes)
-        return LoopSetup(self.robot, s.of_loop, law, self.goal, self.start, estimator_noise=levels)
+    def setup(self, law: Law, levels: EstimatorNoise | None = None) -> LoopSetup:
+        """The loop of a law, with these noise levels."""
+        return LoopSetup(self.robot, self.s.of_loop, law, self.goal, self.start, estimator_noise=levels)
 
-    def solved(
-        self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None, **changes: Any
-    ) -> LoopSetup:
+    def solved(self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None) -> LoopSetup:
         """The loop of the law that solves a problem."""
-        return self.setup(solve_hji(problem.problem, problem.gamma, degree), levels, **changes)
+        return self.setup(solve_hji(problem.problem, problem.gamma, degree), levels)
 
 
 # The degree of V -----------------------------------------------------------------------------------------
@@ -257,7 +254,7 @@ class _Trial:
         """Requirements of the step that the nominal robot, or one of a few sampled robots, does not meet."""
         s, limits, setup = self.setup.specification, self.setup.limits, self.setup
         if limits.saturated is not None and limits.limits_peak:
-            setup = replace(setup, specification=replace(s, saturation=np.inf))
+            setup = replace(setup, unlimited=True)
         step = self.step if setup is self.setup else setup.step(self.length)
         lines = step_requirements(s, limits, step, "the step")
         if setup.robot.uncertain and s.draws != 0:
@@ -412,7 +409,7 @@ class _BandwidthSearch:
         """Peaks of the nominal robot, with inputs that hold all robots at the goal; loop, step and its length (s)."""
         length, degrees = self.task.s.duration, self.task.s.degrees
         degree = min(tried_degrees(len(problem.problem.state_names), degrees))
-        setup = self.task.solved(problem, degree, self.levels, saturation=np.inf)
+        setup = replace(self.task.solved(problem, degree, self.levels), unlimited=True)
         if length is None:
             assert problem.target is not None
             length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time

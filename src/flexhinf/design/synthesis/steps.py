@@ -249,7 +249,7 @@ class _WholeLoop:
         self, solved: DesignProblem, levels: EstimatorNoise | None, which: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        setup = self.task.solved(solved, self.degree, levels)
+        setup = replace(self.task.solved(solved, self.degree, levels), unlimited=True)
         duration, limits = self.duration + setup.command_time, setup.limits
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
@@ -399,7 +399,7 @@ class _Steps(Task):
             return ""
         self.progress("the step on the running loop")
         noise = self.noise_search(law.design_problem)
-        setup = self.setup(law.solution, noise and noise.chosen.levels)
+        setup = replace(self.setup(law.solution, noise and noise.chosen.levels), unlimited=True)
         peak = setup.step(proved_step.LENGTH / float(np.min(law.bandwidth))).peak_input
         kept = peak <= (1.0 + TOLERANCE) * limits.effort[0]
         return "" if kept else f"with the estimator the step takes an input of {peak:.3g}"
