@@ -273,6 +273,9 @@ PerJoint = Annotated[
     _Limit | tuple[_Limit, ...], BeforeValidator(one_or_several),
     Allowed("a number > 0, or one per joint; inf for none"),
 ]  # fmt: skip
+Efforts = Annotated[
+    _Above | tuple[_Above, ...], BeforeValidator(one_or_several), Allowed("a number > 0, or one per joint")
+]
 PerJointSpeed = Annotated[
     _Limit | tuple[_Limit, ...], _by(one_or_several, *_SPEEDS),
     Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, Specification, per_joint
 from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
 from flexhinf.robot import Robot, elastic, kinematics, signals
@@ -468,16 +468,3 @@ def integral_dead_zone(joints: Sequence[str], stated: Any, chosen: np.ndarray | 
     """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
     zone = chosen if stated is None else stated
     return per_joint(joints, "integral_dead_zone", zone) if zone is not None and np.any(zone) else None
-
-
-def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
-    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
-    limits = np.asarray(value, dtype=float)
-    if limits.shape not in ((), (1,), (len(joints),)):
-        raise SpecificationError(
-            name,
-            f"The {name.replace('_', ' ')} does not fit the joints.",
-            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
-            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
-        )
-    return np.array(np.broadcast_to(limits, (len(joints),)))

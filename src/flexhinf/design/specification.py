@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -194,8 +195,10 @@ class Specification:
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
-    effort: options.Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
-        default="the robot's own, or 1")
+    effort: options.Efforts | None = option(None, ADVANCED,
+        "R2, the weight of the inputs, one number or one per joint 0.1,0.1,1. A motor's input counts in units of its "
+        "limit (--saturation, or the robot's) relative to the largest limit, one without a limit as the strongest.",
+        "10", zero="the default", default="the robot's own, or 1")
     gamma_ratio: options.AboveOne = option(1.5, ADVANCED,
         "γ/γ* of the design, at most 1e6; preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
     checked_gamma_ratio: options.Positive = option(1.6, ADVANCED,
@@ -349,6 +352,19 @@ class Specification:
 
 FIELDS = declared(Specification)
 Specification.__doc__ = with_parameters(Specification)
+
+
+def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
+    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
+    limits = np.asarray(value, dtype=float)
+    if limits.shape not in ((), (1,), (len(joints),)):
+        raise SpecificationError(
+            name,
+            f"The {name.replace('_', ' ')} does not fit the joints.",
+            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
+            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
+        )
+    return np.array(np.broadcast_to(limits, (len(joints),)))
 
 
 # Errors ---------------------------------------------------------------------------------------------
