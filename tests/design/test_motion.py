@@ -24,7 +24,7 @@ def run_of(setup: Any, kind: str) -> tuple[Response, Any]:
     plan = plan_move(
         setup.robot, setup.specification, setup.start, setup.goal, np.full(4, 6.0), 60.0, [np.zeros(4)]
     )
-    return setup.move(plan).response, plan
+    return setup.move(plan, 0.5).response, plan
 
 
 @pytest.mark.oracle
@@ -94,3 +94,14 @@ def test_a_run_that_diverges_meets_nothing(setup_of: Any) -> None:
     limits = setup_of("planar-two-link", (0.4, 0.6)).limits
     lines = motion_requirements(Specification(path_distance=0.1), limits, [], 0.0, "here")
     assert [line.found for line in lines] == [np.inf] * 4
+
+
+def test_a_run_that_ends_with_its_move_has_no_numbers_of_rest(setup_of: Any) -> None:
+    setup = setup_of("planar-two-link", (0.4, 0.6), estimator="none")
+    plan = plan_move(
+        setup.robot, setup.specification, setup.start, setup.goal, np.full(2, 6.0), 60.0, [np.zeros(2)]
+    )
+    early, late = (
+        motion_metrics(setup.limits, setup.move(plan, dwell).response, plan)[0] for dwell in (0.2, 0.4)
+    )
+    assert set(late) - set(early) == {"remaining_error"}

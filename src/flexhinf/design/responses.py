@@ -423,6 +423,7 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
 
     Keys: joint, wrong_way_percent (of a joint that moves), excursion_percent (of one that should rest; None where no
     travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a motor with a limit).
+    The last two are those of joints at rest, so a run that ends too soon after its plan has none of them.
     """
     if run.diverged_at is not None:
         return []
@@ -437,14 +438,17 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
     distances = metrics.path_distance(run.positions, path, np.where(counted > STILL, counted, 1.0))
     ripples, rows = metrics.ripple(time, run.inputs, limits.effort), []
     errors = metrics.remaining_error(time, run.positions, planned)
+    rests = plan is None or time[-1] - plan.duration >= metrics.WINDOW
     for k, (joint, q) in enumerate(zip(run.joints, run.positions.T)):
         if travel[k] > STILL:
             own: dict[str, Any] = {"wrong_way_percent": metrics.wrong_way(q, path[:, k], counted[k])}
         else:
             away = metrics.excursion(q, path[0, k], largest[k]) if largest[k] > STILL else None
             own = {"excursion_percent": away}
-        own |= {"path_distance": float(distances[k]), "remaining_error": float(errors[k])}
-        own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}
+        own["path_distance"] = float(distances[k])
+        if rests:
+            own["remaining_error"] = float(errors[k])
+            own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}
         rows.append({"joint": joint, **own})
     return rows
 
