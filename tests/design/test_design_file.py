@@ -32,6 +32,7 @@ OTHERS: dict[str, Any] = {
     "gain_margin": 2.5,
     "angle_unit": "deg",
     "shaping": "quintic",
+    "feedforward": False,
     "move": {"time": [0.0, 0.1 + 0.2], "shoulder": [0.0, 1 / 3], "elbow": [0.5, 0.1]},
     "tracking_error": (0.01, 1 / 3),
     "overshoot": 2.5,

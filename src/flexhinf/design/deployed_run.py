@@ -86,7 +86,8 @@ def prepare_run(
     box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
     if plan is None:
-        command = reference = plans.step_command(model, s, start, goal, controller.law)
+        command = plans.step_command(model, s, start, goal, controller.law)
+        reference: Any = None
         names = signals.signal_names("link_position", model.joint_names)
         if command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
@@ -96,15 +97,11 @@ def prepare_run(
                 f"expected the goal {aim.tolist()}, got {goal.tolist()}",
                 "the goal of the design; or a design whose penalty weighs link_position_integral",
             )
+        if command is not None:
+            controller, reference = plans.driven(controller, model, command, s, plants.dry_friction)
         duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
-        controller = Controller(  # in error coordinates, like the moves of a design
-            controller.law, controller.estimator, controller.period,
-            (controller.limits.lower, controller.limits.upper), moving=True,
-            integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
-            latency=controller.mode.latency,
-        )  # fmt: skip
-        reference = plans.move_reference(model, plan, plants.dry_friction)
+        controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
@@ -271,12 +268,11 @@ class DesignCampaign:
         """The campaign with a controller and runs of this length, s."""
         s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
+        plan = self.plan or plans.step_command(model, s, *self.ends, controller.law)
+        reference = None
+        if plan is not None:
+            controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.unknown_delay)
-        reference = (
-            plans.step_command(model, s, *self.ends, controller.law)
-            if self.plan is None
-            else plans.move_reference(model, self.plan, plants.dry_friction)
-        )
         options: dict[str, Any] = {"duration": duration, "noise": plants.noise, "reference": reference}
         if o.disturbance:  # of 1 N·m or 1 N; each sample has its own factor
             torque = Step(1.0, at=responses.LOAD_START * duration)

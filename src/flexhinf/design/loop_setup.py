@@ -475,9 +475,19 @@ class LoopSetup(LoopPlants):
 
         Arguments as for `run`.
         """
-        return self.run(
-            self.bumpless_controller, self.start, duration, values, reference=self.command, **options
-        )
+        return self.run(**self.step_arguments(duration), values=values, **options)
+
+    @property
+    def feeds_forward(self) -> bool:
+        """Whether the command of the step comes with its feedforward."""
+        return self.command is not None and self.specification.feedforward
+
+    def step_arguments(self, duration: float) -> dict[str, Any]:
+        """Arguments of `run` and `ensemble` for the step of a duration, s: as of `along`."""
+        if self.command is not None and self.feeds_forward:
+            return {**self.along(self.command), "duration": duration}
+        controller, reference = self.bumpless_controller, self.command
+        return {"controller": controller, "at": self.start, "duration": duration, "reference": reference}
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
@@ -503,21 +513,23 @@ class LoopSetup(LoopPlants):
             yield Response(run, self.goal, self.goal, self.joints)
 
     def move(self, plan: Plan, dwell: float | None = None, **options: Any) -> Move:
-        """A planned move with feedforward in error coordinates, then `dwell` seconds at its end (default: half its
-        duration); options as for `run`."""
+        """A planned move, then `dwell` seconds at its end (default: half its duration); options as for `run`."""
         return Move.along(plan, self.run(**self.along(plan, dwell), **options))
 
     def along(self, plan: Plan, dwell: float | None = None) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and
-        reference."""
+        reference: states and inputs of inverse dynamics, or without feedforward the positions, if the law integrates
+        their errors."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
+        forward = self.specification.feedforward or not has_integrals(self.law)
+        known = self.tracking_controller if forward else self.bumpless_controller
         return {
-            "controller": self.tracking_controller if near else self.controller(begin, moving=True),
+            "controller": known if near else self.controller(begin, moving=forward),
             "at": self.start if near else begin,
             "duration": round(duration / period) * period,
-            "reference": move_reference(self.robot, plan, self.dry_friction),
+            "reference": move_reference(self.robot, plan, self.dry_friction) if forward else plan,
         }
 
 

@@ -74,7 +74,7 @@ def sampled_runs(
     n, samples = len(setup.goal), round(duration / setup.specification.period)
     instants = np.arange(0, samples, max(1, -(-samples // KEPT)))  # evenly apart
     runs = setup.ensemble(
-        robots, sub_steps, setup.bumpless_controller, setup.start, duration, reference=setup.command,
+        robots, sub_steps, **setup.step_arguments(duration),
         reductions=run_reductions((setup.start, setup.goal)), kept=setup.true_plant.states[:n], instants=instants,
     )  # fmt: skip
     numbers = {name: np.where(np.isnan(values), np.inf, values) for name, values in runs.common.items()}
@@ -104,9 +104,9 @@ def move_errors(
     setup: LoopSetup, robots: Sequence[Mapping[str, Any]], plan: Any, sub_steps: int, dwell: float | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Largest error (N,) of any joint along the planned move, rad or m; infinite where a run diverged."""
-    columns = position_columns(setup.tracking_controller.commanded, setup.joints)
-    reductions = run_reductions(None, columns)
-    runs = setup.ensemble(robots, sub_steps, reductions=reductions, **setup.along(plan, dwell))
+    arguments = setup.along(plan, dwell)
+    reductions = run_reductions(None, position_columns(arguments["controller"].commanded, setup.joints))
+    runs = setup.ensemble(robots, sub_steps, reductions=reductions, **arguments)
     errors = runs.common["tracking_error"].max(axis=1)
     return np.where(np.isnan(errors), np.inf, errors)
 

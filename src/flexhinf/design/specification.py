@@ -55,7 +55,7 @@ TORQUE_NOISE = 1e-7
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
 #: Default limits: motion the wrong way, per cent, ripple of a motor's input, per cent, and remaining error, rad or m.
-UNDERSHOOT, RIPPLE, REMAINING_ERROR = 5.0, 1.5, 1e-3
+UNDERSHOOT, RIPPLE, REMAINING_ERROR = 5.0, 5.0, 1e-3
 
 #: Default latency of a loop with an estimator, samples.
 LATENCY = 0
@@ -135,6 +135,9 @@ class Specification:
         "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
         "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
         "with jump.", "jerk-limited")
+    feedforward: options.Flag = option(True, WAY,
+        "Whether a move and a shaped command come with the feedforward of the inverse dynamics. Without it a law with "
+        "integrals follows the positions alone.")
     move: MoveTable | None = option(None, WAY,
         "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
         "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
@@ -182,7 +185,8 @@ class Specification:
         default="1e-3 rad, m, or what the sensors resolve")
     ripple: options.Positive | None = option(None, LOOP,
         "Largest standard deviation of a motor's input in the last 0.3 s, in per cent of its limit, with the stated "
-        "noise and quantisation.", "1", "%", default=f"{RIPPLE:g}")
+        "noise and quantisation. Searched noise levels of the estimator keep a stated one.", "1", "%",
+        default=f"{RIPPLE:g}")
     peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")

@@ -149,7 +149,7 @@ def input_rows(design: Design) -> list[dict[str, Any]]:
             samples.inputs if samples is not None and len(samples) else None,
         ),
         ("step on MuJoCo's plant", design.mujoco),
-        ("planned move with feedforward", e.move.response),
+        (f"planned move{' with feedforward' * e.setup.specification.feedforward}", e.move.response),
         ("load response: torques on the links", e.load_response.response),
         ("sensor noise in equilibrium (rms)", e.input_noises),
     )
@@ -178,7 +178,7 @@ PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
     ("load", "Load response", runs.load),
     ("payload", "Payload", runs.payload),
     ("ring-down", "Ring-down after an impulse", runs.ring_down),
-    ("move", "Planned move with feedforward", runs.move),
+    ("move", "Planned move", runs.move),
     ("rest", "Long run at rest with dry friction", runs.long_run),
     ("along", "Margins along the move", runs.margins_along),
     ("margins", "Margins of the running loop", lambda design: frequency.margins(design.evaluation)),

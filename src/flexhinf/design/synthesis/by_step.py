@@ -23,6 +23,7 @@ import numpy as np
 from flexhinf.analysis.modes import closed_loop
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.plans import move_reference
 from flexhinf.design.problem.presets import DesignProblem, choose
 from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
@@ -238,8 +239,10 @@ class _Trial:
         wanted = setup.goal if command is None else np.reshape(command(run.time), (len(run.time), -1))
         grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
-        moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
-        moved = np.hstack([moved, setup.departure(law)[len(columns) :] + grown])
+        about, integrals = law.operating_point[: len(columns)], setup.departure(law)[len(columns) :]
+        if command is not None and setup.feeds_forward:  # in error coordinates
+            about, integrals = move_reference(setup.robot, command, setup.dry_friction).state(run.time), 0.0
+        moved = np.hstack([run.signals["state"][:, columns] - about, integrals + grown])
         moved = moved[:: max(1, len(run.time) // INSTANTS)]
         own, ratios = law.inputs(moved), []
         for other in others:

@@ -218,8 +218,11 @@ def move(design: Design) -> Blocks:
         shaping = "quintic" if s.shaping == "quintic" else "limited jerk"
         about = f"Here the robot follows a plan: the way of the step in {duration} ({shaping})."
         origin, quantity = response.goal, "link position − goal"
+    forward = "Without feedforward the law follows the positions alone."
+    if s.feedforward:
+        forward = "Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left."
     yield Paragraph(
-        f"{about} Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left. "
+        f"{about} {forward} "
         f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
     )
 
