@@ -22,7 +22,7 @@ from flexhinf.analysis.modes import JointScales
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
-from flexhinf.design.requirements import sampled_runs
+from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.responses import (
     LOAD_FRACTION,
     Response,

@@ -369,6 +369,19 @@ def test_damping_is_that_of_every_pole_of_the_running_loop(
     poles = np.log(values[np.abs(values) > math.exp(-0.5)]) / PERIOD
     assert found.damping == pytest.approx((-poles.real / np.abs(poles)).min(), abs=1e-9)
     assert found.stable == (np.abs(values).max() < 1.0)
+    ratios, sizes = -poles.real / np.abs(poles), np.abs(poles)
+    oscillate = (np.abs(poles.imag) > 2.0) | (ratios < 0.0)
+    for limit in (10.0, 60.0, 350.0) if delay < 10 else ():  # else echoes of the queue
+        slow, fast = ratios[oscillate & (sizes < limit)], ratios[sizes >= limit]
+        expected = slow.min(initial=1.0), fast.min(initial=1.0)
+        assert found.damping_about(limit) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_slow_drift_is_no_oscillation_and_a_growing_one_is(made: SimpleNamespace) -> None:
+    """Poles −0.1 ± i of a mass on PD; with the sign of its damper changed they grow."""
+    still, grows = (margins(mass(made, 1.01, damping, 1e-3)).damping_about(350.0) for damping in (0.2, -0.2))
+    assert still == (1.0, 1.0)
+    assert grows[0] == pytest.approx(-0.1 / math.sqrt(1.01), rel=1e-2)
 
 
 def test_a_delay_out_of_proportion_is_refused(arm: Robot, cubic: HJISolution) -> None:

@@ -12,7 +12,7 @@ import flexhinf as fh
 from flexhinf.design import Design, Specification, design
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import MonteCarlo, sampled_runs
+from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
 from flexhinf.design.responses import Response, sample_robots
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
 from flexhinf.design.synthesis.steps import synthesise

@@ -383,6 +383,10 @@ class Margins:
         "|s| of that oscillation, rad/s.",
     )
 
+    def damping_about(self, limit: float) -> tuple[float, float]:
+        """Smallest damping ratio of slow oscillations and of fast ones, see `DiscreteSystem.damping_about`."""
+        return self.linear.closed_loop.damping_about(limit)
+
 
 def margins(
     loop: EquilibriumLoop | LinearLoop,

@@ -175,7 +175,7 @@ def designed_controller(
     if plan is None:
         return setup.bumpless_controller, length
     length = round((plan.duration + length) / s.period) * s.period
-    return setup.controller(request.ends[0], moving=True), length
+    return setup.along(plan)["controller"], length
 
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:

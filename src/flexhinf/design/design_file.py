@@ -314,10 +314,11 @@ def request_document(
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
         refuse_if(
-            effort.size != 1, "A design file holds one price of the input.",
-            f"expected R2 as a number, got {effort.tolist()}", "the report without its design file: design_files(…)",
+            effort.ndim > 1 and effort.size > 1, "A design file holds one price of each input.",
+            f"expected R2 as a number, or one per joint, got {effort.tolist()}",
+            "the report without its design file: design_files(…)",
         )  # fmt: skip
-        values["effort"] = float(effort.ravel()[0])
+        values["effort"] = float(effort.ravel()[0]) if effort.size == 1 else effort.tolist()
     defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
     stated = {name: value for name, value in values.items() if value != defaults[name]}
     document, table = tomlkit.document(), tomlkit.table()

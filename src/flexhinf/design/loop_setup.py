@@ -43,6 +43,9 @@ from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units
 #: Initial variance where no process noise is assumed: standard deviations of 1 mrad (mm) and 1 mrad/s (mm/s).
 INITIAL_VARIANCE = 1e-6
 
+#: A motion up to this number of standard deviations of a measured position, or one sensor step, is not seen.
+DEVIATIONS = 3.0
+
 #: A measured velocity has the noise of a position that is differentiated at this rate, 1/s.
 VELOCITY_RATE = 100.0
 
@@ -268,6 +271,14 @@ class LoopPlants:
         s = self.specification
         return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
 
+    def position_resolution(self, deviations: float = 1.0) -> float:
+        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
+        or m."""
+        names = self.model.outputs
+        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
+        positions = [step for name, step in zip(names, steps) if "position" in name]
+        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
+
     def estimator_at(
         self, at: np.ndarray, goal: np.ndarray, noise: EstimatorNoise, deployed: bool = False, linear: bool = False,
     ) -> Any:  # fmt: skip
@@ -315,6 +326,7 @@ class LoopSetup(LoopPlants):
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
     chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
     quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
+    unlimited: bool = False  # no limits of the inputs, which would hide the peak that a law demands
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -348,19 +360,12 @@ class LoopSetup(LoopPlants):
         is the one that holds the model at `at`.
         """
         return Controller(
-            self.law, self.estimator(at, deployed=True), self.specification.period, self.limits.saturated,
+            self.law, self.estimator(at, deployed=True), self.specification.period,
+            None if self.unlimited else self.limits.saturated,
             moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
         )  # fmt: skip
-
-    def position_resolution(self, deviations: float = 1.0) -> float:
-        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
-        or m."""
-        names = self.model.outputs
-        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
-        positions = [step for name, step in zip(names, steps) if "position" in name]
-        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
 
     @property
     def dead_zone(self) -> np.ndarray | None:
@@ -470,9 +475,19 @@ class LoopSetup(LoopPlants):
 
         Arguments as for `run`.
         """
-        return self.run(
-            self.bumpless_controller, self.start, duration, values, reference=self.command, **options
-        )
+        return self.run(**self.step_arguments(duration), values=values, **options)
+
+    @property
+    def feeds_forward(self) -> bool:
+        """Whether the command of the step comes with its feedforward."""
+        return self.command is not None and self.specification.feedforward
+
+    def step_arguments(self, duration: float) -> dict[str, Any]:
+        """Arguments of `run` and `ensemble` for the step of a duration, s: as of `along`."""
+        if self.command is not None and self.feeds_forward:
+            return {**self.along(self.command), "duration": duration}
+        controller, reference = self.bumpless_controller, self.command
+        return {"controller": controller, "at": self.start, "duration": duration, "reference": reference}
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
@@ -498,21 +513,23 @@ class LoopSetup(LoopPlants):
             yield Response(run, self.goal, self.goal, self.joints)
 
     def move(self, plan: Plan, dwell: float | None = None, **options: Any) -> Move:
-        """A planned move with feedforward in error coordinates, then `dwell` seconds at its end (default: half its
-        duration); options as for `run`."""
+        """A planned move, then `dwell` seconds at its end (default: half its duration); options as for `run`."""
         return Move.along(plan, self.run(**self.along(plan, dwell), **options))
 
     def along(self, plan: Plan, dwell: float | None = None) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and
-        reference."""
+        reference: states and inputs of inverse dynamics, or without feedforward the positions, if the law integrates
+        their errors."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
+        forward = self.specification.feedforward or not has_integrals(self.law)
+        known = self.tracking_controller if forward else self.bumpless_controller
         return {
-            "controller": self.tracking_controller if near else self.controller(begin, moving=True),
+            "controller": known if near else self.controller(begin, moving=forward),
             "at": self.start if near else begin,
             "duration": round(duration / period) * period,
-            "reference": move_reference(self.robot, plan, self.dry_friction),
+            "reference": move_reference(self.robot, plan, self.dry_friction) if forward else plan,
         }
 
 

@@ -17,12 +17,12 @@ from flexhinf.analysis import modes
 from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
-from flexhinf.design.loop_setup import LoopSetup, with_derived
+from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup, with_derived
 from flexhinf.design.problem import presets
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import by_step, steps
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
@@ -37,14 +37,14 @@ Progress = Callable[[str], None]
 #: Largest number of states for which the rigid law has the design's degree; with more it has degree 2.
 RIGID_STATES = 15
 
-#: An estimation error that oscillates with a smaller damping ratio than this is a risk.
-HARDLY_DAMPED = 0.05
-
 #: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
 FEW_PERIODS = 3.0
 
 #: Largest RMS input noise, as a fraction of the step's peak input: more wears the motors.
 NOISE_FRACTION = 0.05
+
+#: The runs that are judged.
+STEP, MUJOCO = "the step, nominal robot", "the step on MuJoCo's plant"
 
 #: The room whose pages show results. It reads designs, so it is loaded when one is saved.
 PAGES = "flexhinf.pages"
@@ -104,18 +104,25 @@ def status_of(
 def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
     setup, margins, risks = evaluation.setup, evaluation.margins, []
     of, period = partial(_in_brackets, setup.joints), setup.specification.period
-    slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
+    slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < MIN_DAMPING]
     if slow:
         worst = min(slow, key=lambda m: m.damping)
         risks.append(
             f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
             f"{worst.damping:.2g}"
         )
-    elif margins.damping < RINGS and not any(line.what.startswith("damping") for line in lines):
-        risks.append(
-            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by "
-            f"{margins.damping:.2g} only, and no damping is required"
-        )
+    # an oscillation that no requirement names: between what is always required and what rings, or a fast one
+    rings = RINGS if {line.limit for line in lines if line.field == "damping"} <= {MIN_DAMPING} else 0.0
+    for mode, fast, hardly in zip(evaluation.least_damped, (False, True), (rings, MIN_DAMPING)):
+        known = mode is None or any(np.isclose(mode.eigenvalue, own.eigenvalue, rtol=1e-3) for own in slow)
+        least = 0.0 if fast else MIN_DAMPING
+        if mode is not None and not known and least < mode.damping < hardly:
+            damped = evaluation.damped_margins.damping_about(setup.specification.damped_below_limit)[fast]
+            risks.append(
+                f"an oscillation of the running loop at {mode.frequency:.3g} Hz{of(mode.joint)} is damped by "
+                f"{mode.damping:.2g} only, {damped:.2g} with springs damped by {100.0 * required.SPRING_DAMPING:g} % "
+                "more"
+            )
     if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
         risks.append(
             f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
@@ -439,35 +446,57 @@ def _requirements(
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
     damping = None if target is None else presets.required_damping(stated.damping, target)
-    lines, step, robots = _law_requirements(evaluation)
+    resolution = setup.position_resolution(DEVIATIONS)
+    lines, step, robots = _law_requirements(evaluation, damping, limit_cycle)
     if target is not None and damping is not None:
-        lines += required.behaviour_requirements(
-            stated, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
+        lines.insert(
+            0, required.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
     if on_mujoco is not None:
-        lines += required.step_requirements(s, limits, on_mujoco, "the step on MuJoCo's plant")
-    lines += required.move_requirements(s, limits, evaluation.move)
+        lines += required.step_requirements(s, limits, on_mujoco, MUJOCO)
+        rows = responses.motion_metrics(limits, on_mujoco, setup.command)
+        lines += required.motion_requirements(s, limits, rows, resolution, MUJOCO)
+    runs = evaluation.runs
+    errors = None if s.move is None else checks.errors_after_move(setup, runs.plan, runs.dwell)
+    lines += required.move_requirements(s, limits, evaluation.move, resolution, errors)
     if s.move is not None and synthesis.along is not None:
         lines += checks.along_requirements(s, synthesis.along)
     if limit_cycle is not None:
         lines.append(limit_cycle.requirement(limits.position_units))
     for payload in payloads:
-        lines += checks.payload_requirements(s, limits, payload, damping)
+        lines += checks.payload_requirements(s, limits, payload, damping, resolution)
     return (*lines, *robots)
 
 
-def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...]:
-    """Requirements on a law in `design` and `compare`: on margins, the nominal step, corners and sampled robots."""
+def _law_requirements(
+    evaluation: LawEvaluation, damping: float | None = None, limit_cycle: checks.LimitCycleCheck | None = None
+) -> tuple[list[Requirement], ...]:
+    """Requirements on a law in `design` and `compare`: on margins, the nominal step, corners and sampled robots.
+
+    `damping`: required damping ratio; None for the least one. `limit_cycle`: the run in which the remaining error is
+    judged; None for the step.
+    """
     setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     margins = []
     if linear:
-        damped = np.nan if s.delay_margin_limit is None else evaluation.damped_delay_margin
-        margins = required.margin_requirements(s, evaluation.margins, setup.joints, damped)
+        own, damped = evaluation.margins, evaluation.damped_margins
+        delay = np.nan if s.delay_margin_limit is None else damped.delay_margin_s
+        ringing = [
+            required.of_several(setup.joints, mode.joint if mode else "") for mode in evaluation.least_damped
+        ]
+        margins = [
+            *required.margin_requirements(s, own, setup.joints, delay),
+            *required.oscillation_requirements(s, own, damped, damping, ringing),
+        ]
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+    step = required.step_requirements(s, limits, evaluation.step, STEP, unlimited)
+    step += required.motion_requirements(
+        s, limits, evaluation.step_motion, setup.position_resolution(DEVIATIONS), STEP,
+        limit_cycle and limit_cycle.remaining,
+    )  # fmt: skip
     robots = [] if corners is None else [required.corner_requirement(corners)]
     robots += [] if samples is None else required.sample_requirements(s, limits, samples)
     return margins, step, robots

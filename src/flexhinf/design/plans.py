@@ -15,7 +15,7 @@ from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import JerkLimited, Moving, Waypoints
+from flexhinf.loop import Controller, JerkLimited, Moving, Signal, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
@@ -138,6 +138,23 @@ def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Mov
     """A planned move with feedforward by inverse dynamics of the elastic robot, including these kinds of dry
     friction."""
     return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
+
+
+def driven(
+    controller: Controller, robot: Robot, plan: Plan, s: Specification, dry_friction: Sequence[str]
+) -> tuple[Controller, Signal]:
+    """The controller and its reference for a plan: in error coordinates with the feedforward, without it along the
+    positions if the law integrates their errors."""
+    if controller.mode.moving or s.feedforward or not has_integrals(controller.law):
+        if not controller.mode.moving:
+            controller = Controller(
+                controller.law, controller.estimator, controller.period,
+                (controller.limits.lower, controller.limits.upper), moving=True,
+                integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
+                latency=controller.mode.latency,
+            )  # fmt: skip
+        return controller, move_reference(robot, plan, dry_friction)
+    return controller, plan
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import contextlib
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, ValidationError, WithJsonSchema
 
 from flexhinf import options
@@ -55,12 +57,22 @@ PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 #: Default of the least extra delay that a loop with an estimator tolerates, samples.
 DELAY_MARGIN = 1.0
 
+#: Default limits: motion the wrong way, per cent, ripple of a motor's input, per cent, and remaining error, rad or m.
+UNDERSHOOT, RIPPLE, REMAINING_ERROR = 5.0, 5.0, 1e-3
+
 #: Default latency of a loop with an estimator, samples.
 LATENCY = 1
 
 
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
 RINGS = 0.1
+
+#: No design meets its specification with a smaller damping ratio of an oscillation below `damped_below`, rad/s.
+#: Faster ones have hardly any amplitude; the models of springs and motors do not hold there.
+MIN_DAMPING, DAMPED_BELOW = 0.05, 350.0
+
+#: Largest `damped_below`, as a fraction of half the sampling frequency.
+OF_NYQUIST = 1.0 / 3.0
 
 #: Relative tolerance of every limit, which is also the accuracy of the searches.
 TOLERANCE = 0.02
@@ -126,6 +138,9 @@ class Specification:
         "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
         "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
         "with jump.", "jerk-limited")
+    feedforward: options.Flag = option(True, WAY,
+        "Whether a move and a shaped command come with the feedforward of the inverse dynamics. Without it a law with "
+        "integrals follows the positions alone.")
     move: MoveTable | None = option(None, WAY,
         "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
         "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
@@ -146,16 +161,35 @@ class Specification:
         "judged on the running loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
     damping: options.Ratio | None = option(None, LOOP,
-        "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
-        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")
+        "Least damping ratio of every oscillation below --damped-below, at least 0.05; searched for and judged as the "
+        "bandwidth is.", "0.3",
+        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it; 0.05 otherwise")
+    damped_below: options.Frequency | None = option(None, LOOP,
+        "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz, at most a third of half the "
+        "sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
+        default="350 rad/s, or that third")
     peak_effort: options.PerJoint | None = option(None, LIMITS,
-        "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
+        "Largest input of every motor, which limits the controller too: 60, or one per joint 87,87,12.", "60",
         "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
     peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
         "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
     overshoot: options.Positive | None = option(None, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%", default=f"{OVERSHOOT:g}")
+    undershoot: options.Positive | None = option(None, LOOP,
+        "Largest motion of a link the wrong way, in per cent of its travel in the step or the move, or of 5 % of the "
+        "largest travel.", "2", "%", default=f"{UNDERSHOOT:g}")
+    path_distance: options.Tolerances | None = option(None, LOOP,
+        "Largest distance of a link from the path of the step or the move, whenever it is there: 1deg (0.01 rad, m), "
+        "or one per joint 1deg,2mm.", "1deg", "rad, m", default="no requirement")
+    remaining_error: options.Tolerances | None = option(None, LOOP,
+        "Largest error of a link in the last 0.3 s, with the dry friction that the robot states and the dead zone of "
+        "the integrals: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm.", "1e-3", "rad, m",
+        default="1e-3 rad, m, or what the sensors resolve")
+    ripple: options.Positive | None = option(None, LOOP,
+        "Largest standard deviation of a motor's input in the last 0.3 s, in per cent of its limit, with the stated "
+        "noise and quantisation. Searched noise levels of the estimator keep a stated one.", "1", "%",
+        default=f"{RIPPLE:g}")
     peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
@@ -168,8 +202,10 @@ class Specification:
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
-    effort: options.Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
-        default="the robot's own, or 1")
+    effort: options.Efforts | None = option(None, ADVANCED,
+        "R2, the weight of the inputs, one number or one per joint 0.1,0.1,1. A motor's input counts in units of its "
+        "limit (--saturation, or the robot's) relative to the largest limit, one without a limit as the strongest.",
+        "10", zero="the default", default="the robot's own, or 1")
     gamma_ratio: options.AboveOne = option(1.5, ADVANCED,
         "γ/γ* of the design, at most 1e6; preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
     checked_gamma_ratio: options.Positive = option(1.6, ADVANCED,
@@ -264,6 +300,10 @@ class Specification:
                 found = f"expected a multiple of {self.period:g} s, got {self.unknown_delay:g} s"
                 raise _refusal("unknown_delay", found)
         self._check_length("duration", RUN_SAMPLES)
+        most = OF_NYQUIST * np.pi / self.period
+        if self.damped_below is not None and self.damped_below > most:
+            found = f"expected at most {most:.4g} rad/s, a third of half the sampling rate, got {self.damped_below:g}"
+            raise _refusal("damped_below", found, f"{most:.3g}")
 
     def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
         time = getattr(self, name) or 0.0
@@ -295,6 +335,12 @@ class Specification:
         return default if self.delay_margin is None else self.delay_margin
 
     @property
+    def damped_below_limit(self) -> float:
+        """Frequency below which oscillations have to be damped, rad/s: as stated, or `DAMPED_BELOW`."""
+        most = OF_NYQUIST * np.pi / self.period
+        return min(DAMPED_BELOW, most) if self.damped_below is None else self.damped_below
+
+    @property
     def known_latency(self) -> int:
         """Samples of latency that the estimator knows: as stated, or `LATENCY` where there is one."""
         default = 0 if self.estimator == "none" else LATENCY
@@ -319,6 +365,19 @@ class Specification:
 
 FIELDS = declared(Specification)
 Specification.__doc__ = with_parameters(Specification)
+
+
+def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
+    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
+    limits = np.asarray(value, dtype=float)
+    if limits.shape not in ((), (1,), (len(joints),)):
+        raise SpecificationError(
+            name,
+            f"The {name.replace('_', ' ')} does not fit the joints.",
+            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
+            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
+        )
+    return np.array(np.broadcast_to(limits, (len(joints),)))
 
 
 # Errors ---------------------------------------------------------------------------------------------

@@ -222,7 +222,11 @@ def design_numbers(design: Design) -> dict[str, Any]:
         ],
         "starts_inside": design.inside,
         "proof": proof_numbers(design),
-        "step": {**_picked(design, "start goal duration_s=scenario.step_duration"), **_picked(e.step, RUN)},
+        "step": {
+            **_picked(design, "start goal duration_s=scenario.step_duration"),
+            **_picked(e.step, RUN),
+            "motion": e.step_motion,
+        },
         "mujoco": None if design.mujoco is None else design.mujoco.metrics,
         "draws": None
         if samples is None or not len(samples)
@@ -239,7 +243,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "joints": ring_down_rows(ring_down),
         },
         "load": _picked(e.load_response, f"at_s=at {LOADED_RUN}"),
-        "move": _picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"),
+        "move": {**_picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"), "motion": e.move_motion},
         "payload": [
             {
                 "masses_kg": dict(payload.masses),

@@ -163,14 +163,15 @@ class LinearProblem:
 
     @staticmethod
     def of(
-        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None
-    ) -> LinearProblem:
-        """Problem with h(x) = C x, R2 = I, `rows` (s, n) = C; disturbances are the command, by ė = q − d, and `torques`
-        (2 joints, k) at links and motors."""
+        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None,
+        r2: np.ndarray | None = None,
+    ) -> LinearProblem:  # fmt: skip
+        """Problem with h(x) = C x, `rows` (s, n) = C, and R2 (m, m), by default I; disturbances are the command, by
+        ė = q − d, and `torques` (2 joints, k) at links and motors."""
         a, b2, joints = family.a[0], family.b[0], len(family.robot.joint_names)
         parts = [0.0 - np.eye(len(a), joints, joints - len(a))] if command else []
         parts += [] if torques is None else [family.torques @ torques]
-        return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
+        return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]) if r2 is None else r2)
 
     def linear_part(self) -> LinearPart:
         """The problem in the form of the synthesis, its input scaled so that R2 = I."""

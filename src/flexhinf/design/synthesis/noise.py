@@ -199,6 +199,8 @@ class _Search:
         )
         moved = scales.input_per_position(bandwidth) * np.abs(setup.goal - setup.start)
         self.authority = np.minimum(float((holding_input + moved).max()), setup.limits.effort)
+        ripple = np.inf if s.ripple is None else 0.01 * s.ripple * setup.limits.effort
+        self.loudest = np.minimum(MOST_NOISE * self.authority, ripple)  # RMS noise of each input (m,)
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
 
@@ -295,7 +297,7 @@ class _Search:
         missed = self.excess(
             loop.peak_sensitivity, loop.gain_margin, loop.delay_margin_within(self.delay_margin),
             min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
-            compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
+            compliance / COMPLIANCE, float((noises / self.loudest).max()),
         )  # fmt: skip
         candidate = self.counted(NoiseCandidate(
             levels, loop.peak_sensitivity, loop.gain_margin, loop.damping, compliance, noises, missed, missed,

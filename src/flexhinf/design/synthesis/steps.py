@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design import checks, design_file, plans, proved_step, requirements, responses
+from flexhinf.design import checks, design_file, monte_carlo, plans, proved_step, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
 from flexhinf.design.synthesis.noise import NO_DELAY, NoiseSearch, search_noise
@@ -249,12 +249,12 @@ class _WholeLoop:
         self, solved: DesignProblem, levels: EstimatorNoise | None, which: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        setup = self.task.solved(solved, self.degree, levels)
+        setup = replace(self.task.solved(solved, self.degree, levels), unlimited=True)
         duration, limits = self.duration + setup.command_time, setup.limits
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
-        runs = requirements.sampled_runs(
+        runs = monte_carlo.sampled_runs(
             setup, [self.box.population.values[k] for k in which], duration, nominal.run.settings["sub_steps"]
         )
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
@@ -347,9 +347,9 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     # Margins along the move, and laws at poses on it where one law does not keep them.
     progress("margins along the move")
     problem, most = synthesis.design_problem, 1.0 + TOLERANCE
-    damping = steps.damping(problem)
+    damping = max(steps.damping(problem) or 0.0, MIN_DAMPING) / most
     limits = checks.MarginLimits(
-        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
+        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping, s.damped_below_limit
     )
     more = partial(steps.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
     law, along = checks.scheduled(
@@ -401,7 +401,7 @@ class _Steps(Task):
             return ""
         self.progress("the step on the running loop")
         noise = self.noise_search(law.design_problem)
-        setup = self.setup(law.solution, noise and noise.chosen.levels)
+        setup = replace(self.setup(law.solution, noise and noise.chosen.levels), unlimited=True)
         peak = setup.step(proved_step.LENGTH / float(np.min(law.bandwidth))).peak_input
         kept = peak <= (1.0 + TOLERANCE) * limits.effort[0]
         return "" if kept else f"with the estimator the step takes an input of {peak:.3g}"
