@@ -39,6 +39,7 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .loop import (
+    Braked as Braked,
     Constant as Constant,
     Controller as Controller,
     JerkLimited as JerkLimited,

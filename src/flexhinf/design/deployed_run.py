@@ -98,6 +98,7 @@ def prepare_run(
             (controller.limits.lower, controller.limits.upper), moving=True,
             integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
             latency=controller.mode.latency,
+            supervision=controller.supervision and replace(controller.supervision, reactions={}),
         )  # fmt: skip
         reference = plans.move_reference(model, plan, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)

@@ -230,9 +230,9 @@ class ControllerCode:
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
-            ZERO=constant(0.0, self.real), STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
+            STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
             PATH_RATE=f"state->memory[{memory['stop'].stop - 1}]" if "stop" in memory else constant(1.0, self.real),
-            F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
+            ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
         )  # fmt: skip
 
     @property

@@ -111,7 +111,9 @@ class Supervision:
     def text(self) -> str:
         """The workspace, for a summary."""
         ends = () if self.workspace is None else np.broadcast_arrays(*map(np.atleast_1d, self.workspace))
-        return ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends)) if len(ends) else "not stated"
+        return (
+            ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends)) if len(ends) else "not stated"
+        )
 
     def modes(self, moving: bool) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
@@ -146,10 +148,13 @@ class Supervision:
         )
         refuse_if(
             not np.all(swing > 0.0), "The swing of a supervision is not positive.",
-            f"expected numbers > 0, one or {len(span)}, got {value_text(self.swing)}", "swing=None: a tenth of the range",
+            f"expected numbers > 0, one or {len(span)}, got {value_text(self.swing)}",
+            "swing=None: a tenth of the range",
         )  # fmt: skip
         shrinking = math.pi * self.damping / math.sqrt(1.0 - self.damping**2)
-        ratio = np.where(np.isfinite(span), span, UNLIMITED * swing) / np.where(np.isfinite(swing), swing, 1.0)
+        ratio = np.where(np.isfinite(span), span, UNLIMITED * swing) / np.where(
+            np.isfinite(swing), swing, 1.0
+        )
         swings = 1.0 + np.ceil(np.log(np.maximum(ratio, 1.0)) / shrinking)
         swings = np.where(np.isfinite(swing), swings, np.inf)
         edge = np.where(np.isfinite(span), 0.5 * NEAR_LIMIT * span, 0.0)
@@ -226,7 +231,9 @@ def observed(
     beyond = _outside([r[place] for place in places], box)
     cycles = _any([where(row[2] >= most, 1.0, 0.0) for row, most in zip(rows, swings[2])])
     full = _any([where(row[4] > watching[1], 1.0, 0.0) for row in rows])
-    reacting = _any([beyond if reactions[0] in ("hold", "limit") else 0.0, *(s for part in stop for s in part[:2])])
+    reacting = _any(
+        [beyond if reactions[0] in ("hold", "limit") else 0.0, *(s for part in stop for s in part[:2])]
+    )
     return np.array(rows).T, np.array([beyond, cycles, full, where(reacting > 0.0, 1.0, 0.0)])
 
 
