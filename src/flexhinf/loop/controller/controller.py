@@ -26,8 +26,8 @@ from flexhinf.loop.controller.options import (
     command_limits,
     dead_zone,
 )
-from flexhinf.loop.controller.rest import rest_at, rest_integrals
-from flexhinf.loop.controller.status import Status, Supervision, status_of
+from flexhinf.loop.controller.rest import rest_values
+from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import (
     BLEND_TIME,
     STEPS,
@@ -40,9 +40,9 @@ from flexhinf.loop.controller.step import (
 )
 from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised, names_text, number_text
-from flexhinf.plant import Estimator, Law, ProblemLaw, python_control
+from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.validation import checked_kind, checked_positive, read_only, value_text
+from flexhinf.validation import checked_positive, read_only, value_text
 
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.
@@ -146,12 +146,8 @@ class Controller(Summarised):
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         check_names(solution, estimator, self.period)
         self.supervision, self._windup_option = supervision, windup
+        self._watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
-        if supervision is not None:
-            checked_kind(
-                "The supervision of a controller is none.", supervision, Supervision, "a Supervision or None",
-                "Supervision(workspace=(lower, upper))",
-            )  # fmt: skip
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
@@ -327,8 +323,7 @@ class Controller(Summarised):
         if mode.limits_command:
             lower, upper = command.lower, command.upper
             values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
-        if self.supervision is not None:
-            values |= self.supervision.data(limits.lower, limits.upper, len(self.tracked), self.period)
+        values |= self._watched
         if mode.fades_offset:
             values["offset_decay"] = [np.exp(-self.period / self.offset_time)]
         if mode.has_dead_zone:
@@ -357,7 +352,9 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None, pose: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if pose is not None:
-            return self._resting(pose, input)
+            x, u, rest = rest_values(self.law, self.estimator, self.limits, self.mode.moving, pose)
+            start = self._initial_values(x if self.estimator else None, u if input is None else input)
+            return self.memory.flat(start | rest)
         if state is not None and self.estimator is None:
             raise InvalidInput(
                 "There is no estimate to set: this controller feeds back the true state.",
@@ -365,16 +362,6 @@ class Controller(Summarised):
                 "reset(); the state of the plant is the loop's initial_state",
             )
         return self.memory.flat(self._initial_values(state, input))
-
-    def _resting(self, pose: Any, input: Any) -> np.ndarray:
-        law = self.law
-        own = law.problem.plant if isinstance(law, ProblemLaw) else None
-        x, u = rest_at(pose, self.tracked, self.estimator.plant if self.estimator else own, self.limits)
-        moving, command = self.mode.moving, x[self._places]
-        return self.memory.flat(self._initial_values(x if self.estimator else None, u if input is None else input) | {
-            "integral": np.zeros(len(self.tracked)) if moving else rest_integrals(law, x, u), "position": command,
-            "reference": np.concatenate([x, u]) if moving else command,
-        })  # fmt: skip
 
     def _initial_values(self, state: Any = None, input: Any = None) -> dict[str, Any]:
         estimator, mode, zeros = self.estimator, self.mode, np.zeros(len(self.tracked))
@@ -387,9 +374,7 @@ class Controller(Summarised):
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
             **({"command": zeros} if mode.changes_command else {}),
-            **({"stop": np.array([0.0, 0.0, 1.0])} if mode.reacts else {}),
-            **({"watch": np.stack([u, np.ones(len(u)), *np.zeros((3, len(u)))]), "status": np.zeros(4)}
-               if mode.reactions else {}),
+            **first_counters(u, mode.reactions),
             **({"offset": np.zeros(len(self.measured))} if mode.fades_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
@@ -413,14 +398,10 @@ class Controller(Summarised):
         """Key of the compiled code: equal for controllers that differ in data alone."""
         law, e = self.laws[0], self.estimator
         return (
-            "controller",
-            type(law),
-            law.law_key,
-            (tuple(law.state_names), tuple(law.input_names)),
+            "controller", type(law), law.law_key, (tuple(law.state_names), tuple(law.input_names)),
             (self.composed, self.memory.size, self.data.size),
-            None if e is None else (type(e), e.estimator_key, e.plant.code_key),
-            self.mode,
-        )
+            None if e is None else (type(e), e.estimator_key, e.plant.code_key), self.mode,
+        )  # fmt: skip
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
         y = y if len(y) else None
@@ -478,13 +459,9 @@ class Controller(Summarised):
     def _bound(self, measured: bool) -> Bound:
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._history
         arrays = {
-            **({"y": y} if measured else {}),
-            "r": now.reference,
-            "data": self.data_vector.copy(),
-            "memory": now.memory,
-            "u": u,
-            "estimate": now.estimate,
-        }
+            **({"y": y} if measured else {}), "r": now.reference, "data": self.data_vector.copy(),
+            "memory": now.memory, "u": u, "estimate": now.estimate,
+        }  # fmt: skip
         sizes = {name: array.size for name, array in arrays.items()}
         kernel = share(
             ("step", measured, self.code_key),
@@ -603,13 +580,8 @@ class Controller(Summarised):
 
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        arguments = {
-            "solution": self.law,
-            "estimator": self.estimator,
-            "period": self.period,
-            **self._options,
-        }
-        return {"arguments": arguments, "remembered": copy.deepcopy(vars(self._history))}
+        arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
+        return {"arguments": arguments | self._options, "remembered": copy.deepcopy(vars(self._history))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])

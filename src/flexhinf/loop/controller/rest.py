@@ -6,7 +6,6 @@ equilibrium (x, u) of the model at that pose. A polynomial law without such a ro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.options import Limits
 from flexhinf.loop.controller.step import bumpless_transfer, inverse_slope, law_slope
-from flexhinf.plant import Law, Plant
+from flexhinf.plant import Estimator, Law, ProblemLaw
 from flexhinf.plant.plant import equilibrium_at, pose_values
 from flexhinf.validation import value_text
 
@@ -24,14 +23,17 @@ from flexhinf.validation import value_text
 ROUNDS, TOLERANCE = 5, 1e-6
 
 
-def rest_at(
-    pose: Any, tracked: Sequence[str], model: Plant | None, limits: Limits
-) -> tuple[np.ndarray, np.ndarray]:
-    """State (n,) and input (m,) of the model at rest with the tracked states at a pose (k,).
+def rest_values(
+    law: Law, estimator: Estimator | None, limits: Limits, moving: bool, pose: Any
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """State (n,) and input (m,) of the model at rest with the tracked states at a pose (k,), and the parts of a
+    controller's memory that hold it there: integrals, positions and command.
 
-    Raises InvalidInput: without a model or tracked states, for a pose that does not fit, or beyond the limits of the
-    input; NumericalFailure: if there is no equilibrium.
+    Raises InvalidInput: without a model or tracked states, for a pose that does not fit, or one that the inputs or the
+    law cannot hold; NumericalFailure: if there is no equilibrium.
     """
+    own, tracked = law.problem.plant if isinstance(law, ProblemLaw) else None, law.tracked
+    model = own if estimator is None else estimator.plant
     refuse_if(
         model is None or not tracked, "This controller knows no equilibria.",
         "expected an estimator with its model, and a law with integrals, got "
@@ -44,7 +46,12 @@ def rest_at(
         f"expected an input within {limits.lower.tolist()} and {limits.upper.tolist()}, needed {u.tolist()} at "
         f"{value_text(pose)}", "another pose, or a larger saturation",
     )  # fmt: skip
-    return x, u
+    position = x[[law.plant_states.index(name) for name in tracked]]
+    if moving:
+        integrals, command = np.zeros(len(tracked)), np.concatenate([x, u])
+    else:
+        integrals, command = rest_integrals(law, x, u), position
+    return x, u, {"integral": integrals, "position": position, "reference": command}
 
 
 def rest_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.loop.shared import BRAKING
 from flexhinf.scalars import absolute, clip, maximum, minimum, where
-from flexhinf.validation import checked_positive, one_of, real_array, real_number, value_text
+from flexhinf.validation import checked_kind, checked_positive, one_of, real_array, real_number, value_text
 
 
 class Status(enum.IntFlag):
@@ -48,7 +48,7 @@ REACTIONS = {
 NEAR_LIMIT, UNLIMITED = 1e-3, 100.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Supervision:
     """What a controller watches at run time, and how it reacts.
 
@@ -97,6 +97,13 @@ class Supervision:
             real_number(self.damping) >= 1.0, "The damping of a supervision is no damping ratio.",
             f"expected 0 < number < 1, got {value_text(self.damping)}", "damping=0.05",
         )  # fmt: skip
+        pair = isinstance(self.workspace, (tuple, list)) and len(self.workspace) == 2
+        refuse_if(
+            self.workspace is not None and not pair, "The workspace is no box.",
+            f"expected (lower, upper), got {value_text(self.workspace)}", "workspace=(-1.0, 1.0)",
+        )  # fmt: skip
+        what, advice = "The reactions are no mapping.", "reactions={'workspace': 'limit'}"
+        checked_kind(what, self.reactions, Mapping, "reactions by event", advice)
         for event, reaction in dict(self.reactions).items():
             one_of("There is nothing of this name to react to.", event, REACTIONS)
             one_of(f"There is no such reaction to {event!r}.", reaction, REACTIONS[event][0])
@@ -131,15 +138,12 @@ class Supervision:
         )  # fmt: skip
         return modes
 
-    def data(self, lower: np.ndarray, upper: np.ndarray, commanded: int, period: float) -> dict[str, Any]:
-        """Numbers of the step for inputs (m,) within these limits, and so many commanded positions."""
+    def data(self, limits: Any, commanded: int, period: float) -> dict[str, Any]:
+        """Numbers of the step for inputs within `Limits`, and so many commanded positions."""
         ends: Any = (-np.inf, np.inf) if self.workspace is None else self.workspace
-        span = upper - lower
-        try:
-            low, high = box = np.array([np.broadcast_to(real_array(end), (commanded,)) for end in ends])
-            swing = np.broadcast_to(0.1 * span if self.swing is None else real_array(self.swing), span.shape)
-        except (TypeError, ValueError):
-            low, high, swing = *(np.full(1, np.nan),) * 2, span
+        span = limits.upper - limits.lower
+        low, high = box = np.array([_spread(end, commanded) for end in ends])
+        swing = _spread(0.1 * span if self.swing is None else self.swing, len(span))
         refuse_if(
             not np.all(low < high) or (self.workspace is not None and not commanded),
             "The workspace does not fit the command.",
@@ -160,6 +164,28 @@ class Supervision:
         edge = np.where(np.isfinite(span), 0.5 * NEAR_LIMIT * span, 0.0)
         samples = [self.longest_swing / period, self.saturation_time / period, period / self.braking_time]
         return {"workspace": box, "swings": np.array([edge, swing, swings]), "watching": samples}
+
+
+def watched_numbers(
+    supervision: Supervision | None, limits: Any, commanded: int, period: float
+) -> dict[str, Any]:
+    """`Supervision.data`, checked; nothing without a supervision."""
+    what, advice = "The supervision of a controller is none.", "Supervision(workspace=(lower, upper))"
+    checked_kind(what, supervision, Supervision | None, "a Supervision or None", advice)
+    return {} if supervision is None else supervision.data(limits, commanded, period)
+
+
+def _spread(value: Any, size: int) -> np.ndarray:
+    array = real_array(value)
+    return np.broadcast_to(array if array.shape in ((), (size,)) else np.nan, (size,))
+
+
+def first_counters(u: np.ndarray, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Parts of the memory before the first sample, with the input u (m,) until then."""
+    if not reactions:
+        return {}
+    counters = {"watch": np.stack([u, np.ones(len(u)), *np.zeros((3, len(u)))]), "status": np.zeros(4)}
+    return counters | ({} if set(reactions) == {"none"} else {"stop": np.array([0.0, 0.0, 1.0])})
 
 
 def _any(flags: Sequence[Any]) -> Any:
