@@ -374,7 +374,7 @@ class Controller(Summarised):
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
             **({"command": zeros} if mode.changes_command else {}),
-            **first_counters(u, mode.reactions),
+            **first_counters(len(u), mode.reactions),
             **({"offset": np.zeros(len(self.measured))} if mode.fades_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),

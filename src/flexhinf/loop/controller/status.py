@@ -180,11 +180,11 @@ def _spread(value: Any, size: int) -> np.ndarray:
     return np.broadcast_to(array if array.shape in ((), (size,)) else np.nan, (size,))
 
 
-def first_counters(u: np.ndarray, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Parts of the memory before the first sample, with the input u (m,) until then."""
+def first_counters(inputs: int, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Parts of the memory before the first sample, which itself counts no swing."""
     if not reactions:
         return {}
-    counters = {"watch": np.stack([u, np.ones(len(u)), *np.zeros((3, len(u)))]), "status": np.zeros(4)}
+    counters = {"watch": np.outer([0.0, 1.0, 0.0, 0.0, 0.0], np.ones(inputs)), "status": np.zeros(4)}
     return counters | ({} if set(reactions) == {"none"} else {"stop": np.array([0.0, 0.0, 1.0])})
 
 
