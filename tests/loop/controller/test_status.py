@@ -6,6 +6,7 @@ import copy
 import math
 import pickle
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,6 +159,20 @@ def test_a_goal_outside_the_workspace_is_reported_by_the_step_that_hears_of_it(m
         controller.step(x, np.concatenate([there, holding]) if moving else goal)
         assert bool(controller.status & fh.Status.OUTSIDE_WORKSPACE) == outside
     assert u == pytest.approx(controller.law.operating_input)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(("damping", "alarm"), [(0.05, False), (0.049, False), (0.04, True), (0.0, True)])
+def test_swings_that_settle_as_stated_are_no_limit_cycle(damping: float, alarm: bool) -> None:
+    """A free oscillation from one limit, exp(−ζωt) cos(ω√(1 − ζ²) t): swings shrink by exp(−πζ/√(1 − ζ²)) each."""
+    t = np.arange(0.0, 20.0, 1e-3)
+    decay = np.exp(-damping * 12.0 * t)[:, None]
+    u = 24.0 * decay * np.cos(12.0 * math.sqrt(1.0 - damping**2) * t[:, None])
+    swings = fh.Supervision().data(SimpleNamespace(lower=np.array([-24.0]), upper=np.array([24.0])), 0, 1e-3)[
+        "swings"
+    ]
+    assert swings[:, 0] == pytest.approx([0.024, 4.8, 16.0])
+    assert (swings_at_rest(u, np.zeros(len(t)), 4.8, 1570.0)[0] >= 16) == alarm
 
 
 # No false alarm -----------------------------------------------------------------------------------------
