@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.export.conftest import STRICT
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.codegen.machine import host
@@ -95,3 +96,19 @@ def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tm
         assert said[-1] == int(one.status)
     assert said == [0, 1, 0]
     end(model)
+
+
+def test_a_run_in_real_time_says_when_the_command_lay_outside(controller: fh.Controller) -> None:
+    """The command leaves ±0.02 rad at 0.1 s and comes back at 0.15 s: 50 samples, in the run's notes too."""
+    pytest.importorskip("mujoco")
+    from flexhinf.pages.run import run_notes
+    from flexhinf.robot import MuJoCoPlant
+
+    watch = fh.Supervision(workspace=(-0.02, 0.02))
+    one = fh.Controller(controller.law, controller.estimator, 1e-3, 48.0, supervision=watch)
+    loop = fh.Loop(MuJoCoPlant(fh.paper_arm()), one)
+    reference = fh.Samples([0.0, 0.0995, 0.0996, 0.1495, 0.1496], [0.0, 0.0, 0.03, 0.03, 0.01])
+    run = fh.run_realtime(loop, reference, duration=0.3, real_time=False)
+    assert np.flatnonzero(run.status & fh.Status.OUTSIDE_WORKSPACE).tolist() == list(range(100, 150))
+    (note,) = [text for text in run_notes(run) if "workspace" in text]
+    assert unnamed(note, 50) == []

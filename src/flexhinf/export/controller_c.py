@@ -205,7 +205,7 @@ class ControllerCode:
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
-            STATUS=enumeration([(self.upper(bit.name), bit.value, STATUS[bit.name]) for bit in Status]),
+            STATUS=enumeration([(self.upper(str(bit.name)), bit.value, text) for bit, text in zip(Status, STATUS)]),
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
@@ -308,12 +308,12 @@ STATUS_BITS = """
     }}"""
 
 #: What these bits say.
-STATUS = {
-    "OUTSIDE_WORKSPACE": "the command is outside of the positions that the design is for",
-    "LIMIT_CYCLE": "an input swings to and fro while the command rests",
-    "SATURATION": "an input has been at a limit for long",
-    "REACTING": "the command is replaced, or the path rate falls",
-}
+STATUS = (
+    "the command is outside of the positions that the design is for",
+    "an input swings to and fro while the command rests",
+    "an input has been at a limit for long",
+    "the command is replaced, or the path rate falls",
+)
 
 #: The step without a measurement, where a finite result has a code of its own.
 PREDICTION = """

@@ -327,3 +327,43 @@ def test_what_nothing_is_commanded_has_no_workspace() -> None:
         supervised(law, workspace=(-1.0, 1.0))
     with refused_with(InvalidInput, "supervision", "Supervision"):
         fh.Controller(law, None, 1e-3, supervision={"swing": 1.0})  # type: ignore[arg-type]
+
+
+# Other forms of the step --------------------------------------------------------------------------------
+@pytest.mark.parametrize("pieces", [False, True])
+def test_numbers_traced_functions_and_kernels_step_alike(pieces: bool) -> None:
+    """The memory after each sample, by NumPy on numbers, by one CasADi function, and by the compiled kernel."""
+    controller = fh.Controller(
+        arm_law(), arm_ukf(), 1e-3, 0.5, latency=1, offset_time=0.1,
+        supervision=fh.Supervision((-0.02, 0.02), swing=0.05, damping=0.5, saturation_time=0.01, reactions=EVERY),
+    )  # fmt: skip
+    controller = controller.in_pieces() if pieces else controller
+    rng, seen = np.random.default_rng(1), 0
+    plain = traced = controller.initial_memory()
+    layout, data = controller.memory, controller.data.named(controller.data_vector)
+    for k in range(150):
+        y = 0.02 * rng.standard_normal(1) + 0.2 * (100 < k < 135)
+        r = np.array([0.03 * (-1) ** (k // 40)])
+        u, _, after = controller._stepped(y, r, layout.named(plain), data)
+        traced_u, traced = controller.evaluate(y, r, traced)
+        plain, own = layout.flat(after), controller.step(y, r)
+        assert np.asarray(u, dtype=float) == pytest.approx(own, abs=1e-7)
+        assert traced_u == pytest.approx(own, abs=1e-7)
+        for place in (layout.places["status"], layout.places["stop"]):
+            assert np.array_equal(plain[place], traced[place])
+        assert int(controller.status) == plain[layout.places["status"]] @ [1, 2, 4, 8]
+        seen |= int(controller.status)
+    assert seen == 15
+
+
+def test_many_robots_at_once_react_as_one_does() -> None:
+    law, plant = arm_law(), fh.paper_arm().plant()
+    controller = supervised(
+        law, arm_ukf(), saturation=2.0, workspace=(-0.05, 0.05), reactions={"workspace": "limit"}
+    )
+    loop = fh.Loop(plant, controller)
+    one = loop.run(0.3, duration=1.5)
+    assert one.signals["state"][-1, 0] == pytest.approx(0.05, abs=0.02)
+    many = loop.ensemble(0.3, duration=1.5, kept=("state.link_position",), instants=[1500])
+    values = many.run([{}] * 5, range(5)).kept
+    assert np.ravel(values) == pytest.approx(np.full(5, one.signals["state"][-1, 0]), abs=1e-9)

@@ -324,7 +324,7 @@ class Controller(Summarised):
             lower, upper = command.lower, command.upper
             values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
         values |= self._watched
-        if mode.fades_offset:
+        if self.offset_time is not None:
             values["offset_decay"] = [np.exp(-self.period / self.offset_time)]
         if mode.has_dead_zone:
             values["integral_dead_zone"] = self.integral_dead_zone
