@@ -292,13 +292,8 @@ class _Clock:
     """Paces the samples, steps a controller with its own memory or a compiled library, and records all times."""
 
     def __init__(
-        self,
-        loop: Loop,
-        library: CompiledController | None,
-        start: dict[str, Any],
-        samples: int,
-        real_time: bool,
-    ) -> None:
+        self, loop: Loop, library: CompiledController | None, start: dict[str, Any], samples: int, real_time: bool,
+    ) -> None:  # fmt: skip
         self._period, self._start, self._real_time = loop.controller.period, start, real_time
         self.code_names, self.name = {0: "OK"}, "Controller.step"
         self._stepped: Any = loop.controller.fresh()

@@ -26,7 +26,7 @@ from flexhinf.loop.controller.options import (
     command_limits,
     dead_zone,
 )
-from flexhinf.loop.controller.rest import rest_values
+from flexhinf.loop.controller.standstill import standstill_memory
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import (
     BLEND_TIME,
@@ -208,7 +208,7 @@ class Controller(Summarised):
                if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
             **({"supervision": self.supervision} if self.supervision else {}),
-            **({"offset_time": self.offset_time} if mode.fades_offset else {}),
+            **({"offset_time": self.offset_time} if mode.has_offset else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
         }  # fmt: skip
 
@@ -265,7 +265,7 @@ class Controller(Summarised):
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
             "workspace": "" if self.supervision is None else self.supervision.text,
-            "offsets": f"decay with {self.offset_time:g} s" if mode.fades_offset else "",
+            "offsets": f"decay with {self.offset_time:g} s" if mode.has_offset else "",
             "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
         }  # fmt: skip
         return {name: fact for name, fact in facts.items() if fact}
@@ -352,9 +352,9 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None, pose: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if pose is not None:
-            x, u, rest = rest_values(self.law, self.estimator, self.limits, self.mode.moving, pose)
+            x, u, own = standstill_memory(self.law, self.estimator, self.limits, self.mode.moving, pose)
             start = self._initial_values(x if self.estimator else None, u if input is None else input)
-            return self.memory.flat(start | rest)
+            return self.memory.flat(start | own)
         if state is not None and self.estimator is None:
             raise InvalidInput(
                 "There is no estimate to set: this controller feeds back the true state.",
@@ -375,7 +375,7 @@ class Controller(Summarised):
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
             **({"command": zeros} if mode.changes_command else {}),
             **first_counters(len(u), mode.reactions),
-            **({"offset": np.zeros(len(self.measured))} if mode.fades_offset else {}),
+            **({"offset": np.zeros(len(self.measured))} if mode.has_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
         }  # fmt: skip

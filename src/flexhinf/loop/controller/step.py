@@ -135,7 +135,7 @@ class Mode:
     active at a time. The flags say what has limits (the input itself always may), whether small errors are not
     integrated, and whether integral action is bounded, as some input has no limit. `latency`: samples between a
     measurement and the effect of the input computed from it. `reactions`: to the events of
-    `flexhinf.loop.controller.status`, empty without a supervision. `fades_offset`: offsets of the first measurement are
+    `flexhinf.loop.controller.status`, empty without a supervision. `has_offset`: offsets of the first measurement are
     taken in slowly.
     """
 
@@ -148,7 +148,7 @@ class Mode:
     bounds_windup: bool = False
     latency: int = 0
     reactions: tuple[str, ...] = ()
-    fades_offset: bool = False
+    has_offset: bool = False
 
     @property
     def command_lead(self) -> int:
@@ -214,12 +214,12 @@ def controller_step(
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
     beliefs, ahead = [], estimate
-    offset = memory.offset if mode.fades_offset else None
+    offset = memory.offset if mode.has_offset else None
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
-        if mode.fades_offset and y is None:
+        if mode.has_offset and y is None:
             offset = run.call(operator.mul, data.offset_decay, offset)
-        elif mode.fades_offset:
+        elif mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
             y, offset = run.call(_faded, y, expected, offset, memory.started, data.offset_decay)
         if y is not None:

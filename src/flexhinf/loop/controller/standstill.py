@@ -23,7 +23,7 @@ from flexhinf.validation import value_text
 ROUNDS, TOLERANCE = 5, 1e-6
 
 
-def rest_values(
+def standstill_memory(
     law: Law, estimator: Estimator | None, limits: Limits, moving: bool, pose: Any
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """State (n,) and input (m,) of the model at rest with the tracked states at a pose (k,), and the parts of a
@@ -50,11 +50,11 @@ def rest_values(
     if moving:
         integrals, command = np.zeros(len(tracked)), np.concatenate([x, u])
     else:
-        integrals, command = rest_integrals(law, x, u), position
+        integrals, command = equilibrium_integrals(law, x, u), position
     return x, u, {"integral": integrals, "position": position, "reference": command}
 
 
-def rest_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+def equilibrium_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Integrals (k,) with which the law, of a `Schedule` the nearest, gives the input u (m,) at the state x (n,).
 
     Raises InvalidInput: if there are none.
