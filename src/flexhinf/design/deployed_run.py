@@ -97,7 +97,7 @@ def prepare_run(
             controller.law, controller.estimator, controller.period,
             (controller.limits.lower, controller.limits.upper), moving=True,
             integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
-            latency=controller.mode.latency,
+            latency=controller.mode.latency, offset_time=controller.offset_time,
             supervision=controller.supervision and replace(controller.supervision, reactions={}),
         )  # fmt: skip
         reference = plans.move_reference(model, plan, plants.dry_friction)
