@@ -39,6 +39,7 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .loop import (
+    Braked as Braked,
     Constant as Constant,
     Controller as Controller,
     JerkLimited as JerkLimited,
@@ -49,7 +50,9 @@ from .loop import (
     Schedule as Schedule,
     Sine as Sine,
     Spline as Spline,
+    Status as Status,
     Step as Step,
+    Supervision as Supervision,
     Trajectory as Trajectory,
     Waypoints as Waypoints,
     load_controller as load_controller,

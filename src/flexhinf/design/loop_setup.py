@@ -35,7 +35,7 @@ from flexhinf.estimation import (
     kalman,
     stationary_covariance,
 )
-from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
+from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step, Supervision
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
@@ -48,6 +48,10 @@ DEVIATIONS = 3.0
 
 #: A measured velocity has the noise of a position that is differentiated at this rate, 1/s.
 VELOCITY_RATE = 100.0
+
+#: How far commands may lie beyond start, goal and poses of the laws: a share of the largest travel of a joint, and at
+#: least so much, rad or m.
+WORKSPACE_MARGIN = (0.1, 0.05)
 
 #: Estimators by name.
 KINDS: dict[str, Any] = {
@@ -353,11 +357,26 @@ class LoopSetup(LoopPlants):
         """The estimator, see `LoopPlants.estimator_at`. Linear metrics use it without `deployed`."""
         return self.estimator_at(at, self.goal, self.process_noise, deployed, self.linear_model)
 
-    def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
+    @property
+    def supervision(self) -> Supervision:
+        """What a deployed controller watches: its workspace lies between start, goal and the poses of the laws, with a
+        margin of `WORKSPACE_MARGIN`."""
+        names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
+        places = [names.index(name) for name in self.law.tracked]
+        ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
+        poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
+        share, smallest = WORKSPACE_MARGIN
+        margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
+        box = (poses.min(axis=0) - margin, poses.max(axis=0) + margin)
+        return Supervision(workspace=box if places else None)
+
+    def controller(
+        self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False
+    ) -> Controller:
         """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
 
         `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the first input
-        is the one that holds the model at `at`.
+        is the one that holds the model at `at`. `supervised`: with the `supervision` of the design.
         """
         return Controller(
             self.law, self.estimator(at, deployed=True), self.specification.period,
@@ -365,6 +384,7 @@ class LoopSetup(LoopPlants):
             moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
+            supervision=self.supervision if supervised else None,
         )  # fmt: skip
 
     @property

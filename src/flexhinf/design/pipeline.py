@@ -210,7 +210,8 @@ class Design(Summarised):
 
         `at`: (n,), Pose at which it takes over; the start of the step by default.
         """
-        return self.setup.controller(self.start if at is None else np.atleast_1d(at).astype(float))
+        pose = self.start if at is None else np.atleast_1d(at).astype(float)
+        return self.setup.controller(pose, supervised=True)
 
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import cast
 
@@ -151,7 +152,8 @@ def driven(
                 controller.law, controller.estimator, controller.period,
                 (controller.limits.lower, controller.limits.upper), moving=True,
                 integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
-                latency=controller.mode.latency,
+                latency=controller.mode.latency, offset_time=controller.offset_time,
+                supervision=controller.supervision and replace(controller.supervision, reactions={}),
             )  # fmt: skip
         return controller, move_reference(robot, plan, dry_friction)
     return controller, plan

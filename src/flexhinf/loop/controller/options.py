@@ -84,6 +84,18 @@ def checked_latency(value: Any, estimator: Any) -> int:
     return int(samples)
 
 
+def checked_offset_time(value: Any, estimator: Estimator | None) -> float | None:
+    """Time constant of the offsets, s, or None; refused without an estimator, which alone expects a measurement."""
+    if value is None:
+        return None
+    if estimator is None:
+        raise InvalidInput(
+            "Offsets of the true state are stated: this controller measures nothing else.",
+            f"expected offset_time=None without an estimator, got {value_text(value)}", "an estimator",
+        )  # fmt: skip
+    return checked_positive("The time constant of the offsets", value, "seconds", "offset_time=1.0")
+
+
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Lower and upper limits of some signals, and of their rates, (m,) each, infinite where there is none."""
