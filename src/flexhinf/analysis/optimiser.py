@@ -6,11 +6,11 @@ candidates the better one exceeds the limits by less in total; of those that kee
 So no limit is traded for cost in the result. On its way the search may pass a limit, where a merit falls: the cost and
 a large weight times the excess. Metrics may jump, be infinite or be unknown.
 
-The search is direct [kolda2003], on a logarithmic scale, from the best of all starts. A turn tries a step forwards and
-backwards along each of n orthonormal directions, moves at once where that is better, and at the end tries the sum of
-its moves again. The first directions are the axes; later ones begin with the last turn's sum, and the others are random
-and perpendicular to it, so a search can slide along a limit that is askew. A turn without a move halves the step. The
-search is short: it comes to a good candidate, not to the best there is.
+The search is that of [rosenbrock1960] on a logarithmic scale, from the best of all starts. It tries a step along each
+of n orthonormal directions in turn. A step that is better is taken, and the next one in its direction is longer; one
+that is not is halved and turned round. A turn ends with all its moves once more. Where all steps have become short, new
+directions are taken: the first is the way come since the last ones, and the others are random and perpendicular to it,
+so a search can slide along a limit that is askew. It is short: it comes to a good candidate, not to the best there is.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ import numpy as np
 
 from flexhinf.errors import FlexhinfError, refuse_if
 
-#: First step, as a part of the way between the bounds, which counts up to so much, both in logarithms; its growth after
-#: a turn with a move; and the step, relative to the first, at which the search ends.
-FIRST_STEP, WIDEST, GROWTH, LAST_STEP = 0.12, 6.0, 1.2, 1.0 / 64.0
+#: First step, as a part of the way between the bounds, which counts up to so much, both in logarithms.
+FIRST_STEP, WIDEST = 0.12, 6.0
+
+#: Growth of a step that is taken; the longest step, relative to the first steps along the same directions, with which
+#: new directions are taken; and that of a search that ends.
+GROWTH, SHORT, LAST_STEP = 1.5, 0.3, 1.0 / 64.0
 
 #: Weight of the excess in the merit: large against costs, which are near one; and what counts as an unknown cost.
 PENALTY, UNKNOWN = 10.0, 1e5
@@ -171,23 +174,26 @@ def minimise(
     for values in (start, *others):  # tried to the last bit
         exact = {name: float(np.clip(values[name], *bounds[name])) for name in start}
         better(np.log(list(exact.values())), exact)
-    generator, axes, step, most = np.random.default_rng(seed), np.eye(n), 1.0, len(candidates) + budget
+    generator, most = np.random.default_rng(seed), len(candidates) + budget
+    axes, steps, longest, origin = np.eye(n), np.ones(n), 1.0, point
     scale = FIRST_STEP * np.minimum(high - low, WIDEST)
 
     def attempt(move: np.ndarray) -> bool:
         x = np.clip(point + move, low, high)
-        return len(candidates) < most and bool(np.any(x != point)) and better(x)
+        return len(candidates) < most and bool(np.any(np.abs(x - point) > ROUNDING)) and better(x)
 
-    while n and step > LAST_STEP and len(candidates) < most:
-        origin = point
-        for move in step * scale * axes:
-            any(map(attempt, (move, -move)))  # backwards only where forwards is no better
-        attempt(point - origin)
-        random = generator.standard_normal((n, n))
-        if moved := bool(np.any(point != origin)):
-            random[:, 0] = (point - origin) / np.maximum(scale, ROUNDING)
-        axes = np.linalg.qr(random)[0].T
-        step *= GROWTH if moved else 0.5
+    while n and longest > LAST_STEP and len(candidates) < most:
+        before = point
+        for k, axis in enumerate(axes):
+            steps[k] *= GROWTH if attempt(steps[k] * scale * axis) else -0.5
+        attempt(point - before)
+        if np.abs(steps).max() < SHORT * longest:
+            random = generator.standard_normal((n, n))
+            if moved := bool(np.any(point != origin)):
+                random[:, 0] = (point - origin) / np.maximum(scale, ROUNDING)
+            longest *= 1.0 if moved else 0.5
+            axes, origin = np.linalg.qr(random)[0].T, point
+            steps[:] = longest
     return Optimum(tuple(candidates))
 
 
