@@ -32,7 +32,7 @@ RIG: dict[str, Any] = {**QUICK, "pose": (0.8,), "start": (0.3,)}
 def short() -> Iterator[None]:
     """No search, only the starts: how laws are tuned is tested beside this."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         yield
 
 
@@ -50,7 +50,7 @@ def made() -> Callable[..., Comparison]:
 def rig(made: Callable[..., Comparison]) -> Comparison:
     """Laws of all kinds, with a short search; nothing may change it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 1),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
 
 

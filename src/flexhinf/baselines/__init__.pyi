@@ -14,10 +14,3 @@ from .placed_laws import (
     NormalForm as NormalForm,
     TorqueFeedback as TorqueFeedback,
 )
-from .tuning import (
-    Candidate as Candidate,
-    Judgement as Judgement,
-    Tuning as Tuning,
-    excess as excess,
-    tune as tune,
-)

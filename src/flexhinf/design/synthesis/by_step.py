@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.modes import closed_loop
+from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
 from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.plans import move_reference
@@ -364,11 +365,10 @@ class _BandwidthSearch:
             high, low = low, np.where(lowered, COARSE * low, low)
             before = np.where(lowered, shares, np.inf)
             best, peaks = self.tried(low * bandwidth)
-        while best is not None and float(np.max(high / low)) > 1.0 / (1.0 - WIDTH):
-            middle = np.sqrt(low * high)
-            better, _ = self.tried(middle * bandwidth)
-            low, high = (middle, high) if better is not None else (low, middle)
-            best = best if better is None else better
+        if best is not None:
+            width = 1.0 / (1.0 - WIDTH) - 1.0
+            low, better = bisected(lambda part: self.tried(part * bandwidth)[0], low, high, width)
+            best = better or best
         return best, low
 
     def confirmed(
