@@ -206,7 +206,7 @@ def test_in_c_it_steps_as_in_python(tmp_path, robot):
 
 
 def test_the_loop_is_linearised_with_the_gain_of_the_goal():
-    """Differences of the controller that runs, at rest: there the innovation is zero, so L(q) may as well stand still."""
+    """Differences of the controller that runs, at rest, where the innovation is zero: L(q) may as well stand still."""
     filter = modal("scara")
     one = controller(filter, "scara", 1)
     loop = EquilibriumLoop(

@@ -57,8 +57,8 @@ class EquilibriumLoop:
     Parameters
     ----------
     filter : RecursiveFilter, ConstantGainFilter, OutputInjectionObserver or None
-        A Kalman filter is taken at its stationary gain at the goal, a ModalFilter at its gain there. None feeds back the
-        true state.
+        A Kalman filter is taken at its stationary gain at the goal, a ModalFilter at its gain there. None feeds
+        back the true state.
     true_plant : Plant
         May have more states than the law's plant (a coil); its parameters are given to `modes`.
     goal : float, (k,) array or mapping, optional
