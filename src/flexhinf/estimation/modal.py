@@ -5,7 +5,7 @@ K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ the arm is
 
     z̈ = λ (w − z) + λ d,        ẅ = −κ (w − z) − β ẇ + κ f,        d, f = Vᵀ K^-½ (τ_link, τ_motor),
 
-as far as the motors are alike: κ and β are the geometric means of K/J and B/J. The stationary Kalman gain ℓ of a pair
+as far as the motors are alike: κ is the geometric mean of K/J, β the mean of B/J. The stationary Kalman gain ℓ of a pair
 depends on λ alone. It is computed once, as a Chebyshev series in log λ, and the gain of the arm at a pose is a function
 of one matrix, L(q) = K^-½ V ℓ(Λ) Vᵀ K^½, smooth in q also where two λ meet.
 
@@ -84,7 +84,7 @@ class ModalFilter(ConstantGainFilter):
         from scipy.linalg import expm
 
         k, m, unit = joints.stiffness, joints.link_inertia, np.eye(4)
-        kappa, beta = (_mean(rate / joints.motor_inertia) for rate in (k, joints.motor_damping))
+        kappa, beta = _mean(k / joints.motor_inertia), (joints.motor_damping / joints.motor_inertia).mean()
         added, noise = (np.diag(r).reshape(-1, len(k)) for r in (self.process_noise, self.measurement_noise))
         links = np.diag(m @ self.process_noise[len(k) : 2 * len(k), len(k) : 2 * len(k)] @ m)
         motors = joints.motor_inertia**2 * added[3]
