@@ -2,9 +2,7 @@
 
 from .equilibrium_law import (
     GravityCompensatedLQR as GravityCompensatedLQR,
-    GravityTorque as GravityTorque,
     LinearQuadratic as LinearQuadratic,
-    elastic_joints as elastic_joints,
     lqr as lqr,
     lqr_gain as lqr_gain,
 )
