@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flexhinf.modal import covered_error, pair_gains
+from flexhinf.modal import pair_gains, tolerated_error
 from flexhinf.modal.tolerance import PIECES, _norms
 
 PERIOD = 1e-3
@@ -47,7 +47,7 @@ def loop(made, gains, links, wrong_links, wrong_motors, latency):
 @pytest.mark.oracle
 @pytest.mark.parametrize("latency", [0, 1])
 def test_errors_below_it_never_destabilise_and_larger_ones_do(made, gains, latency):
-    covered, rng = covered_error(gains, 350.0, latency), np.random.default_rng(latency)
+    covered, rng = tolerated_error(gains, 350.0, latency), np.random.default_rng(latency)
     assert 0.2 < covered < 0.4
 
     def turned(size, n):
@@ -93,6 +93,8 @@ def test_norms_are_those_of_the_continuous_response_where_sampling_is_fast(gains
 
 
 def test_faster_pairs_and_latency_leave_less(gains):
-    slow, fast = covered_error(gains, 200.0), covered_error(gains, 600.0)
-    assert slow > covered_error(gains) > fast
-    assert covered_error(gains) > covered_error(gains, latency=1) > covered_error(gains, latency=2) > 0.1
+    slow, fast = tolerated_error(gains, 200.0), tolerated_error(gains, 600.0)
+    assert slow > tolerated_error(gains) > fast
+    assert (
+        tolerated_error(gains) > tolerated_error(gains, latency=1) > tolerated_error(gains, latency=2) > 0.1
+    )

@@ -10,4 +10,4 @@ from .pair import (
     PairWeights as PairWeights,
     pair_gains as pair_gains,
 )
-from .tolerance import covered_error as covered_error
+from .tolerance import tolerated_error as tolerated_error

@@ -28,7 +28,7 @@ from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput
 from flexhinf.modal.pair import DEFAULT_WEIGHTS, PairGains, PairWeights, pair_gains
 from flexhinf.plant import GeneralisedPlant, Plant
-from flexhinf.plant.joints import LinkCompliance, elastic_joints
+from flexhinf.plant.joints import LinkCompliance, check_joints, elastic_joints
 from flexhinf.scalars import solve_definite
 from flexhinf.validation import checked_array, checked_positive
 
@@ -77,7 +77,7 @@ class ModalLaw(PlacedLaw):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self.joints
+        check_joints(self.plant)
         links = self.plant.expanded("link_position")
         if self.integrate != links or len(self.gains.coefficients) != 6:
             raise InvalidInput(
@@ -144,11 +144,11 @@ class ModalLaw(PlacedLaw):
         """k (n,) for a deviation x from the reference, of any element."""
         n, count = len(input), len(self.gains.poles)
         ends = np.cumsum([6 * (count + 1), count, n, n, n, n])
-        rows, softness, stiffness, torque, friction, share, rest = np.split(data, ends)
+        rows, softness, stiffness, torque, friction, share, others = np.split(data, ends)
         q, dq, theta, dtheta, errors = x.reshape(5, n)
         unlike = torque * (theta - q) + friction * dtheta
         targets = rows.reshape(6, -1).T @ np.array([q, dq, theta, dtheta, errors, unlike])
-        compliance = self.compliance.matrix(state[:n], rest[: -self.plant.n - n])
+        compliance = self.compliance.matrix(state[:n], others[: -self.plant.n - n])
         total = stiffness * targets[-1]
         for target, soft in zip(targets, softness):
             total = total + solve_definite(soft * compliance + np.diag(1.0 / stiffness), target)

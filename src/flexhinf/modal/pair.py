@@ -28,8 +28,8 @@ from flexhinf.validation import checked_array, checked_positive, read_only
 #: Ratio of neighbouring poles p_j, and of neighbouring λ of the grid; smooth gains are then fitted to about 1 %.
 POLE_RATIO, GRID_RATIO = 4.0, 1.5
 
-#: Least and largest weight of the vibration, and steps of its bisection.
-LEAST_VIBRATION, MOST_VIBRATION, BISECTIONS = 0.02, 10.0, 10
+#: Range of the weight of the vibration, and steps of its bisection.
+VIBRATION, BISECTIONS = (0.02, 10.0), 10
 
 #: Modes to the origin of the z plane say nothing about damping, nor does what oscillates below this, rad/s.
 SLOW = 2.0
@@ -135,7 +135,7 @@ class PairWeights:
         from scipy.linalg import expm
 
         wanted = self.damping / np.sqrt(1.0 + (pair.link / self.fast**2) ** 2)
-        least, most = LEAST_VIBRATION, MOST_VIBRATION
+        least, most = VIBRATION
 
         def law(vibration: float, gamma: float) -> np.ndarray:
             k = -linear_law(self.problem(pair, vibration), gamma).law(np.eye(5))[:, 0]

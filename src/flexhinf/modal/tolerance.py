@@ -23,7 +23,7 @@ from flexhinf.modal.pair import PairGains
 PIECES, PAIRS, FREQUENCIES, SCALINGS = 4, 30, 400, 121
 
 
-def covered_error(gains: PairGains, fastest: float = 350.0, latency: int = 0) -> float:
+def tolerated_error(gains: PairGains, fastest: float = 350.0, latency: int = 0) -> float:
     """Largest ‖Δ₁‖ = ‖Δ₂‖ that small gain covers, for pairs with √λ up to `fastest` (rad/s); see this module.
 
     The state is known to the law, as of `latency` samples before its input acts and predicted over them by the model.
