@@ -59,7 +59,9 @@ def test_a_box_in_space_holds_the_tool() -> None:
     assert np.all((places[:, 0] >= 0.05) & (places[:, 0] <= 0.4))
 
 
-@pytest.mark.parametrize("stated", ["0:1", "1:0,0:1", "a:b,0:1", "w=0:1", "x=1:0", "0:1,0:1,0:1", "0:1000,0:1"])
+@pytest.mark.parametrize(
+    "stated", ["0:1", "1:0,0:1", "a:b,0:1", "w=0:1", "x=1:0", "0:1,0:1,0:1", "0:1000,0:1"]
+)
 def test_what_is_no_workspace_is_refused(stated: str) -> None:
     with pytest.raises(fh.InvalidInput) as caught:
         workspace_of(ARM, stated)

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -34,6 +34,22 @@ POINTS = 5
 
 #: Slopes smaller than this, relative to the largest one, count as zero.
 NEGLIGIBLE = 1e-12
+
+
+def damped_springs(linear: analysis.LinearLoop, plant: Any, joints: Sequence[str]) -> analysis.LinearLoop:
+    """A loop of this plant with every spring damped by another `requirements.SPRING_DAMPING`.
+
+    Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
+    """
+    a, kinds = linear.a.copy(), ("motor_position", "motor_velocity", "link_velocity")
+    for names in zip(*(signal_names(kind, joints) for kind in kinds)):
+        if names[0] in plant.states:  # else a rigid joint
+            motor, motor_rate, link_rate = map(plant.index, names)
+            pull = linear.a[:, motor]
+            damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
+            a[:, motor_rate] += damped
+            a[:, link_rate] -= damped
+    return replace(linear, a=a)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,20 +146,8 @@ class LawEvaluation:
 
     @cached_property
     def damped_margins(self) -> analysis.Margins:
-        """Margins of the running loop with every spring damped by another `requirements.SPRING_DAMPING`.
-
-        Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
-        """
-        linear, plant, joints = self.loop.linear(), self.loop.plant, self.setup.joints
-        a, kinds = linear.a.copy(), ("motor_position", "motor_velocity", "link_velocity")
-        for names in zip(*(signal_names(kind, joints) for kind in kinds)):
-            if names[0] in plant.states:  # else a rigid joint
-                motor, motor_rate, link_rate = map(plant.index, names)
-                pull = linear.a[:, motor]
-                damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
-                a[:, motor_rate] += damped
-                a[:, link_rate] -= damped
-        return analysis.margins(replace(linear, a=a))
+        """Margins of the running loop with every spring damped more, see `damped_springs`."""
+        return analysis.margins(damped_springs(self.loop.linear(), self.loop.plant, self.setup.joints))
 
     @cached_property
     def linear_failure(self) -> str:
