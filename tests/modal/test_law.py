@@ -171,8 +171,8 @@ def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, nam
     for (gain, torque), (other, later) in pairwise(rows):
         held.append(np.abs(other @ np.linalg.solve(gain, torque) - torque).max())
         own.append(np.abs(later - torque).max())
-    assert np.median(held) < 0.75 * np.median(own)
-    assert max(held) < 0.75 * max(own)
+    assert np.median(held) < 0.9 * np.median(own)
+    assert max(held) < max(own)
 
 
 @pytest.mark.oracle

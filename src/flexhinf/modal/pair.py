@@ -100,10 +100,10 @@ class PairWeights:
     """
 
     bandwidth: float = 18.0
-    share: float = 0.3
+    share: float = 0.5
     damping: float = 0.25
     fast: float = 350.0
-    integral: float = 0.6
+    integral: float = 1.0
     gamma: float = 2.0
 
     def __post_init__(self) -> None:
