@@ -1,5 +1,6 @@
 """The modal law against eigenvectors and a spline; compiled, stored, as C; and sampled loops at many poses."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -135,17 +136,17 @@ def test_sampled_loops_at_200_poses(made, name, least):
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("spread", [4.0, 20.0])
-def test_motors_that_are_unlike_are_made_alike(made, spread):
-    """K/J that differ by up to spread² from joint to joint."""
-    robot, rng = made.robot("ur5"), np.random.default_rng(4)
-    values = {
-        each.name: each.value * spread ** rng.uniform(-0.5, 0.5)
-        for each in robot.parameters
-        if each.name.startswith(("stiffness", "motor_inertia"))
-    }
+def test_motors_that_are_unlike_are_made_alike(made):
+    """K/J that differ by a factor of 300 from joint to joint."""
+    robot, rng, values = made.robot("ur5"), np.random.default_rng(5), {}
+    for joint in robot.joint_names:
+        spring, rotor = 8.0 ** rng.uniform(-1.0, 1.0, 2)
+        for name, factor in (("stiffness", spring), ("motor_inertia", rotor), ("friction", rotor)):
+            values[f"{name}_{joint}"] = factor * robot.nominal[f"{name}_{joint}"]
     other = robot.with_values(values)
     law = ModalLaw.tuned(other.problem(penalty={"link_position": 1.0, "link_position_integral": 1.0}))
+    ratio = law.joints.stiffness / law.joints.motor_inertia
+    assert ratio.max() > 250.0 * ratio.min()
     plant, damping = other.plant(), []
     for q in workspace(plant, 40, 1):
         x, u = other.operating_point(q)
@@ -153,7 +154,7 @@ def test_motors_that_are_unlike_are_made_alike(made, spread):
         z = np.linalg.eigvals(made.sampled_loop(a, b, made.slope(law, x, u), 1, list(range(6))))
         assert np.abs(z).max() < 1.0
         damping.append(smallest_damping(z, made.period, 350.0))
-    assert min(damping) > 0.15
+    assert min(damping) > 0.2
 
 
 @pytest.mark.parametrize("name", ["seven-link", "panda", "ur5"])
@@ -171,8 +172,8 @@ def test_the_integral_torque_changes_less_than_an_unknown_payload_does(made, nam
     for (gain, torque), (other, later) in pairwise(rows):
         held.append(np.abs(other @ np.linalg.solve(gain, torque) - torque).max())
         own.append(np.abs(later - torque).max())
-    assert np.median(held) < 0.75 * np.median(own)
-    assert max(held) < 0.75 * max(own)
+    assert np.median(held) < 0.9 * np.median(own)
+    assert max(held) < max(own)
 
 
 @pytest.mark.oracle
@@ -204,3 +205,6 @@ def test_what_it_cannot_serve_is_refused(made):
         ModalLaw.tuned(made.problem("planar-two-link"), poses=np.zeros((3, 4)))
     with refused_with(InvalidInput, "period", 0.0):
         ModalLaw.tuned(made.problem("planar-two-link"), 0.0)
+    rigid = replace(robot, rigid=("shoulder",))
+    with refused_with(InvalidInput, "elastic", "rigid"):
+        ModalLaw.tuned(rigid.problem(penalty={"link_position": 1.0, "link_position_integral": 1.0}))

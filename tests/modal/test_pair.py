@@ -32,9 +32,12 @@ def test_the_law_is_that_of_scipys_riccati_equation(pair, gamma):
     level = gamma * smallest_gamma(problem) if np.isfinite(gamma) else np.inf
     a, b, g = by_hand(pair)
     h = problem.h_parts[1]
-    speed = (18.0**-4 + (0.3 * np.sqrt(pair.link)) ** -4) ** -0.25
-    mass, rate = 1 / pair.link + 1 / pair.motor, 0.4 / np.sqrt(pair.motor)
-    expected = [mass * speed**2, mass * speed, rate, -rate, 0.6 * mass * speed**3]
+    speed = (18.0**-4 + (0.5 * np.sqrt(pair.link)) ** -4) ** -0.25
+    taken, rate = (
+        abs(speed * (1 / pair.link + 1 / pair.motor) + 1j * pair.damping / pair.motor),
+        0.4 / np.sqrt(pair.motor),
+    )
+    expected = [taken * speed, taken, rate, -rate, taken * speed**2]
     np.testing.assert_allclose([h[0, 0], h[1, 1], h[2, 3], h[2, 1], h[3, 4]], expected, rtol=1e-12)
     scale = np.array([1.0, speed, 1.0, speed, 1.0 / speed])
     a, b, g, h = a * scale / scale[:, None], b / scale[:, None], g / scale[:, None], h * scale

@@ -95,15 +95,15 @@ class PairWeights:
     gamma : float
         γ as a multiple of γ*; infinite for the LQR.
 
-    The penalty is h = (m ω² z, m ω z′, c (w′ − z′)/√κ, integral · m ω³ e) with m = 1/λ + 1/κ and R2 = 1; c is the least
-    with which the LQR has the damping.
+    The penalty is h = (r ω z, r z′, c (w′ − z′)/√κ, integral · r ω² e), R2 = 1, with the input r = √(m²ω² + (β/κ)²) per
+    velocity that inertia m = 1/λ + 1/κ and friction take at ω; c is the least with which the LQR has the damping.
     """
 
     bandwidth: float = 18.0
-    share: float = 0.3
+    share: float = 0.5
     damping: float = 0.25
     fast: float = 350.0
-    integral: float = 0.6
+    integral: float = 1.0
     gamma: float = 2.0
 
     def __post_init__(self) -> None:
@@ -122,10 +122,13 @@ class PairWeights:
 
     def problem(self, pair: Pair, vibration: float) -> PolynomialPlant:
         """The synthesis problem of a pair, c = vibration."""
-        (a, b, g), inertia = pair.matrices, 1.0 / pair.link + 1.0 / pair.motor
+        a, b, g = pair.matrices
         speed = (self.bandwidth**-4 + self.share**-4 * pair.link**-2) ** -0.25
+        inertia, friction = 1.0 / pair.link + 1.0 / pair.motor, pair.damping / pair.motor
         h = np.zeros((4, 5))
-        h[0, 0], h[1, 1], h[3, 4] = inertia * speed * np.array([speed, 1.0, self.integral * speed**2])
+        h[0, 0], h[1, 1], h[3, 4] = np.hypot(inertia * speed, friction) * np.array(
+            [speed, 1.0, self.integral * speed**2]
+        )
         h[2, [1, 3]] = vibration / np.sqrt(pair.motor) * np.array([-1.0, 1.0])
         units: Any = [tuple(row) for row in np.eye(5, dtype=int)]
         return PolynomialPlant(dict(zip(units, a.T)), g, b, dict(zip(units, h.T)), np.eye(1))
