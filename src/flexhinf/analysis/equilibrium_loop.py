@@ -27,7 +27,13 @@ from flexhinf.analysis.sampled_controller import (
     solved,
 )
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
+from flexhinf.estimation import (
+    ConstantGainFilter,
+    ModalFilter,
+    OutputInjectionObserver,
+    RecursiveFilter,
+    stationary_gain,
+)
 from flexhinf.loop import Loop
 from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant, equilibrium as plant_equilibrium
@@ -51,7 +57,8 @@ class EquilibriumLoop:
     Parameters
     ----------
     filter : RecursiveFilter, ConstantGainFilter, OutputInjectionObserver or None
-        A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
+        A Kalman filter is taken at its stationary gain at the goal, a ModalFilter at its gain there. None feeds
+        back the true state.
     true_plant : Plant
         May have more states than the law's plant (a coil); its parameters are given to `modes`.
     goal : float, (k,) array or mapping, optional
@@ -119,13 +126,13 @@ class EquilibriumLoop:
                 )
             x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
-        steady = (
-            ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
-            if self.tunable
-            else self.filter
-        )
-        self.step = SampledController(law, steady, period, moving, latency)
         x, u = self.model_equilibrium
+        steady = self.filter
+        if self.tunable:
+            steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
+        elif isinstance(filter, ModalFilter):
+            steady = filter.at(x)
+        self.step = SampledController(law, steady, period, moving, latency)
         #: (x*, u*) of the law, or of the goal it moves with.
         self.centre = np.concatenate([x, law.operating_point[len(x) :], u]) if moving else self.step.centre
         #: Wanted values of the tracked states, (k,).
