@@ -1,0 +1,13 @@
+"""The room's public names and the files that they come from; read when a name is first used."""
+
+from .law import (
+    ModalLaw as ModalLaw,
+    modes as modes,
+)
+from .pair import (
+    Pair as Pair,
+    PairGains as PairGains,
+    PairWeights as PairWeights,
+    pair_gains as pair_gains,
+)
+from .tolerance import tolerated_error as tolerated_error
