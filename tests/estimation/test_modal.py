@@ -206,6 +206,20 @@ def test_in_c_it_steps_as_in_python(tmp_path, robot):
         assert u == pytest.approx(run.u[k], abs=0.0 if host().fused else 1e-9)
 
 
+def test_a_loop_runs_it_in_its_kernel():
+    filter, (x, u) = modal("scara"), arm("scara").operating_point()
+    one = controller(filter, "scara")
+    start = x + 0.01 * (np.arange(16) % 8 == 0)
+    run = fh.Loop(filter.plant, one).run(duration=0.1, initial_state=start, noise=1e-5)
+    again = one.fresh()
+    for y, estimate in zip(run.signals["output"], run.signals["estimate"]):
+        again.step(y, np.concatenate([x, u]))
+        np.testing.assert_array_equal(again.estimate, estimate)
+    error = np.abs(run.signals["estimate"] - run.signals["state"])
+    assert error[0, [0, 8]].min() > 1e-4  # the estimate begins at x*
+    assert error[-20:, [0, 8]].max() < 5e-5
+
+
 def test_the_loop_is_linearised_with_the_gain_of_the_goal():
     """Differences of the controller that runs, at rest, where the innovation is zero: L(q) may as well stand still."""
     filter = modal("scara")

@@ -5,9 +5,9 @@ K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ the arm is
 
     z̈ = λ (w − z) + λ d,        ẅ = −κ (w − z) − β ẇ + κ f,        d, f = Vᵀ K^-½ (τ_link, τ_motor),
 
-as far as the motors are alike: κ is the geometric mean of K/J, β the mean of B/J. The stationary Kalman gain ℓ of a pair
-depends on λ alone. It is computed once, as a Chebyshev series in log λ, and the gain of the arm at a pose is a function
-of one matrix, L(q) = K^-½ V ℓ(Λ) Vᵀ K^½, smooth in q also where two λ meet.
+as far as the motors are alike: κ is the geometric mean of K/J, β the mean of B/J. The stationary Kalman gain ℓ of a
+pair depends on λ alone. It is computed once, as a Chebyshev series in log λ, and the gain of the arm at a pose is a
+function of one matrix, L(q) = K^-½ V ℓ(Λ) Vᵀ K^½, smooth in q also where two λ meet.
 
 Gravity, Coriolis forces and the motors as they are stay in the model that predicts, so L(q) is the only approximation:
 where the model is right, an error of the estimate decays with (1 − L(q) H) F(q) [anderson1979].
@@ -76,7 +76,8 @@ class ModalFilter(ConstantGainFilter):
         super().__init__(filter, np.zeros((plant.n, len(plant.outputs))))
         self._seen, self._powers = _sensors(plant, len(plant.inputs))
         self._compliance = LinkCompliance(plant)
-        table = chebyshev.chebinterpolate(partial(self._pair_gains, joints), DEGREE)
+        gains: Any = partial(self._pair_gains, joints)
+        table = chebyshev.chebinterpolate(gains, DEGREE)
         self.initial: Any = read_only(ModalBelief(self.initial.mean, np.sqrt(joints.stiffness), table))
 
     def _pair_gains(self, joints: ElasticJoints, places: np.ndarray) -> np.ndarray:
@@ -92,13 +93,9 @@ class ModalFilter(ConstantGainFilter):
         measured = np.diag([_mean(k**power * row) for row, power in zip(noise, self._powers)])
         gains, low, high = [], *np.log(EIGENVALUES)
         for value in np.exp(0.5 * (low + high) + 0.5 * (high - low) * places):
-            drift = [
-                unit[1],
-                value * (unit[2] - unit[0]),
-                unit[3],
-                kappa * (unit[0] - unit[2]) - beta * unit[3],
-            ]
-            transition = expm(self.period * np.array(drift))
+            twist = unit[2] - unit[0]
+            drift = np.array([unit[1], value * twist, unit[3], -kappa * twist - beta * unit[3]])
+            transition = expm(self.period * drift)
             random = np.diag([link, value**2 * d, motor, kappa**2 * f])
             gain = stationary_gain((transition, self._seen), random, measured)
             check_decay((unit - gain @ self._seen) @ transition)
