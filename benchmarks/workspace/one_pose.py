@@ -1,8 +1,8 @@
 """The law of one pose: what ``flexhinf design ROBOT`` makes today, about the robot's home, run along moves.
 
 Everything is at its default but the sensors, their noise, and the loop's delay of one sample, which is stated as
-``--unknown-delay 1ms``. The controller runs in error coordinates about the moving reference, as designs run moves;
-its estimator has the robot's nonlinear model, its gain is that of home, and neither predicts over the delay.
+``--latency 0 --unknown-delay 1ms``. The controller runs in error coordinates about the moving reference, as designs run
+moves; its estimator has the robot's nonlinear model, its gain is that of home, and neither predicts over the delay.
 """
 
 from __future__ import annotations

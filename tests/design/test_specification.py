@@ -84,6 +84,7 @@ def test_words_have_any_case() -> None:
         ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
         ({"dampng": 0.3}, "'dampng'", "'damping'", "'damping'"),
         ({"delay": 0.01}, "'delay'", "'unknown_delay'", "'unknown_delay'"),
+        ({"delay_margin": 201}, "at most 200 (", "delay_margin=1.0", "--delay-margin 1"),
         ({"latency": 11}, "at most 10 (", "latency=1", "--latency 1"),
         ({"latency": 1, "estimator": "none"}, "expected 0", "latency=0", "--latency 0"),
     ],

@@ -136,7 +136,7 @@ REFINED_UP_TO = 1.2
 ROUGH = 1e-5
 
 #: Accuracy of `Margins.delay_margin_within`, relative to the largest delay that matters.
-COARSE = 0.02
+COARSE = 0.005
 
 #: |Im k|/|k| below which a factor is real, in multiples of the accuracy; more is a jump of k between two frequencies.
 REAL = 100.0

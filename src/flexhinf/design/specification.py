@@ -85,6 +85,7 @@ MOST = {
     "draws": (100_000, "more take hours, and the memory of every run"),
     "rays": (100_000, "ascent finds what so many directions miss; more take hours"),
     "latency": (10, "each beyond the first costs a step one more time update of the estimator"),
+    "delay_margin": (200, "a linear loop has at most so many samples of delay"),
     "gamma_ratio": (1e6, "from there on the disturbance has no weight in the law, and it no longer changes"),
     "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
 }

@@ -81,7 +81,7 @@ def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., 
         assert found is not None
         loop = replace(setup, estimator_noise=found.chosen.levels).equilibrium_loop()
         chosen.append(margins(loop).delay_margin_s / setup.specification.period)
-    assert 1.0 <= chosen[0] < 30.0 <= chosen[1]
+    assert 1.0 <= chosen[0] < 0.98 * 30.0 <= chosen[1]
 
 
 def test_a_limit_that_no_levels_reach_is_left_out(

@@ -196,8 +196,7 @@ class _Search:
         ]
         self.stiff = law.compliance(self.top)
         self.scales = scales = modes.JointScales.of(setup.model, setup.goal_equilibrium)
-        # s, aimed at without allowance; with the true state fed back none is required.
-        self.delay_margin = (1.0 + TOLERANCE) * s.period * (s.delay_margin_limit or 0.0)
+        self.delay_margin = s.period * (s.delay_margin_limit or 0.0)  # s
         self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, np.inf, law.damping)
         # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
         self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2

@@ -445,7 +445,8 @@ class _Steps(Task):
         """The problem within the limits of the running loop and of the joints, and the noise levels for it.
 
         Where no noise levels keep the limits, a default bandwidth or damping is lowered: the bandwidth for the margins
-        of the running loop, the damping (never below `RINGS`) for the noise at the motors. Stated values are kept.
+        of the running loop, the damping (never below `RINGS`) for the noise at the motors; both for the delay margin,
+        which a loop loses at the vibrations that it damps. Stated values are kept.
         """
         problem = self.choose()
         noise = self.noise_search(problem)
@@ -461,7 +462,7 @@ class _Steps(Task):
                 )
                 slower = float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
             if self.s.damping is None:
-                loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
+                loud = max(missed.get(name, 0.0) for name in ("damping", "noise", "delay margin"))
                 damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
             if slower == 1.0 and damping >= target.damping:
                 break
