@@ -232,6 +232,8 @@ def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: boo
     names += [] if chosen or (limited and not proved) else ["draws", "duration"]
     names += [] if chosen else ["overshoot"]
     idle = dict.fromkeys(names, RUNS)
+    if s.move is None:
+        idle["damped_below"] = "a move (--move), along which laws are scheduled"
     if not several:
         idle["via"] = "several --degrees, of which a law of several poses uses the lowest"
     if not proved:
