@@ -35,6 +35,7 @@ BEHIND = {
     "overshoot_limit": "overshoot",
     "known_latency": "latency",
     "unknown_samples": "unknown_delay",
+    "damped_below_limit": "damped_below",
     "in_degrees": "angle_unit",
 }
 
