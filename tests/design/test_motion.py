@@ -54,6 +54,7 @@ def test_the_motion_of_unlike_joints_is_that_of_the_benchmark(setup_of: Any, kin
 
 def row(**changes: float) -> dict[str, Any]:
     return {
+        "travel": 0.1,
         "wrong_way_percent": 1.0,
         "path_distance": 0.02,
         "remaining_error": 5e-4,
@@ -88,6 +89,20 @@ def test_a_sensor_that_resolves_less_allows_more_to_remain(setup_of: Any) -> Non
         Specification(), limits, [row()] * 2, 0.0, "here", (np.array([1e-4, 3e-3]), "there")
     )[1]
     assert (elsewhere.found, elsewhere.where, elsewhere.joint) == (3e-3, "there", "elbow")
+
+
+def test_a_long_way_leaves_more_at_the_end_of_a_run(setup_of: Any) -> None:
+    """A step of 1.6 rad leaves 1.2 mrad after eight time constants; the long run at rest has no such excuse."""
+    limits, rows = (
+        setup_of("planar-two-link", (0.4, 0.6)).limits,
+        [row(travel=1.6, remaining_error=2.4e-3), row()],
+    )
+    own = motion_requirements(Specification(), limits, rows, 0.0, "here")[1]
+    assert (own.limit, own.met) == (pytest.approx(3.2e-3), True)
+    long = motion_requirements(
+        Specification(), limits, rows, 0.0, "here", (np.array([2.4e-3, 0.0]), "there")
+    )[1]
+    assert (long.limit, long.met) == (1e-3, False)
 
 
 def test_a_run_that_diverges_meets_nothing(setup_of: Any) -> None:

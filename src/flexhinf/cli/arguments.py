@@ -196,9 +196,10 @@ def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a s
 
 
 def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
+    from flexhinf.design.responses import joint_limits
     from flexhinf.robot.elastic import DRY
 
-    idle = {}
+    idle = {} if joint_limits(robot, s).limits_effort else {"ripple": "limits of the motors (--saturation)"}
     if s.move is None:
         idle["tracking_error"] = "a move (--move)"
     if s.disturbances is None:
@@ -225,10 +226,14 @@ def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: boo
     run = chosen or limited or preset == "robust"
     names = [] if run else [*STEPPED, "seed"]
     if not run and (proved or not searched):
-        names += ["measured", *(name for name in SEARCHED if name != "start" or not (tolerances or proved))]
+        left = {"start"} if tolerances or proved else set()
+        left |= {"saturation"} if len(robot.joint_names) > 1 else set()  # the units of R2
+        names += ["measured", *(name for name in SEARCHED if name not in left)]
     names += [] if chosen or (limited and not proved) else ["draws", "duration"]
     names += [] if chosen else ["overshoot"]
     idle = dict.fromkeys(names, RUNS)
+    if s.move is None:
+        idle["damped_below"] = "a move (--move), along which laws are scheduled"
     if not several:
         idle["via"] = "several --degrees, of which a law of several poses uses the lowest"
     if not proved:

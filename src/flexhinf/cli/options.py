@@ -43,12 +43,16 @@ NOT_COMPARED = ("tracking_error", "compare_rigid", "mujoco", "rays", "checked_ga
 COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
 
 #: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
-NOT_CERTIFIED = ("tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco")
+NOT_CERTIFIED = (
+    "tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "undershoot",
+    "path_distance", "remaining_error",
+)  # fmt: skip
 CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
 
 #: Fields that change a run and not its controller.
 RUN_FIELDS = (
-    "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "unknown_delay",
+    "pose", "start", "shaping", "feedforward", "move", "tracking_error", "undershoot", "path_distance",
+    "remaining_error", "ripple", "overshoot", "angle_unit", "extras", "unknown_delay",
     "quantisation",     "measurement_noise", "load", "duration", "seed",
 )  # fmt: skip
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import Controller, JerkLimited, Moving, Signal, Waypoints
+from flexhinf.loop import Controller, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
@@ -143,7 +143,7 @@ def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Mov
 
 def driven(
     controller: Controller, robot: Robot, plan: Plan, s: Specification, dry_friction: Sequence[str]
-) -> tuple[Controller, Signal]:
+) -> tuple[Controller, Any]:
     """The controller and its reference for a plan: in error coordinates with the feedforward, without it along the
     positions if the law integrates their errors."""
     if controller.mode.moving or s.feedforward or not has_integrals(controller.law):

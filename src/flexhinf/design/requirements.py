@@ -44,6 +44,9 @@ from flexhinf.loop.simulation.metrics import (
 #: undamped vibrations decide it, and no real spring is undamped.
 SPRING_DAMPING = 5e-3
 
+#: Default remaining error of a run that ends soon after its motion, as a fraction of the joint's travel.
+REMAINING_SHARE = 2e-3
+
 #: The requirement of the links' speeds.
 SPEED = "link speed"
 
@@ -261,11 +264,14 @@ def motion_requirements(
     """Requirements on the motion of one run, by its `motion_metrics`: the wrong way, distance from the path, remaining
     error, ripple.
 
-    `resolution`: of a link position, rad or m; a default remaining error is not smaller.
+    `resolution`: of a link position, rad or m; a default remaining error is not smaller, nor than `REMAINING_SHARE` of
+    the joint's travel, of which a step of eight time constants keeps some.
     `errors`: remaining errors (n,) of another run, in which they are judged, and what it is.
     `always`: list kept limits too.
     """
-    ends, end, remaining = rows, where, s.remaining_error or max(REMAINING_ERROR, resolution)
+    ends, end, default = rows, where, max(REMAINING_ERROR, resolution)
+    travel = np.array([row["travel"] for row in rows] if errors is None and rows else 0.0)
+    remaining = s.remaining_error or np.maximum(default, REMAINING_SHARE * travel)
     if errors is not None:
         ends, end = [{"remaining_error": error} for error in errors[0].tolist()], errors[1]
     judged = [

@@ -421,9 +421,9 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
     """Metrics of the motion of each joint along a plan, by default the straight one of a step; an empty list where the
     run diverged.
 
-    Keys: joint, wrong_way_percent (of a joint that moves), excursion_percent (of one that should rest; None where no
-    travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a motor with a limit).
-    The last two are those of joints at rest, so a run that ends too soon after its plan has none of them.
+    Keys: joint, travel (rad or m), wrong_way_percent (of a joint that moves), excursion_percent (of one that should
+    rest; None where no travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a
+    motor with a limit). The last two are those of joints at rest, so a run that ends too soon after its plan has none.
     """
     if run.diverged_at is not None:
         return []
@@ -445,7 +445,7 @@ def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None)
         else:
             away = metrics.excursion(q, path[0, k], largest[k]) if largest[k] > STILL else None
             own = {"excursion_percent": away}
-        own["path_distance"] = float(distances[k])
+        own |= {"travel": float(travel[k]), "path_distance": float(distances[k])}
         if rests:
             own["remaining_error"] = float(errors[k])
             own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}

@@ -186,7 +186,7 @@ class Specification:
     remaining_error: options.Tolerances | None = option(None, LOOP,
         "Largest error of a link in the last 0.3 s, with the dry friction that the robot states and the dead zone of "
         "the integrals: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm.", "1e-3", "rad, m",
-        default="1e-3 rad, m, or what the sensors resolve")
+        default="1e-3 rad, m, or what the sensors resolve; without dry friction 0.2 % of the travel if that is more")
     ripple: options.Positive | None = option(None, LOOP,
         "Largest standard deviation of a motor's input in the last 0.3 s, in per cent of its limit, with the stated "
         "noise and quantisation. Searched noise levels of the estimator keep a stated one.", "1", "%",

@@ -160,3 +160,17 @@ def _swing(setup: LoopSetup, estimated: bool, frequency: float) -> float:
     position = response.run.signal("state", "link_position")
     late = position[-4000:] - setup.goal[0]
     return float(late.max() - late.min()) / 2e-3
+
+
+def test_a_stated_ripple_is_a_limit_of_the_noise(
+    robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
+) -> None:
+    s, synthesis = searched
+    robot = only_uncertain(robot_of("paper"), "stiffness")
+    free = search_noise(synthesis.setup(robot, s), damping=0.2)
+    assert free is not None
+    noise = free.chosen.input_noise
+    kept = replace(s, saturation=100.0, ripple=0.7 * noise)  # per cent of 100 V
+    found = search_noise(synthesis.setup(robot, kept), damping=0.2)
+    assert found is not None
+    assert found.chosen.input_noise <= 0.7 * noise * 1.01
