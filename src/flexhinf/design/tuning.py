@@ -335,6 +335,9 @@ def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[L
 #: Candidates per parameter: (largest number of states, in the first round, in each of the two later ones).
 BUDGET = ((15, 16, 10), (10_000, 3, 2))
 
+#: One candidate of the first round in so many is scattered about the start.
+SCATTERED = 4
+
 #: Number of the cheapest other laws whose parameters a law tries in the last round.
 EXCHANGED = 4
 
@@ -484,6 +487,8 @@ class Tuner:
     def _search(
         self, kind: LawKind, sensors: tuple[str, ...], before: Optimum | None = None, others: Sequence[TunedLaw] = (),
     ) -> TunedLaw:  # fmt: skip
+        from scipy.stats import qmc
+
         start, limits, degree = self._free(kind), self.factory.bounds(kind), self._degree
         begin, starts = start if before is None else dict(before.best.parameters), []
         for law in others:  # the law that this one equals where the further parameters have no effect
@@ -503,7 +508,15 @@ class Tuner:
 
         first, later = next(counts for most, *counts in BUDGET if self.factory.states <= most)
         budget = len(start) * (first if before is None else later)
-        search = minimise(judge, begin, {name: limits[name] for name in start}, budget, starts)
+        bounds = {name: limits[name] for name in start}
+        if before is None and budget >= SCATTERED:  # also from a Latin hypercube about the start
+            cube = qmc.LatinHypercube(len(start), rng=np.random.default_rng(0)).random(budget // SCATTERED)
+            low, high = (
+                0.5 * np.log([(x * bounds[name][0], x * bounds[name][1]) for name, x in start.items()]).T
+            )
+            starts += [dict(zip(start, row)) for row in np.exp(low + cube * (high - low)).tolist()]
+            budget -= len(cube)
+        search = minimise(judge, begin, bounds, budget, starts)
         candidates = (
             *(self._own_candidate(kind) if before is None else before.candidates),
             *search.candidates,

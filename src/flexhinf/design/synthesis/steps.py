@@ -160,7 +160,7 @@ class _WholeLoop:
         ratio = np.maximum(self.robust.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
         factors = {"frequency": float(np.exp(frequency)), "damping": float(np.exp(np.log(ratio).mean()))}
         search = minimise(self.judge, start, ranges, self.most, [{**start, **factors, "fraction": 1.0}])
-        x, best = self.least_overshoot(search)
+        x, best = self.preferred(search)
         count, own = len(search.candidates), self.own
         self.task.progress(f"weights and noise levels for the tolerances: {count} loops tried")
         corner = "" if best.corner < 0 else self.box.population.describe(best.corner)
@@ -180,7 +180,7 @@ class _WholeLoop:
         problem = self.channels.checked(best.solved, result, fraction)
         return replace(problem, source=source, target=self.target), best.levels, outcome
 
-    def least_overshoot(self, search: Optimum) -> tuple[Mapping[str, float], LoopCandidate]:
+    def preferred(self, search: Optimum) -> tuple[Mapping[str, float], LoopCandidate]:
         """Best candidate by overshoot at the corners: clearly below `damped`, else not above it, else `damped`."""
         second: tuple[Mapping[str, float], LoopCandidate] | None = None
         better = [each for each in search.path if each.judgement.result is not None]
