@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.robot import kinematics
 from flexhinf.robot.workspace import ranges, workspace_of
-from tests.refusals import refused_with
 
 ARM = fh.load_robot("planar-two-link")
 
