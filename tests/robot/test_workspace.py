@@ -65,7 +65,8 @@ def test_a_box_in_space_holds_the_tool() -> None:
 def test_what_is_no_workspace_is_refused(stated: str) -> None:
     with pytest.raises(fh.InvalidInput) as caught:
         workspace_of(ARM, stated)
-    assert caught.value.found and caught.value.advice
+    assert caught.value.found
+    assert caught.value.advice
 
 
 def test_a_box_out_of_reach_is_refused() -> None:

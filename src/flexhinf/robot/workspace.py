@@ -6,19 +6,17 @@ the tool. A file of waypoints, as for moves, is the poses in it and the straight
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.options import quantity, several
 from flexhinf.robot.kinematics import position_of, position_ranges
-from flexhinf.robot.parameters import SLIDING, TURNING
+from flexhinf.robot.parameters import measured, split
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.waypoints import AXES, ORIGIN, Tool, WaypointTable, waypoints
-from flexhinf.validation import value_text
+from flexhinf.validation import real_array, value_text
 
 LIMITS = "limits"
 
@@ -111,9 +109,9 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
     low, high = position_ranges(robot)
     path = None
     if isinstance(stated, str) and ":" in stated:
-        ends = np.array([_ends(part, (TURNING, SLIDING)) for part in stated.split(",")]).T
+        ends = np.array([_ends(part, "rad", "m") for part in stated.split(",")]).T
     elif isinstance(stated, (list, tuple, np.ndarray)):
-        ends = np.array([several(pair, (TURNING, SLIDING)) for pair in stated], dtype=float).T
+        ends = real_array(stated).T
     else:
         table: WaypointTable = waypoints(stated)
         path = table.positions(robot.joint_names, robot.links.slides)
@@ -132,11 +130,11 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
     return Workspace(robot, *ends, path=path)
 
 
-def _ends(text: str, units: Sequence[Any]) -> tuple[float, float]:
-    low, colon, high = text.partition(":")
+def _ends(text: str, *units: str) -> list[float]:
+    parts = [split(end.strip()) for end in text.split(":")]
     try:
-        if colon:
-            return quantity(low.strip(), units), quantity(high.strip(), units)
+        if len(parts) == 2 and None not in parts:
+            return [measured("".join(part), *units) if part[1] else float(part[0]) for part in parts if part]
     except ValueError:
         pass
     raise _refusal(text, "LOW:HIGH, two numbers (rad, m; or with deg, mm)")
@@ -148,7 +146,7 @@ def _in_space(text: str) -> np.ndarray:
         axis, _, ends = part.partition("=")
         if axis.strip() not in AXES:
             raise _refusal(text, "x, y or z with LOW:HIGH, m")
-        box[:, AXES.index(axis.strip())] = _ends(ends, (SLIDING,))
+        box[:, AXES.index(axis.strip())] = _ends(ends, "m")
     if not np.all(box[0] < box[1]):
         raise _refusal(text, "LOW < HIGH of each axis")
     return box
