@@ -39,7 +39,7 @@ def test_a_design_is_told_and_written(folder: Path, capsys: pytest.CaptureFixtur
 def test_the_exit_code_says_whether_the_specification_is_met(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["design", "paper", "--estimator", "none", *QUICK]
+    words = ["design", "paper", "--preset", "damped", "--estimator", "none", *QUICK]
     assert main([*words, "--overshoot", "50"]) == 0
     shown = capsys.readouterr().out
     assert "≤ 50 " in shown

@@ -48,7 +48,7 @@ DAMPING, GAIN = 0.2, 2.0
 LINKS, MOTORS = 0.005, 0.03
 
 #: Moves: share of the speed limits, speed without one (rad/s, m/s), shortest duration and rest at the end, s.
-SPEED, UNLIMITED, SHORTEST, REST = 0.5, 0.6, 0.5, 1.0
+SPEED, UNLIMITED, SHORTEST, STILL = 0.5, 0.6, 0.5, 1.0
 
 #: Largest share of a motor's limit that the weight at a goal may need.
 HOLD = 0.7
@@ -180,7 +180,7 @@ class WorkspaceSetup(LoopPlants):
         loop = Loop(plant, self.controller(start), quantisation=self.quantisation, delay=s.unknown_delay)
         run = loop.run(
             reference=move_reference(self.robot, plan, self.dry_friction), noise=self.noise,
-            duration=s.period * round((plan.duration + REST) / s.period), seed=s.seed + seed,
+            duration=s.period * round((plan.duration + STILL) / s.period), seed=s.seed + seed,
             initial_state=self.robot.operating_point(start, s.extras, values)[0],
         )  # fmt: skip
         return Move(plan, Response(run, goal, start, self.joints))

@@ -51,7 +51,7 @@ class Workspace:
         poses: list[np.ndarray] = []
         for _ in range(TRIED):
             pose = rng.uniform(self.lower, self.upper)
-            if self._holds_tool(pose):
+            if self._has_tool(pose):
                 poses.append(pose)
                 if len(poses) == count:
                     break
@@ -67,9 +67,9 @@ class Workspace:
         """Whether a pose (n,) is in it, up to rounding; of a path its smallest box of joint positions counts."""
         q, margin = np.asarray(pose, dtype=float), 1e-9
         inside = bool(np.all((q >= self.lower - margin) & (q <= self.upper + margin)))
-        return inside and (self.box is None or self._holds_tool(q))
+        return inside and (self.box is None or self._has_tool(q))
 
-    def _holds_tool(self, pose: np.ndarray) -> bool:
+    def _has_tool(self, pose: np.ndarray) -> bool:
         assert self.box is not None
         place = position_of(self.robot, pose, self.tool.link, self.tool.offset)
         return bool(np.all((place >= self.box[0]) & (place <= self.box[1])))

@@ -74,7 +74,7 @@ def test_a_law_of_one_pose_holds_the_robot_wherever_it_starts(kind: str) -> None
 def test_integrals_of_a_cubic_law_are_the_root_of_its_input(pose: float) -> None:
     arm = fh.paper_arm()
     law = fh.solve_hji(arm.problem(), gamma=math.inf, degree=4)
-    controller = fh.Controller(law, arm_ukf(), 1e-3, 48.0)
+    controller = fh.Controller(law, arm_ukf(), 1e-3, 48.0, latency=0)
     x, u = arm.operating_point([pose])
     root = brentq(lambda e: float(law.law(np.append(x, e))[0]) - u[0], -5.0, 5.0, xtol=1e-14)
     controller.reset(pose=[pose])
@@ -86,7 +86,7 @@ def test_of_several_laws_the_nearest_holds_it() -> None:
     poses = ((0.0, 0.0), (1.0, -1.0))
     laws = [fh.linear_law(ROBOT.problem(pose=pose, measured=SENSORS), gamma=math.inf) for pose in poses]
     ukf = two_links((0.0, 0.0)).estimator
-    controller = fh.Controller(fh.Schedule(laws), ukf, 1e-3, 24.0)
+    controller = fh.Controller(fh.Schedule(laws), ukf, 1e-3, 24.0, latency=0)
     for pose in ((0.2, 0.1), (0.9, -0.7)):
         x, u = ROBOT.operating_point(pose)
         controller.reset(pose=pose)
