@@ -24,6 +24,7 @@ from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification
 from flexhinf.design.synthesis import by_step, steps
+from flexhinf.design.workspace import design_workspace
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
@@ -305,7 +306,7 @@ def checked_specification(robot: Robot, specification: Specification) -> Specifi
     return specification
 
 
-def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
+def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Any:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
 
     Parameters
@@ -319,7 +320,7 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
 
     Returns
     -------
-    Design
+    Design or WorkspaceDesign
         Law, estimator, runs and requirements; `Design.save` writes the report, `Design.controller` is what runs.
 
     Raises
@@ -338,6 +339,8 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     0.001
     """
     s, progress = checked_specification(robot, specification), progress or (lambda text: None)
+    if s.workspace is not None:
+        return design_workspace(robot, s, s.workspace, progress)
     if s.mujoco:
         mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")

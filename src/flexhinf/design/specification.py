@@ -130,6 +130,10 @@ class Specification:
     pose: options.Pose | None = option(None, WAY,
         "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
         default="the robot's home")
+    workspace: options.Text | None = option(None, WAY,
+        "Where one controller is for: limits (the joint ranges), one LOW:HIGH per joint (-90deg:90deg,0:1.2), "
+        "x=0.2:0.5,z=0:0.4 (m, the tool), or a CSV file of waypoints.", "limits",
+        default="a law of one pose")
     start: options.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")
     via: options.Poses = option((), WAY,

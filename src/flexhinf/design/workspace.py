@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +29,13 @@ from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter
 from flexhinf.loop import Controller, Loop, Waypoints
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
+from flexhinf.notebook import Summarised
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot
 from flexhinf.robot.workspace import Workspace, workspace_of
+
+#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
+PAGES = "flexhinf.pages"
 
 #: Poses by which the bandwidth is chosen, poses that are judged, goals, robots within their tolerances; and seeds.
 CHOSEN_POSES, POSES, GOALS, SAMPLED = 16, 200, 20, 8
@@ -187,8 +193,8 @@ class WorkspaceSetup(LoopPlants):
 
 
 # The design ---------------------------------------------------------------------------------------------
-@dataclass(frozen=True, eq=False)
-class WorkspaceDesign:
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceDesign(Summarised):
     """One controller for a workspace, its loops at poses and its moves, and the judgement of both."""
 
     setup: WorkspaceSetup
@@ -199,6 +205,19 @@ class WorkspaceDesign:
         Move, ...
     ]  # the same moves, of robots at corners of their tolerances; none without tolerances
     requirements: tuple[Requirement, ...]
+
+    def summary(self) -> dict[str, str]:
+        """Robot, whether the requirements are met, and how many poses and moves were looked at."""
+        missed = sum(not line.met for line in self.requirements)
+        return {
+            "robot": self.setup.robot.name,
+            "requirements": f"{missed} of {len(self.requirements)} not met" if missed else "met",
+            "looked at": f"{len(self.loops)} poses, {len(self.moves) + len(self.sampled)} moves",
+        }
+
+    def save(self, folder: str | Path) -> Path:
+        """Write the report, its numbers, the controller and every run into a folder, which is returned."""
+        return import_module(PAGES).write_report(self, folder)
 
     @property
     def met(self) -> bool:

@@ -20,6 +20,7 @@ from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
+from flexhinf.design.workspace import WorkspaceDesign
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows
@@ -27,6 +28,7 @@ from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, input_rows, notes, verdict
+from flexhinf.pages.workspace import workspace_numbers, workspace_page
 from flexhinf.report import finite, to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
@@ -34,13 +36,18 @@ ENDING = "nc"
 
 
 def design_files(
-    design: Design, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
+    design: Design | WorkspaceDesign,
+    command: Sequence[str],
+    warnings: Sequence[str] = (),
+    beside: Sequence[str] = (),
 ) -> dict[str, str | bytes]:
     """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
     `command` makes the report again (none for one that is written from Python), `warnings` are about the robot's file,
     and `beside` names files that the caller writes into the same folder: the page lists them.
     """
+    if isinstance(design, WorkspaceDesign):
+        return _workspace_files(design, command, warnings, beside)
     e, proof = design.evaluation, design.proof
     runs = {
         **_picked(e, RUNS),
@@ -60,6 +67,17 @@ def design_files(
     return {"index.html": design_page(design, command, warnings, (*files, *beside)).html(), **files}
 
 
+def _workspace_files(
+    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str], beside: Sequence[str]
+) -> dict[str, str | bytes]:
+    saved = {f"runs/move-{k}.{ENDING}": move.response.run.save for k, move in enumerate(design.moves, 1)}
+    files = {
+        "design.json": to_json(workspace_numbers(design)),
+        **_saved({"controller": design.controller().save, **saved}),
+    }
+    return {"index.html": workspace_page(design, command, warnings, (*files, *beside)).html(), **files}
+
+
 def comparison_files(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
@@ -74,10 +92,10 @@ def comparison_files(
     return {"index.html": comparison_page(comparison, command, warnings, (*files, *beside)).html(), **files}
 
 
-def write_report(result: Design | Comparison, folder: str | Path) -> Path:
+def write_report(result: Design | WorkspaceDesign | Comparison, folder: str | Path) -> Path:
     """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`."""
     return write(
-        folder, design_files(result, ()) if isinstance(result, Design) else comparison_files(result, ())
+        folder, comparison_files(result, ()) if isinstance(result, Comparison) else design_files(result, ())
     )
 
 
