@@ -76,8 +76,13 @@ def design(context: typer.Context, o: DesignOptions) -> int:
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = pages.design_text(result, request, folder)
     report.write(folder, files)
-    show(pages.design_tables(result), pages.notes(result))
-    typer.echo(f"{pages.verdict(result)}\nreport: {folder / 'index.html'}")
+    if request.specification.workspace is None:
+        show(pages.design_tables(result), pages.notes(result))
+        text = pages.verdict(result)
+    else:
+        show(pages.workspace_tables(result))
+        text = pages.workspace_verdict(result)
+    typer.echo(f"{text}\nreport: {folder / 'index.html'}")
     return 0 if result.met else NOT_MET
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -218,6 +219,9 @@ class WorkspaceDesign(Summarised):
     def save(self, folder: str | Path) -> Path:
         """Write the report, its numbers, the controller and every run into a folder, which is returned."""
         return import_module(PAGES).write_report(self, folder)
+
+    robot = property(attrgetter("setup.robot"))
+    specification = property(attrgetter("setup.specification"))
 
     @property
     def met(self) -> bool:

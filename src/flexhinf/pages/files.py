@@ -28,7 +28,7 @@ from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, input_rows, notes, verdict
-from flexhinf.pages.workspace import workspace_numbers, workspace_page
+from flexhinf.pages.workspace import workspace_numbers, workspace_page, workspace_verdict
 from flexhinf.report import finite, to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
@@ -111,7 +111,9 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
     return contents
 
 
-def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:
+def design_text(
+    design: Design | WorkspaceDesign, request: design_file.DesignRequest, folder: str | Path = "."
+) -> str:
     """Text of the design file of a design: the request, and the result.
 
     `request`: where the robot came from, and its payload.
@@ -129,6 +131,23 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     )
     document.add(tomlkit.nl())
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
+    own = isinstance(design, WorkspaceDesign)
+    table = {"verdict": workspace_verdict(design), "met": design.met} if own else _result(design)
+    table["specification"] = [
+        {
+            **_picked(line, "what"),
+            "limit": "at most" if line.at_most else "at least",
+            **_picked(line, "asked=limit found unit holds=met within_tolerance where"),
+            "by_default": line.stated_by == "default",
+        }
+        for line in design.requirements
+    ]
+    document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
+    return tomlkit.dumps(document)
+
+
+# Numbers ------------------------------------------------------------------------------------------------
+def _result(design: Design) -> dict[str, Any]:
     problem, evaluation = design.design_problem, design.evaluation
     samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
@@ -137,7 +156,7 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     if isinstance(weights, list):  # by name
         rows = bool(weights) and isinstance(weights[0], list)
         weights = {"rows": weights} if rows else dict(zip(design.problem.state_names, weights))
-    table: dict[str, Any] = {
+    return {
         "verdict": verdict(design),
         **_picked(design, "met preset=design_problem.preset goal start gamma_star gamma"),
         "degrees": [choice.degree for choice in design.choices],
@@ -155,21 +174,9 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
             design.setup.process_noise, "all_states link_velocities motor_velocities from=source"
         ),
         "margins": _picked(margins, "delay_margin=delay_margin_s peak_sensitivity gain_margin"),
-        "specification": [
-            {
-                **_picked(line, "what"),
-                "limit": "at most" if line.at_most else "at least",
-                **_picked(line, "asked=limit found unit holds=met within_tolerance where"),
-                "by_default": line.stated_by == "default",
-            }
-            for line in design.requirements
-        ],
     }
-    document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
-    return tomlkit.dumps(document)
 
 
-# Numbers ------------------------------------------------------------------------------------------------
 def _picked(value: Any, keys: str) -> dict[str, Any]:
     """Collect attributes of an object by the names in `keys`; ``key=path`` for another key or a nested attribute."""
     return {

@@ -48,6 +48,14 @@ def workspace_verdict(design: WorkspaceDesign) -> str:
     return f"{text} {'Not met: ' + '; '.join(missed) if missed else 'Every requirement is met'}."
 
 
+def workspace_tables(design: WorkspaceDesign) -> list[Any]:
+    """Requirements, poses and moves for a terminal."""
+    return [
+        t.terminal()
+        for t in (requirement_table(design.requirements), _pose_table(design), _move_table(design))
+    ]
+
+
 def range_of(design: WorkspaceDesign) -> str:
     """The workspace in words."""
     space = design.setup.workspace
@@ -106,7 +114,7 @@ def workspace_page(
 
 def _key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
     rows = worst_motion(design, design.moves)
-    worst = {key: np.nanmax([row[key] for row in rows], initial=0.0) for key in COLUMNS}
+    worst = {key: max(row[key] for row in rows) for key in COLUMNS}
     return [
         KeyNumber("least damping", number(min(loop.damping for loop in design.loops), 3), "", "at any pose"),
         *(
@@ -114,6 +122,7 @@ def _key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
                 title.partition(",")[0], number(factor * worst[key], 3), title.partition(",")[2], "worst"
             )
             for key, (title, factor) in COLUMNS.items()
+            if not np.isnan(worst[key])
         ),
     ]
 
@@ -161,7 +170,15 @@ def _move_table(design: WorkspaceDesign) -> Table:
         found = worst_motion(design, moves)
         if found:
             columns = [np.array([factor * row[key] for row in found]) for key, (_, factor) in COLUMNS.items()]
-            rows.append((which, *(f"{number(np.median(c), 3)}, {number(c.max(), 3)}" for c in columns)))
+            rows.append(
+                (
+                    which,
+                    *(
+                        "–" if np.isnan(c).any() else f"{number(np.median(c), 3)}, {number(c.max(), 3)}"
+                        for c in columns
+                    ),
+                )
+            )
     head = ("moves of the", *(f"{title}: median, worst" for title, _ in COLUMNS.values()))
     caption = (
         "Quintics at half the speed limits, one after the other, with feedforward; what remains is the largest error "
