@@ -475,7 +475,7 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
 
 def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
     """Approximate number of work steps of a design, or of a comparison of laws, for a progress bar."""
-    s, states = specification, 5 * len(robot.joint_names)
+    s, states = specification, by_step.STATES * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
     solved = len(by_step.tried_degrees(states, s.degrees))
