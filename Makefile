@@ -82,7 +82,7 @@ bench-jitter: environment-dev
 # other, an hour or two with every row missing; and those of bench-workspace.
 bench-hardware: environment-dev
 	$(PY) -m benchmarks.hardware
-	$(PY) -m benchmarks.workspace --jobs $(JOBS)
+	$(MAKE) bench-workspace
 
 # Rows that are missing in benchmarks/workspace/rows for 200 goals of each robot; with every row missing, hours:
 # make bench-workspace JOBS=4 makes four at a time.
