@@ -19,13 +19,13 @@ import numpy as np
 import flexhinf as fh
 from flexhinf.plant import Parameters
 
-__all__ = ["PERIOD", "Arm"]
+__all__ = ["LATENCY", "PERIOD", "Arm"]
 
 #: Its names come from compiled code, which type checkers do not see.
 pin: Any = import_module("pinocchio")
 
-#: Sampling period of every loop, s.
-PERIOD = 1e-3
+#: Sampling period of every loop, s, and the latency that every law knows, samples.
+PERIOD, LATENCY = 1e-3, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +101,10 @@ class Arm:
     def home(self) -> np.ndarray:
         """The robot's home pose, (n,)."""
         return np.array(self.robot.home, dtype=float)
+
+    def limited(self, u: np.ndarray) -> np.ndarray:
+        """Inputs (n,) within the motors' limits."""
+        return np.minimum(np.maximum(u, -self.limit), self.limit)  # half the time of np.clip
 
     # Rigid-body dynamics --------------------------------------------------------------------------
     @cached_property

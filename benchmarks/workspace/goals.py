@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.workspace.arm import PERIOD, Arm
+from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
 
 __all__ = ["POSES_SEED", "REST", "STEP", "Move", "Reference", "goals", "moves", "planned", "poses", "steps"]
 
@@ -45,7 +45,7 @@ class Move:
     goal: np.ndarray
     states: np.ndarray  # (N, 4n)
     inputs: np.ndarray  # (N, n)
-    latency: int = 1  # samples, that the law knows
+    latency: int = LATENCY  # samples, that the law knows
 
     def __len__(self) -> int:
         return len(self.states)
@@ -104,7 +104,7 @@ def planned(arm: Arm, start: np.ndarray, goal: np.ndarray, latency: int, duratio
     return Move(start, goal, states, inputs, latency)
 
 
-def moves(arm: Arm, goals: np.ndarray, latency: int = 1) -> list[Move]:
+def moves(arm: Arm, goals: np.ndarray, latency: int = LATENCY) -> list[Move]:
     """Moves from home to the first goal, and on to each next one; `latency` (samples) is what the law knows."""
     found = []
     for start, goal in zip([arm.home, *goals[:-1]], goals):
@@ -113,7 +113,7 @@ def moves(arm: Arm, goals: np.ndarray, latency: int = 1) -> list[Move]:
     return found
 
 
-def steps(arm: Arm, goals: np.ndarray, latency: int = 1, seed: int = STEPS_SEED) -> list[Move]:
+def steps(arm: Arm, goals: np.ndarray, latency: int = LATENCY, seed: int = STEPS_SEED) -> list[Move]:
     """Bare steps of one joint in turn by 2 % of its range, each from rest at a goal, towards the middle."""
     found, rng, middle = [], np.random.default_rng(seed), 0.5 * (arm.lower + arm.upper)
     first = int(rng.integers(arm.n))

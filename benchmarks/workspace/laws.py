@@ -147,7 +147,7 @@ class DifferenceLaw:
             late = twist if self.twist is None else self.twist
             self.twist = twist
             wish = wish + self.turn * arm.stiffness * (twist + LEAD * (twist - late))
-        u = np.minimum(np.maximum(wish, -arm.limit), arm.limit)
+        u = arm.limited(wish)
         error = link if self.links else motor
         if self.integral:
             self.sum = self.sum + np.where(u == wish, PERIOD * (i @ error), 0.0)
@@ -244,7 +244,7 @@ class FlatnessLaw:
         corrected = self.error + self._l @ (y - seen - mine)
         self.error = self._f @ corrected + self._g @ self.sent
         wish = reference.input - self._k @ self.error - self.sum
-        u = np.minimum(np.maximum(wish, -arm.limit), arm.limit)
+        u = arm.limited(wish)
         integrated = (y - seen)[:n] if self.links else corrected[:n]
         self.sum = self.sum + np.where(u == wish, PERIOD * (self._i @ integrated), 0.0)
         self.sent = u - reference.input

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from benchmarks.workspace.arm import PERIOD, Arm
+from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
 
 __all__ = ["DELAYS", "GAINS", "Linear", "closed", "damping", "held", "judged", "late", "margin", "outputs"]
 
@@ -127,7 +127,7 @@ MARGINS = ("delay", "damped_delay", "gain")
 
 
 def judged(
-    arm: Arm, q: np.ndarray, law: Linear, links: bool, latency: int = 1,
+    arm: Arm, q: np.ndarray, law: Linear, links: bool, latency: int = LATENCY,
     enough: Sequence[float] = (np.inf, np.inf, np.inf),
 ) -> PoseLoop:  # fmt: skip
     """Damping and margins of the loop at a pose; each of the `MARGINS` is searched up to what is `enough`."""

@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 import flexhinf as fh
-from benchmarks.workspace.arm import PERIOD, Arm
+from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
 from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.linear import Linear
 from flexhinf.analysis import EquilibriumLoop
 
 __all__ = ["OnePose"]
 
-#: Variance of the encoders' noise, rad² (m²), and the latency of the loop, samples.
-VARIANCE, LATENCY = 1e-10, 1
+#: Variance of the encoders' noise, rad² (m²).
+VARIANCE = 1e-10
 
 
 class OnePose:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import flexhinf as fh
-from benchmarks.workspace.arm import Arm
+from benchmarks.workspace.arm import LATENCY, Arm
 from benchmarks.workspace.goals import Move
 from benchmarks.workspace.laws import Law
 from benchmarks.workspace.metrics import PUSH, PUSH_LENGTH, PUSHED, MoveMetrics, metrics
@@ -31,7 +31,7 @@ class Condition:
     robots: str = "nominal"  # or "payload", "sampled": see `robots.true_arms`
     friction: bool = True
     links: bool = True  # encoders on both sides, or on the motors alone
-    latency: int = 1  # samples; the law counts on one
+    latency: int = LATENCY  # samples; the law counts on `LATENCY`
     pushed: bool = False
     steps: bool = False  # bare steps of one joint, each from rest
 
@@ -41,7 +41,7 @@ CONDITIONS = {
     "nominal": Condition("the robot of the file, with dry friction"),
     "payload": Condition("with a payload that the law does not know", robots="payload"),
     "sampled": Condition("robots at corners of their tolerances", robots="sampled"),
-    "late": Condition("a second sample of latency, unknown", latency=2),
+    "late": Condition("a second sample of latency, unknown", latency=LATENCY + 1),
     "motors": Condition("motor encoders alone", links=False),
     "frictionless": Condition("without dry friction", friction=False),
     "push": Condition("30 % of the limits on all links for 50 ms, at rest", pushed=True),
@@ -66,7 +66,7 @@ def drive(
     n, count = arm.n, len(move)
     sensors = 2 if condition.links else 1
     noise, size = (np.tile(np.where(arm.slides, pair[1], pair[0]), sensors) for pair in (NOISE, STEP))
-    errors, limit = noise * rng.standard_normal((count, sensors * n)), arm.limit
+    errors = noise * rng.standard_normal((count, sensors * n))
     q, u = np.zeros((count, n)), np.zeros((count, n))
     middle, span = 0.5 * (arm.lower + arm.upper), arm.upper - arm.lower
     cpu, refused, last = 0.0, 0, queue[-1]
@@ -84,7 +84,7 @@ def drive(
         except fh.FlexhinfError:
             refused += 1
         cpu += time.process_time() - began
-        u[k] = last = np.minimum(np.maximum(last, -limit), limit)
+        u[k] = last = arm.limited(last)
         queue.append(last)
         push = condition.pushed and count - PUSHED <= k < count - PUSHED + PUSH_LENGTH
         plant.advance(queue.pop(0), links if push else None)
