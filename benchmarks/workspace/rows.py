@@ -144,7 +144,7 @@ def law_record(entry: Entry, choice: Choice, links: bool, poses: int, folder: Pa
         except fh.FlexhinfError as error:
             return {"poses": poses, "refused": str(error).splitlines()[0]}
         record |= getattr(law, "note", {"design_cpu": time.process_time() - began})
-        record["object_bytes"] = object_bytes(law.controller) if hasattr(law, "controller") else None
+        record["object_bytes"] = object_bytes(getattr(law, "controller", None))
     return record | judged_at(arm, law, links, poses)
 
 
