@@ -45,7 +45,7 @@ def test_compiled_it_is_the_shell(monkeypatch, make, one_trace):
             return data.reshape(m, -1) @ x
 
     start = rng.normal(size=plant.n)
-    controller = fh.Controller(Feedback(), observer(plant, mean=start), PERIOD)
+    controller = fh.Controller(Feedback(), observer(plant, mean=start), PERIOD, latency=0)
     assert controller.composed == (one_trace == 0)
     shell = observer(plant, mean=start)
     for _ in range(30):
@@ -70,7 +70,7 @@ def test_observers_of_other_numbers_share_a_kernel_and_not_their_numbers(cubic):
         observer(stiff),
         observer(plant, process_noise=1e-2),
     ]
-    controllers = [fh.Controller(cubic, filter, PERIOD) for filter in made]
+    controllers = [fh.Controller(cubic, filter, PERIOD, latency=0) for filter in made]
     assert len({controller.code_key for controller in controllers}) == 1
     for controller, filter in zip(controllers, made):
         for y in (0.1, 0.3, 0.2):

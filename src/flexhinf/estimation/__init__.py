@@ -11,6 +11,7 @@ from flexhinf.estimation.kalman import (
     stationary_covariance,
     stationary_gain,
 )
+from flexhinf.estimation.modal import ModalFilter
 from flexhinf.estimation.output_injection import OutputInjectionObserver
 
 #: What a controller's file may name, beside the public names.
@@ -19,6 +20,7 @@ __all__ = [
     "ConstantGainBelief",
     "ConstantGainFilter",
     "ExtendedKalmanFilter",
+    "ModalFilter",
     "OutputInjectionObserver",
     "RecursiveFilter",
     "SigmaPoints",

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from flexhinf.robot.kinematics import Reached
     from flexhinf.robot.robot import Robot
 
+#: The workspace that is the default: all poses within the joint ranges.
+LIMITS = "limits"
+
 #: Largest file, bytes, and most rows: 100 s at 1 kHz.
 LARGEST, MOST_ROWS = 20_000_000, 100_000
 
@@ -89,6 +92,27 @@ def waypoints(value: Any) -> Any:
     if isinstance(value, WaypointTable) or (hasattr(value, "derivatives") and hasattr(value, "duration")):
         return value
     raise ValueError(value)
+
+
+def states_range(workspace: str) -> bool:
+    """Whether a text is a workspace itself, and no file of waypoints."""
+    return workspace.strip() == LIMITS or ":" in workspace or "=" in workspace
+
+
+def stated_workspace(value: Any) -> Any:
+    """Text; one (low, high) per joint, as text; or a `WaypointTable` of a file, of columns by name, or of a table."""
+    value = value.to_dict("list") if hasattr(value, "to_dict") else value
+    if isinstance(value, str) and states_range(value):
+        return value.strip()
+    if isinstance(value, (list, tuple, np.ndarray)):
+        pairs = np.array(value, dtype=object)
+        if pairs.ndim != 2 or pairs.shape[1] != 2:
+            raise ValueError(value_text(value))
+        return ",".join(f"{low}:{high}" for low, high in pairs)
+    table = waypoints(value)
+    if isinstance(table, WaypointTable):
+        return table
+    raise ValueError(value_text(value))
 
 
 def _read(path: Path) -> WaypointTable:

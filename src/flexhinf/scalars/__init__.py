@@ -17,6 +17,7 @@ from flexhinf.scalars.symbol import (
     maximum as maximum,
     minimum as minimum,
     sign as sign,
+    solve_definite as solve_definite,
     solve_lower as solve_lower,
     solve_lower_transposed as solve_lower_transposed,
     where as where,

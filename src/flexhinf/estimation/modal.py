@@ -1,0 +1,242 @@
+"""The filter of a whole workspace: Kalman gains of one pair of a link and a motor, for every pose of an arm.
+
+Link and motor of an elastic arm at a pose: M(q) q̈ = K (θ − q) + τ_link, J θ̈ = −K (θ − q) − B θ̇ + τ_motor. With
+K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ the arm is n pairs,
+
+    z̈ = λ (w − z) + λ d,        ẅ = −κ (w − z) − β ẇ + κ f,        d, f = Vᵀ K^-½ (τ_link, τ_motor),
+
+as far as the motors are alike: κ is the geometric mean of K/J, β the mean of B/J. The stationary Kalman gain ℓ of a
+pair depends on λ alone. It is computed once, as a Chebyshev series in log λ, and the gain of the arm at a pose is a
+function of one matrix, L(q) = K^-½ V ℓ(Λ) Vᵀ K^½, smooth in q also where two λ meet.
+
+Gravity, Coriolis forces and the motors as they are stay in the model that predicts, so L(q) is the only approximation:
+where the model is right, an error of the estimate decays with (1 − L(q) H) F(q) [anderson1979].
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from flexhinf.codegen import DIRECT
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.estimation.kalman import ConstantGainFilter, check_decay, stationary_gain
+from flexhinf.plant import Plant
+from flexhinf.plant.joints import ElasticJoints, LinkCompliance, elastic_joints
+from flexhinf.scalars import clip
+from flexhinf.scalars.spectral import eigensystem
+from flexhinf.validation import read_only
+
+#: What a sensor sees of a pair's state (z, ż, w, ẇ), and the power of K^½ that scales its signal.
+SENSORS = {
+    "link_position": ((1.0, 0.0, 0.0, 0.0), 1),
+    "link_velocity": ((0.0, 1.0, 0.0, 0.0), 1),
+    "motor_position": ((0.0, 0.0, 1.0, 0.0), 1),
+    "motor_velocity": ((0.0, 0.0, 0.0, 1.0), 1),
+    "joint_torque": ((-1.0, 0.0, 1.0, 0.0), -1),
+}
+
+#: Range of √λ, rad/s and rad per sample: faster vibrations are folded by the sampling, and gains are no smooth function
+#: of λ there. Beyond the ends the gain is that of the end. Degree of the series, which errs by less than 1e-6 of a
+#: gain's largest value.
+SLOWEST, FASTEST, DEGREE = 5.0, 2.0, 48
+
+
+class ModalBelief(NamedTuple):
+    """A mean (4n,), K^½ (n,), and Chebyshev coefficients (DEGREE + 1, 4k) of ℓ for k sensors at each joint."""
+
+    mean: Any
+    scale: Any
+    table: Any
+
+
+class ModalFilter(ConstantGainFilter):
+    """x̂ = x̂⁻ + L(q̂⁻) (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the stationary Kalman gain of an arm's pairs at the estimate.
+
+    Parameters
+    ----------
+    filter : RecursiveFilter
+        Model, discretisation and noises. The model is an arm with elastic joints, and all joints have the same
+        sensors: encoders of links, of motors, torque sensors, in any mix. Of R^v and R^n the variances count, and of
+        unlike joints their geometric mean, in units of K^½.
+    about : (4n,), optional
+        State at which R^v is stated, by default the initial mean: what it adds to the velocities there is taken for
+        random torques on links and motors, which act at every pose.
+
+    Raises
+    ------
+    InvalidInput
+        If the model is not such an arm, its sensors differ from joint to joint, or R^v leaves an error as it is.
+    """
+
+    def __init__(self, filter: RecursiveFilter, about: Any = None) -> None:
+        plant = filter.plant
+        self._about = filter.initial.mean if about is None else filter.initial_at(about).mean
+        joints = elastic_joints(plant, self._about, np.zeros(len(plant.inputs)))
+        super().__init__(filter, np.zeros((plant.n, len(plant.outputs))))
+        self._seen, self._powers = _sensors(plant, len(plant.inputs))
+        self._compliance = LinkCompliance(plant)
+        table = _gain_table(self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints))
+        self.initial: Any = read_only(ModalBelief(self.initial.mean, np.sqrt(joints.stiffness), table))
+
+    def _pair_numbers(self, joints: ElasticJoints) -> tuple[tuple[float, ...], ...]:
+        """κ and β; variances that a sample adds to z and w and by d and f, and of the signals."""
+        k, m = joints.stiffness, joints.link_inertia
+        added, noise = (np.diag(r).reshape(-1, len(k)) for r in (self.process_noise, self.measurement_noise))
+        links = np.diag(m @ self.process_noise[len(k) : 2 * len(k), len(k) : 2 * len(k)] @ m)
+        motors = joints.motor_inertia**2 * added[3]
+        pair = _mean(k / joints.motor_inertia), float((joints.motor_damping / joints.motor_inertia).mean())
+        random = tuple(_mean(part) for part in (k * added[0], k * added[2], links / k, motors / k))
+        return pair, random, tuple(_mean(k**power * row) for row, power in zip(noise, self._powers))
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        return {"filter": self.filter, "about": self._about}
+
+    def at(self, x: Any) -> ConstantGainFilter:
+        """The same filter with the gain at the pose of a state (4n,), whatever the estimate."""
+        return ConstantGainFilter(self.filter, self.gain(x))
+
+    def gain(self, x: Any) -> np.ndarray:
+        """L (4n, p) at the pose of a state (4n,)."""
+        p, unit = self.plant.parameters.vector(), np.eye(len(self.plant.outputs))
+        frame = self._frame(DIRECT, self.initial._replace(mean=np.asarray(x)), p)
+        return np.array([_correction(self._powers, column, *frame) for column in unit]).T
+
+    @property
+    def pair(self) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
+        """Of a pair: H (k, 4), the table of ℓ, and the ends of log λ in it."""
+        return self._seen, self.initial.table, self._range
+
+    # The updates -----------------------------------------------------------------------------------
+    @property
+    def estimator_key(self) -> str:
+        """Method, period, sub-steps and sensors: constants of the traced code."""
+        return f"modal {self.period!r} {self.filter.sub_steps} x {self.filter.stages} {self._powers}"
+
+    @property
+    def operations(self) -> int:
+        """Roughly, the operations of both updates as one trace: the flow, and some n²/2 rotations a sweep."""
+        filter, n = self.filter, len(self.initial.scale)
+        return filter.stages * filter.sub_steps * self.plant.traced_flow.n_instructions() + 20 * n**4
+
+    def initial_at(self, mean: Any) -> Any:
+        """The initial belief with another mean (4n,)."""
+        return self.initial._replace(mean=self.filter.initial_at(mean).mean)
+
+    def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """x̂(k|k) → x̂(k+1|k) on a run, p the vector of parameters."""
+        return belief._replace(mean=self.filter.moved(run, belief.mean, u, p))
+
+    def measurement_update_on(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> Any:
+        """x̂(k|k−1) → x̂(k|k) on a run, p the vector of parameters."""
+        innovation = run.call(self._innovation, belief.mean, y, u, p)
+        move = run.call(partial(_correction, self._powers), innovation, *self._frame(run, belief, p))
+        return belief._replace(mean=run.call(np.add, belief.mean, move))
+
+    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
+        """x̂(k|k) → x̂(k+1|k), pure, on any element."""
+        return self.time_update_on(DIRECT, belief, u, self.plant.parameters.flat(p), process_noise)
+
+    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+        """x̂(k|k−1) → x̂(k|k), pure, on any element."""
+        return self.measurement_update_on(
+            DIRECT, belief, y, u, self.plant.parameters.flat(p), measurement_noise
+        )
+
+    @property
+    def _range(self) -> tuple[float, float]:
+        """Ends of log λ."""
+        return 2.0 * float(np.log(SLOWEST)), 2.0 * float(np.log(FASTEST / self.period))
+
+    def _innovation(self, mean: Any, y: Any, u: Any, p: Any) -> Any:
+        return y - self.filter.output(mean, u, p)
+
+    def _frame(self, run: Any, belief: Any, p: Any) -> tuple[Any, Any, Any]:
+        """K^½ (n,), V (n, n), and ℓ(Λ) (n, 4k) at a belief."""
+        vectors, values = eigensystem(run.call(self._stiffness, belief.mean, belief.scale, p), run)
+        return belief.scale, vectors, run.call(partial(_series, self._range), values, belief.table)
+
+    def _stiffness(self, mean: Any, scale: Any, p: Any) -> Any:
+        """K^½ M(q)⁻¹ K^½."""
+        return scale[:, None] * self._compliance.matrix(mean[: len(scale)], p) * scale
+
+
+@lru_cache(16)  # the filters of one loop at several poses share it
+def _gain_table(
+    period: float, ends: tuple[float, float], sensors: bytes, pair: tuple[float, float],
+    random: tuple[float, ...], measured: tuple[float, ...],
+) -> np.ndarray:  # fmt: skip
+    """Chebyshev coefficients (DEGREE + 1, 4k) of ℓ for log λ between two ends: `sensors` holds H (k, 4), and the
+    numbers are those of `ModalFilter._pair_numbers`."""
+    from scipy.linalg import expm
+
+    (low, high), (kappa, beta), (link, motor, d, f), unit = ends, pair, random, np.eye(4)
+    seen, noise = np.frombuffer(sensors).reshape(-1, 4), np.diag(measured)
+
+    def gains(places: np.ndarray) -> np.ndarray:
+        rows = []
+        for value in np.exp(0.5 * (low + high) + 0.5 * (high - low) * places):
+            twist = unit[2] - unit[0]
+            drift = np.array([unit[1], value * twist, unit[3], -kappa * twist - beta * unit[3]])
+            transition = expm(period * drift)
+            added = np.diag([link, value**2 * d, motor, kappa**2 * f])
+            gain = stationary_gain((transition, seen), added, noise)
+            check_decay((unit - gain @ seen) @ transition)
+            rows.append(gain.ravel())
+        return np.array(rows)
+
+    interpolated: Any = gains
+    return read_only(chebyshev.chebinterpolate(interpolated, DEGREE))
+
+
+def _mean(variances: np.ndarray) -> float:
+    """Geometric mean; zero if one of them is."""
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.log(variances).mean()))
+
+
+def _sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
+    """H (k, 4) of a pair, and the power of K^½ of each of its k signals."""
+    kinds = [next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
+             for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))]  # fmt: skip
+    if None in kinds:
+        raise InvalidInput(
+            "The joints of the filter's model do not all have the same sensors.",
+            f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
+            "robot.plant(measured=('link_position', 'motor_position'))",
+        )
+    refuse_if(
+        not any("position" in name for name in plant.outputs),
+        "No sensor sees where the joints are.",
+        f"expected link_position or motor_position among the signals, got {list(plant.outputs)}",
+        "robot.plant(measured=('motor_position', 'joint_torque'))",
+    )
+    rows, powers = zip(*(SENSORS[str(kind)] for kind in kinds))
+    return np.array(rows), powers
+
+
+def _series(ends: tuple[float, float], values: Any, table: Any) -> Any:
+    """ℓ (n, 4k) at eigenvalues λ (n,): the Chebyshev series in log λ between two ends."""
+    low, high = ends
+    x = clip((2.0 * np.log(values) - (low + high)) / (high - low), -1.0, 1.0)
+    terms = [np.ones_like(x), x]
+    for _ in range(2, len(table)):
+        terms.append(2.0 * x * terms[-1] - terms[-2])
+    return np.stack(terms, axis=-1) @ table
+
+
+def _correction(powers: tuple[int, ...], innovation: Any, scale: Any, vectors: Any, gains: Any) -> Any:
+    """L ν (4n,): K^-½ V ℓ(Λ) Vᵀ K^½ ν, a torque sensor's ν by K^-½."""
+    n, k = len(scale), len(powers)
+    parts = [innovation[j * n : (j + 1) * n] * scale**power for j, power in enumerate(powers)]
+    seen = np.stack([vectors.T @ part for part in parts], axis=-1)
+    return np.concatenate(
+        [vectors @ (gains[:, i * k : (i + 1) * k] * seen).sum(axis=1) / scale for i in range(4)]
+    )

@@ -1,0 +1,180 @@
+"""One law for every pose of an arm with elastic joints: the gains of its pairs as functions of the matrix M(q).
+
+With K^½ M⁻¹ K^½ = V Λ Vᵀ and the motors alike, J = K/κ, the pairs' law f = −k(Λ) (z, …) is, in the joints' coordinates,
+u = −K^½ V k(Λ) Vᵀ K^½ (q, …). A gain k(λ) = k_∞ + Σ k_j p_j/(λ + p_j) needs no eigenvectors, for
+
+    K^½ V p/(Λ + p) Vᵀ K^½ = (M⁻¹/p + K⁻¹)⁻¹,
+
+springs K and masses p M in series: proportional to the mass where p is small, to the stiffness where it is large. So
+
+    u = u_d − (κ J/K) (K y_∞ + Σ_j (M(q_d)⁻¹/p_j + K⁻¹)⁻¹ y_j),    y_j = Σ_i k_ij x_i,
+
+for deviations x_i of q, q̇, θ, θ̇ and the integrals from a reference: a fixed number of operations, smooth in q_d.
+
+Where pairs are slow, motors are made alike first: the torque (K − κJ)(θ − q) + (B − βJ) θ̇ gives every motor the same κ
+and β. The function s(λ) = (1 + λ²/fast⁴)⁻¹ fades this out for fast pairs, and is a sixth row of the k_ij. Gravity is
+compensated by the input of the reference: u_d of the inverse dynamics, or u* at an equilibrium.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
+from flexhinf.errors import InvalidInput
+from flexhinf.modal.pair import DEFAULT_WEIGHTS, PairGains, PairWeights, pair_gains
+from flexhinf.plant import GeneralisedPlant, Plant
+from flexhinf.plant.joints import ElasticJoints, LinkCompliance, elastic_joints, joint_places
+from flexhinf.scalars import solve_definite
+from flexhinf.validation import checked_array, checked_positive
+
+#: Poses at which λ is sampled, uniform within the joints' limits, and their seed.
+POSES, SEED = 500, 0
+
+#: The range of λ is made wider by this factor at both ends, for poses between the sampled ones, payloads, tolerances.
+MARGIN = 1.5
+
+
+def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
+    """Link positions (count, n), uniform within the joints' limits; ±π without. A sliding joint needs limits."""
+    ends = []
+    for name in plant.expanded("link_position"):
+        if name not in plant.limits and plant.units.get(name) == "m":
+            raise InvalidInput(
+                f"The range of {name!r} is unknown.", "expected limits of a joint that slides", "poses=(...)"
+            )
+        ends.append(plant.limits.get(name, (-np.pi, np.pi)))
+    low, high = np.array(ends).T
+    return np.random.default_rng(seed).uniform(low, high, (count, len(ends)))
+
+
+def modes(plant: Plant, poses: Any, stiffness: Any) -> np.ndarray:
+    """λ (N, n), 1/s², ascending, at link positions (N, n): squares of the frequencies of links against fixed motors."""
+    poses, root = np.atleast_2d(poses), np.sqrt(stiffness)
+    compliance, p = LinkCompliance(plant), plant.parameters.vector()
+    return np.array([np.linalg.eigvalsh(root[:, None] * compliance.matrix(q, p) * root) for q in poses])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ModalLaw(PlacedLaw):
+    """The modal law of a plant of elastic joints, with M(q) at the commanded link positions.
+
+    Parameters
+    ----------
+    plant, equilibrium, integrate
+        See `flexhinf.baselines.equilibrium_law.EquilibriumLaw`; the link positions are integrated.
+    gains : PairGains
+        Five gains and the selection of slow pairs.
+
+    A rigid joint is taken for one whose spring is as stiff for its motor as those of the others: K = κ J.
+
+    Raises `InvalidInput` for a plant without elastic joints, or other integrals.
+    """
+
+    gains: PairGains
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        joint_places(self.plant)
+        links = self.plant.expanded("link_position")
+        if self.integrate != links or len(self.gains.coefficients) != 6:
+            raise InvalidInput(
+                "The modal law integrates the errors of all links, and has six functions of λ.",
+                f"expected {list(links)}, got {list(self.integrate)} and {len(self.gains.coefficients)} functions",
+                "robot.problem(...) with its default integrals, and ModalLaw.tuned",
+            )
+
+    @classmethod
+    def tuned(
+        cls,
+        problem: GeneralisedPlant,
+        period: float = 1e-3,
+        weights: PairWeights = DEFAULT_WEIGHTS,
+        poses: Any = None,
+    ) -> ModalLaw:
+        """The law of a robot's problem, whose penalty does not matter, for samples of a period (s).
+
+        `poses` (N, n), rad or m: link positions whose λ it shall serve, and what is up to 1.5 times beyond; by default
+        500 poses in the joints' limits.
+        """
+        plant, equilibrium = problem.plant, equilibrium_of(problem)
+        joints, n = elastic_joints(plant, *equilibrium, rigid=True), len(plant.inputs)
+        checked_positive("The period", period, "seconds", "period=1e-3")
+        poses = workspace(plant) if poses is None else np.atleast_2d(np.asarray(poses, dtype=float))
+        what, advice = "The poses do not fit the robot.", "one row of link positions per pose"
+        found = modes(
+            plant, checked_array(what, poses, (len(poses), n), f"(N, {n}) numbers", advice), joints.stiffness
+        )
+        kappa = float(np.exp(np.log(joints.stiffness / joints.motor_inertia).mean()))
+        beta = float((joints.motor_damping / joints.motor_inertia).mean())
+        gains = pair_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)
+        return cls(plant=plant, equilibrium=equilibrium, integrate=problem.integrate, gains=gains)
+
+    @cached_property
+    def joints(self) -> ElasticJoints:
+        """The numbers of the joints at the equilibrium, of rigid ones as the law takes them."""
+        return elastic_joints(self.plant, *self.equilibrium, rigid=True)
+
+    @cached_property
+    def compliance(self) -> LinkCompliance:
+        """M(q)⁻¹ of the plant."""
+        return LinkCompliance(self.plant)
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        return joint_places(self.plant)
+
+    @cached_property
+    def _parts(self) -> list[np.ndarray]:
+        joints, gains = self.joints, self.gains
+        motor = gains.motor * joints.motor_inertia / joints.stiffness  # 1 where J = K/κ
+        return [
+            np.vstack([gains.coefficients[:5], -gains.coefficients[5]]),
+            1.0 / gains.poles,
+            joints.stiffness,
+            1.0 / motor - 1.0,
+            (joints.motor_damping / joints.motor_inertia - gains.damping) / gains.motor,
+            motor / joints.torque_per_input,
+        ]
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """Coefficients, poles, what makes the motors alike, and the plant's parameters."""
+        return np.concatenate([*map(np.ravel, self._parts), self.plant.parameters.vector()])
+
+    @property
+    def law_key(self) -> str:
+        """Key of the law's code: that of M⁻¹, and the number of poles."""
+        return f"modal {len(self.gains.poles)} {self.compliance.key}"
+
+    def slope_at(self, q: np.ndarray) -> np.ndarray:
+        """∂k/∂x (n, states) about a reference at link positions q (n,): −K^½ V k(Λ) Vᵀ K^½ in joints' coordinates."""
+        _, _, stiffness, torque, friction, share = self._parts
+        root = np.sqrt(stiffness)[:, None]
+        squares, vectors = np.linalg.eigh(
+            root * self.compliance.matrix(q, self.plant.parameters.vector()) * root.T
+        )
+        z, dz, w, dw, e, alike = ((root * vectors * k) @ (root * vectors).T for k in self.gains(squares).T)
+        slope, states = np.zeros((len(q), len(self.state_names))), self._places.ravel()
+        parts = z + alike * torque, dz, w - alike * torque, dw - alike * friction
+        np.add.at(slope.T, states, np.hstack(parts).T)
+        slope[:, self.plant.n :] = e
+        return -share[:, None] * slope
+
+    def evaluate_about(self, x: Any, state: Any, input: Any, data: Any) -> Any:
+        """k (n,) for a deviation x from the reference, of any element."""
+        n, count = len(input), len(self.gains.poles)
+        ends = np.cumsum([6 * (count + 1), count, n, n, n, n])
+        rows, softness, stiffness, torque, friction, share, others = np.split(data, ends)
+        (q, dq, theta, dtheta), errors = x[self._places], x[self.plant.n :]
+        unlike = torque * (theta - q) + friction * dtheta
+        targets = rows.reshape(6, -1).T @ np.array([q, dq, theta, dtheta, errors, unlike])
+        compliance = self.compliance.matrix(state[:n], others[: -self.plant.n - n])
+        total = stiffness * targets[-1]
+        for target, soft in zip(targets, softness):
+            total = total + solve_definite(soft * compliance + np.diag(1.0 / stiffness), target)
+        return -share * total

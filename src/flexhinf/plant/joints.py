@@ -1,0 +1,185 @@
+"""Elastic joints of a plant: their numbers at an equilibrium, gravity torque and M⁻¹, from its exact Jacobians.
+
+At rest M(q1) q̈1 + C q̇1 + G = K(q2 − q1) + D(q̇2 − q̇1) + d_link and J q̈2 + B q̇2 + K(q2 − q1) + D(q̇2 − q̇1) =
+k_u u + d_motor, Eq. (2), are read off ẋ = A x + B u + G d: what the motors feel of d_motor is J⁻¹, what the links
+feel of d_link is M⁻¹. Whatever the model adds (a damped or hardening spring, a back-EMF) is in the numbers.
+
+The gravity torque is taken from the flow too. At rest and with its springs relaxed (q2 = q1) a robot falls by
+q̈1 = −M⁻¹ G, and a torque at the links moves it by M⁻¹, so G = −(∂q̈1/∂d_link)⁻¹ q̈1 is exact for any plant of elastic
+joints.
+
+A rigid joint has no motor of its own: q2 = q1, and its row is (M(q1) + J) q̈1 + …, J the parameter ``motor_inertia``. A
+law of springs may take it for a joint with a spring of the motors' common frequency, K = κ J: `elastic_joints`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from flexhinf.errors import InvalidInput
+from flexhinf.plant.plant import Plant
+from flexhinf.scalars import apply, digest
+
+STATES = ("link_position", "link_velocity", "motor_position", "motor_velocity")
+TORQUES = ("link_torque", "motor_torque")
+
+#: Coupling between the motors of different joints, relative to their own numbers, that counts as none.
+COUPLING = 1e-9
+
+
+class ElasticJoints(NamedTuple):
+    """Numbers of n elastic joints at an equilibrium, seen from the link side, in SI units; (n,) but for the first
+    two."""
+
+    link_inertia: np.ndarray  # M(q*), (n, n)
+    gravity_slope: np.ndarray  # ∂G/∂q, (n, n)
+    stiffness: np.ndarray  # K of the springs as they are there
+    spring_damping: np.ndarray  # D
+    motor_inertia: np.ndarray  # J
+    motor_damping: np.ndarray  # B, the back-EMF's k_t k_b / R included
+    torque_per_input: np.ndarray  # k_t / R, N·m/V, for a voltage; k_t, N·m/A, for a current; 1 for a torque
+
+
+def check_joints(plant: Plant) -> int:
+    """Number of elastic joints n of a plant with their states, 4n in the order of Eq. (2), and one input each; one of
+    other states, inputs or disturbances is refused."""
+    names = tuple(single for name in STATES for single in plant.expanded(name))
+    torques = [single for name in TORQUES for single in plant.expanded(name)]
+    fits = tuple(plant.states) == names and len(names) == 4 * len(plant.inputs)
+    if not fits or not set(torques) <= set(plant.disturbances):
+        raise InvalidInput(
+            "The plant is not a robot with elastic joints as this law needs it.",
+            f"expected the states {list(names)}, one input per joint and the disturbances {torques}, "
+            f"got {list(plant.states)}, {list(plant.inputs)}, {list(plant.disturbances)}",
+            "robot.plant() of a robot without rigid joints, and without the coils' inductance",
+        )
+    return len(plant.inputs)
+
+
+def joint_places(plant: Plant) -> np.ndarray:
+    """Places (4, n) of q1, q̇1, q2, q̇2 in the state of a plant of elastic and rigid joints, q2 = q1 of a rigid one; a
+    plant of other states is refused."""
+    rows = []
+    for link, motor in zip(STATES[:2], STATES[2:]):
+        links = plant.expanded(link)
+        own = [name.replace(link, motor, 1) for name in links]
+        rows += [links, [name if name in plant.states else at for name, at in zip(own, links)]]
+    if {name for row in rows for name in row} != set(plant.states) or len(rows[0]) != len(plant.inputs):
+        check_joints(plant)
+    return np.array([[plant.index(name) for name in rows[i]] for i in (0, 2, 1, 3)])
+
+
+def elastic_joints(plant: Plant, x: np.ndarray, u: np.ndarray, rigid: bool = False) -> ElasticJoints:
+    """The joints' numbers at the equilibrium (x, u), (states,) and (n,).
+
+    `rigid`: whether rigid joints are taken for springs of K = κ J, κ the geometric mean of K/J of the others; refused
+    otherwise, as is a plant without joints, or of coupled motors.
+    """
+    if not rigid:
+        check_joints(plant)
+    (q, dq, theta, dtheta), (a, b, g, _) = joint_places(plant), plant.linearise(x, u)
+    own, alone = theta != q, theta == q
+    links, motors = _places(plant, "link_torque"), _places(plant, "motor_torque")
+
+    def diagonal(what: str, matrix: np.ndarray) -> np.ndarray:
+        single = np.diag(matrix).copy()
+        if np.abs(matrix - np.diag(single)).max(initial=0.0) > COUPLING * np.abs(single).max(initial=0.0):
+            raise InvalidInput(
+                "The motors of different joints are coupled.",
+                f"expected a {what} of each joint alone, got {matrix.tolist()}",
+                "a plant of a robot of this package",
+            )
+        return single
+
+    total = np.linalg.inv(g[np.ix_(dq, links)])  # M, with the rotors of rigid joints
+    inertia, stiffness, damping, friction, per_input = np.zeros((5, len(q)))
+    inertia[own] = 1.0 / diagonal("motor inertia", g[np.ix_(dtheta, motors)][np.ix_(own, own)])
+    stiffness[own] = inertia[own] * diagonal("stiffness", a[np.ix_(dtheta, q)][np.ix_(own, own)])
+    damping[own] = inertia[own] * diagonal("spring damping", a[np.ix_(dtheta, dq)][np.ix_(own, own)])
+    slopes = diagonal("motor damping", a[np.ix_(dtheta, dtheta)][np.ix_(own, own)])
+    friction[own] = -inertia[own] * slopes - damping[own]
+    per_input[own] = inertia[own] * diagonal("input", b[dtheta][np.ix_(own, own)])
+    slope = -total @ a[np.ix_(dq, q)] - np.diag(stiffness)
+    if alone.any():
+        inertia[alone] = plant.parameters.values["motor_inertia"][alone]
+        stiffness[alone] = np.exp(np.log(stiffness[own] / inertia[own]).mean()) * inertia[alone]
+        friction[alone] = -np.diag(total @ a[np.ix_(dq, dq)])[alone]
+        per_input[alone] = np.diag(total @ b[dq])[alone]
+    mass = (total + total.T) / 2.0 - np.diag(np.where(alone, inertia, 0.0))
+    return ElasticJoints(mass, slope, stiffness, damping, inertia, friction, per_input)
+
+
+def _places(plant: Plant, torque: str) -> list[int]:
+    return [plant.disturbances.index(name) for name in plant.expanded(torque)]  # type: ignore[union-attr]
+
+
+def _static(plant: Plant, name: str, quantity: Callable[[Any, Any], Any]) -> Any:
+    """(q, parameter vector) → quantity(q̈1, M⁻¹) at rest with relaxed springs, as a CasADi function; without the rotors
+    of rigid joints."""
+    places = joint_places(plant)
+    q, p = ca.SX.sym("q", places.shape[1]), ca.SX.sym("p", plant.parameters.size)
+    d, x, numbers = ca.SX.sym("d", len(plant.disturbances)), ca.SX.zeros(plant.n), ca.SX(p)
+    x[places[0].tolist()] = x[places[2].tolist()] = q
+    if (alone := places[2] == places[0]).any():
+        rotors = plant.parameters.named(np.arange(plant.parameters.size)).motor_inertia[alone]
+        numbers[rotors.tolist()] = 0.0
+    still = ca.SX.zeros(len(plant.inputs))
+    fall = plant.traced_flow(x, still, d, numbers)[places[1].tolist()]
+    compliance = ca.jacobian(fall, d)[:, _places(plant, "link_torque")]
+    free = ca.substitute(quantity(fall, compliance), d, ca.SX.zeros(d.numel()))
+    return ca.Function(name, [q, p], [ca.densify(free)], {"cse": True})
+
+
+class LinkCompliance:
+    """M(q)⁻¹ of a plant of elastic and rigid joints (another is refused), on any element, with the plant's parameters
+    as data; without rotors."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.traced = _static(plant, "compliance", lambda fall, compliance: ca.vec(compliance))
+        self.key = digest(self.traced)
+
+    def matrix(self, q: Any, p: Any) -> Any:
+        """M(q)⁻¹ (n, n): the accelerations q̈1 per torque at the links, at the parameter vector p."""
+        return apply(self.traced, q, p)[0].reshape(len(q), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class GravityTorque:
+    """G(q1) of a plant of elastic joints (another is refused), on any element, with the plant's parameters as data."""
+
+    plant: Plant
+
+    def __post_init__(self) -> None:
+        check_joints(self.plant)
+
+    @cached_property
+    def traced(self) -> Any:
+        """(q, parameter vector) → G as a CasADi function."""
+        return _static(self.plant, "gravity", lambda fall, compliance: -ca.solve(compliance, fall))
+
+    @cached_property
+    def _with_rate(self) -> Any:
+        n = len(self.plant.inputs)
+        q, dq, p = ca.SX.sym("q", n), ca.SX.sym("dq", n), ca.SX.sym("p", self.plant.parameters.size)
+        torque = self.traced(q, p)
+        rate = ca.densify(ca.jtimes(torque, q, dq))
+        return ca.Function("gravity_rate", [q, dq, p], [torque, rate], {"cse": True})
+
+    def torque(self, q: Any, p: Any) -> Any:
+        """G(q), (n,), N·m, at the parameter vector p."""
+        return apply(self.traced, q, p)[0]
+
+    def torque_and_rate(self, q: Any, dq: Any, p: Any) -> tuple[Any, ...]:
+        """G(q) and its rate ∂G/∂q q̇, (n,) each."""
+        return apply(self._with_rate, q, dq, p)
+
+    @cached_property
+    def key(self) -> str:
+        """Key of the code of a gravity torque."""
+        return digest(self.traced)

@@ -1,0 +1,131 @@
+"""Proved ranges of pairs against eigenvalues, and errors built to destabilise a loop."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from flint import ctx
+from scipy.linalg import expm, solve_discrete_are
+
+from flexhinf.modal import error_tolerance, pair_gains, proved_range, stability
+from flexhinf.modal.tolerance import sampled_pair
+
+PERIOD, ENDS = 1e-3, (60.0**2, 300.0**2)
+SEEN = np.eye(4)[[0, 2]]
+
+#: Factor of the gains with which the fastest pairs are unstable.
+LOUDER = 12.0
+
+#: Ends of log λ in the filter's series, beyond those of the pairs.
+LOW, HIGH = np.log(ENDS[0]) - 0.5, np.log(ENDS[1]) + 0.5
+
+
+@pytest.fixture(scope="module")
+def gains():
+    return pair_gains(ENDS, 110.0**2, 12.0, PERIOD)
+
+
+@pytest.fixture(scope="module")
+def filter(gains):
+    """SciPy's Kalman gains of pairs with both encoders, as a Chebyshev series."""
+
+    def gain(places):
+        rows = []
+        for place in np.atleast_1d(places):
+            f, _ = model(gains, np.exp(0.5 * (LOW + HIGH) + 0.5 * (HIGH - LOW) * place))
+            noise, errors = np.diag([1e-14, 1e-7, 1e-14, 1e-7]), 1e-10 * np.eye(2)
+            p = solve_discrete_are(f.T, SEEN.T, noise, errors)
+            rows.append((p @ SEEN.T @ np.linalg.inv(SEEN @ p @ SEEN.T + errors)).ravel())
+        return np.array(rows)
+
+    table = np.polynomial.chebyshev.chebinterpolate(gain, 20)
+    return SimpleNamespace(pair=(SEEN, table, (LOW, HIGH)), gain=gain)
+
+
+def model(gains, link):
+    """F (4, 4) and the column of the held input, by SciPy."""
+    a, k = np.zeros((5, 5)), gains.motor
+    a[0, 1] = a[2, 3] = 1.0
+    a[1, [0, 2]] = -link, link
+    a[3] = [k, 0.0, -k, -gains.damping, k]
+    whole = expm(PERIOD * a)
+    return whole[:4, :4], whole[:4, 4:]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("latency", [0, 1])
+def test_all_pairs_are_proved_stable_and_are(gains, filter, latency):
+    """With the filter, in which modes of the law's loop and of the filter's error stand beside each other."""
+    cap = ctx.cap
+    for each in (None, filter):
+        found = proved_range(gains, latency=latency, filter=each)
+        assert (found.low, found.high, found.error) == (*ENDS, 0.0)
+        assert found.intervals > 1
+    assert ctx.cap == cap
+    for link in np.geomspace(*ENDS, 5):
+        f, g = model(gains, link)
+        place = (2.0 * np.log(link) - LOW - HIGH) / (HIGH - LOW)
+        observer = filter.gain(place).reshape(4, 2)
+        parts = []
+        for observed in (None, (observer, SEEN)):
+            acting, memory = sampled_pair(np.hstack([f, g]), gains(link)[:5], PERIOD, latency, observed)
+            parts.append(np.linalg.eigvals(np.vstack([np.hstack([f, g]) @ acting, memory])))
+        error = np.linalg.eigvals(f @ (np.eye(4) - observer @ SEEN))
+        np.testing.assert_allclose(np.sort(np.abs(parts[1])), np.sort(np.abs([*parts[0], *error])), atol=1e-4)
+        assert np.abs(parts[1]).max() < 1.0
+
+
+def test_the_proof_ends_where_pairs_are_unstable(gains):
+    loud = pair_gains(ENDS, 110.0**2, 12.0, PERIOD)
+    vars(loud).update(coefficients=LOUDER * loud.coefficients)
+    links, radius = np.geomspace(*ENDS, 400), []
+    for link in links:
+        period = np.hstack(model(gains, link))
+        acting, memory = sampled_pair(period, loud(link)[:5], PERIOD, 1)
+        radius.append(np.abs(np.linalg.eigvals(np.vstack([period @ acting, memory]))).max())
+    first = links[np.argmax(np.array(radius) >= 1.0)]
+    assert ENDS[0] < first < ENDS[1]
+    assert 0.9 * first < proved_range(loud, latency=1).high < first
+
+
+@pytest.mark.oracle
+def test_the_exact_period_is_that_of_many_pieces(gains):
+    """The loop between samples as a game: its response has the norm that lifting in pieces has."""
+    link, scaling = 150.0**2, 1.3
+    covered = tolerance_at(gains, link, scaling)
+    for error, fine in ((0.93 * covered, True), (1.07 * covered, False)):
+        cap, ctx.cap = ctx.cap, stability.TERMS
+        try:
+            loop = stability._loop(gains, (link,), error, 1, None, scaling)
+            a, q, w = map(stability._numbers, loop.order(0))
+        finally:
+            ctx.cap = cap
+        values, vectors = np.linalg.eigh(q)
+        output = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        values, vectors = np.linalg.eigh(w)
+        entry = vectors * np.sqrt(np.maximum(values, 0.0))
+        z = np.exp(1j * np.geomspace(1e-3, np.pi, 800))[:, None, None]
+        response = output @ np.linalg.solve(z * np.eye(len(a)) - a, entry + 0j * z)
+        norms = np.linalg.norm(response, 2, axis=(1, 2))
+        assert (norms.max() < 1.0) == fine
+        # The worst error, of the singular vectors at the peak, destabilises beyond 1 / σ and not before.
+        u, sizes, v = np.linalg.svd(response[norms.argmax()])
+        for factor in (0.98, 1.02):
+            wrong = factor / sizes[0] * np.outer(v[0].conj(), u[:, 0].conj())
+            radius = np.abs(np.linalg.eigvals(a + entry @ wrong @ output)).max()
+            assert (radius > 1.0) == (factor > 1.0)
+
+
+def tolerance_at(gains, link, scaling):
+    """1 / the peak of the scaled response of one pair, from 4 pieces a period."""
+    from flexhinf.modal.tolerance import _norms
+
+    blocks = _norms(gains, link, 1, np.exp(1j * np.geomspace(1e-3, np.pi, 800)), None)
+    return 1.0 / np.linalg.norm(blocks * [[1.0, scaling], [1.0 / scaling, 1.0]], 2, axis=(1, 2)).max()
+
+
+def test_errors_below_the_computed_size_are_proved(gains):
+    found = error_tolerance(gains, latency=1)
+    proof = proved_range(gains, 0.8 * found.error, 75.0, 1, scaling=found.scaling)
+    assert (proof.low, proof.high) == (ENDS[0], 75.0**2)
+    assert proved_range(gains, 1.1 * found.error, 300.0, 1, scaling=found.scaling).high < ENDS[1]

@@ -1,0 +1,82 @@
+"""Where a robot may be sent, from text, files and tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.robot import kinematics
+from flexhinf.robot.workspace import ranges, workspace_of
+
+ARM = fh.load_robot("planar-two-link")
+
+
+def test_the_limits_are_the_ranges_of_the_joints() -> None:
+    robot = fh.load_robot("scara")
+    space = workspace_of(robot)
+    low, high = kinematics.position_ranges(robot)
+    np.testing.assert_array_equal([space.lower, space.upper], [low, high])
+    poses = space.sample(2000, 3)
+    assert np.all((poses >= low) & (poses <= high))
+    np.testing.assert_allclose(poses.mean(axis=0), (low + high) / 2, atol=0.05 * (high - low).max())
+    assert all(map(space.contains, poses[:20]))
+    assert not space.contains(high + 0.1)
+
+
+def test_a_joint_that_states_no_range_turns_by_half_a_turn() -> None:
+    free = fh.load_robot("paper")
+    if np.isfinite(kinematics.position_ranges(free)).all():
+        pytest.skip("the joint states a range")
+    np.testing.assert_allclose(ranges(free), [[-np.pi], [np.pi]])
+
+
+def test_a_box_of_joint_positions_in_any_unit() -> None:
+    space = workspace_of(ARM, "-30deg:30deg, 0:0.5")
+    np.testing.assert_allclose([space.lower, space.upper], [[-np.pi / 6, 0.0], [np.pi / 6, 0.5]])
+    same = workspace_of(ARM, [(-np.pi / 6, np.pi / 6), (0.0, 0.5)])
+    np.testing.assert_allclose(space.sample(5, 1), same.sample(5, 1))
+
+
+def test_poses_of_a_file_and_the_ways_between_them(tmp_path: Path) -> None:
+    file = tmp_path / "moves.csv"
+    file.write_text("time,shoulder [deg],elbow [deg]\n0,0,0\n1,30,0\n2,30,-20\n")
+    names = ARM.joint_names
+    file.write_text(file.read_text().replace("shoulder", names[0]).replace("elbow", names[1]))
+    poses = np.degrees(workspace_of(ARM, str(file)).sample(500, 2))
+    on_first, on_second = np.abs(poses[:, 1]) < 1e-9, np.abs(poses[:, 0] - 30.0) < 1e-9
+    assert np.all(on_first | on_second)
+    assert 0.5 < on_first.mean() < 0.7  # by length: 30 and 20 of joints of the same range
+
+
+def test_a_box_in_space_holds_the_tool() -> None:
+    space = workspace_of(ARM, "x=0.05:0.4")
+    poses = space.sample(30, 4)
+    places = np.array([kinematics.position_of(ARM, pose) for pose in poses])
+    assert np.all((places[:, 0] >= 0.05) & (places[:, 0] <= 0.4))
+
+
+@pytest.mark.parametrize(
+    "stated", ["0:1", "1:0,0:1", "a:b,0:1", "w=0:1", "x=1:0", "0:1,0:1,0:1", "0:1000,0:1"]
+)
+def test_what_is_no_workspace_is_refused(stated: str) -> None:
+    with pytest.raises(fh.InvalidInput) as caught:
+        workspace_of(ARM, stated)
+    assert caught.value.found
+    assert caught.value.advice
+
+
+def test_a_box_out_of_reach_is_refused() -> None:
+    with refused_with(fh.InvalidInput, "space"):
+        workspace_of(ARM, "x=50:60").sample(3, 0)
+
+
+@pytest.mark.parametrize(
+    "stated", ["-500mm:500mm,0:1", "0:1 2deg,0:1", "-inf:inf,0:1", "x=0:1,x=0:2", "x=0:90deg", "z=0:inf"]
+)
+def test_units_are_those_of_the_joint_and_ends_are_finite(stated: str) -> None:
+    with refused_with(fh.InvalidInput, "LOW:HIGH"):
+        workspace_of(ARM, stated)
