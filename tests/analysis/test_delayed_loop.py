@@ -30,7 +30,7 @@ def test_figures_are_those_of_a_loop_assembled_otherwise(
     made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
 ) -> None:
     filter = made.filter(arm.plant(), np.zeros(4))
-    linear = EquilibriumLoop(cubic, filter, arm.plant(), PERIOD, 1.0, delay=delay).linear()
+    linear = EquilibriumLoop(cubic, filter, arm.plant(), PERIOD, 1.0, delay=delay, latency=0).linear()
     dense, found = made.dense_system(linear), linear.closed_loop
     grid = np.array([0.0, 0.3, 5.0, 14.0, 80.0, 700.0, np.pi / PERIOD])
     expected = dense.response(grid)
@@ -140,7 +140,9 @@ def test_seven_joints(made: SimpleNamespace, delay: int) -> None:
     """Clusters of poles, seven inputs: those that count are those of a loop that is assembled otherwise."""
     robot = load_robot("seven-link")
     law, (x, _) = made.law(robot, degree=2), robot.operating_point()
-    linear = EquilibriumLoop(law, made.filter(robot.plant(), x), robot.plant(), PERIOD, delay=delay).linear()
+    linear = EquilibriumLoop(
+        law, made.filter(robot.plant(), x), robot.plant(), PERIOD, delay=delay, latency=0
+    ).linear()
     values = made.dense_system(linear).multipliers
     assert linear.closed_loop.stable == (np.abs(values).max() < 1.0)
     large = values[(np.abs(values) > BRIEF) & (np.abs(values) ** delay >= ECHO)]

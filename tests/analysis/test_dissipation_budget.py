@@ -128,7 +128,7 @@ def test_the_table_adds_up(made: SimpleNamespace, two_link: Robot, two_link_law:
     start = two_link.operating_point(x[:2] + np.array([0.1, -0.1]))[0]
     filter = made.filter(two_link.plant(), start)
     rows = budget_terms(
-        two_link_law, two_link.plant(), 1e-3, 1e5, delay=1e-3, estimator=filter, saturation=30.0,
+        two_link_law, two_link.plant(), 1e-3, 1e5, latency=0, delay=1e-3, estimator=filter, saturation=30.0,
         initial_state=start, duration=3.0, noise=1e-5, seed=3,
     )  # fmt: skip
     assert [row.name for row in rows] == ["sampling", "delay", "estimator", "saturation"]
@@ -139,7 +139,9 @@ def test_the_table_adds_up(made: SimpleNamespace, two_link: Robot, two_link_law:
         ({"delay": 0.0}, {"delay": 1e-3}, {"delay": 1e-3, "filter": filter}), rows, strict=False
     ):
         loop = Loop(
-            two_link.plant(), Controller(two_link_law, parts.get("filter"), 1e-3), delay=parts["delay"]
+            two_link.plant(),
+            Controller(two_link_law, parts.get("filter"), 1e-3, latency=0),
+            delay=parts["delay"],
         )
         noise = 1e-5 if "filter" in parts else None
         run = loop.run(noise=noise, duration=3.0, initial_state=start, seed=3)

@@ -35,7 +35,7 @@ def test_one_period_is_that_of_the_whole_step(
 ) -> None:
     filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
     plant, values = arm.plant(inductance=coil), arm.corner({"mass": 1.0, "stiffness": -1.0})
-    loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi / 2, moving=moving)
+    loop = EquilibriumLoop(cubic, filter, plant, PERIOD, math.pi / 2, moving=moving, latency=0)
     found = loop.modes([values])
     later, slope = made.whole_jacobian(loop, found.equilibrium[0], values)
     assert np.allclose(later[: plant.n], found.equilibrium[0, : plant.n], atol=1e-9)
@@ -51,7 +51,12 @@ def test_one_period_of_two_links(
     x = two_link.operating_point()[0]
     filter = None if kind is None else made.filter(two_link.plant(), x, kind)
     loop = EquilibriumLoop(
-        two_link_law, filter, two_link.plant(extras=("joint_damping",)), PERIOD, [0.6, 0.2]
+        two_link_law,
+        filter,
+        two_link.plant(extras=("joint_damping",)),
+        PERIOD,
+        [0.6, 0.2],
+        latency=0,
     )
     values = two_link.draw(np.random.default_rng(1))
     found = loop.modes([values])
@@ -75,7 +80,7 @@ def test_modes_are_those_of_the_loop_assembled_by_hand(
 ) -> None:
     """correct → integral of the measured error → law → time update, written out for the linear parts."""
     filter = made.filter(arm.plant(), np.zeros(4))
-    loop = EquilibriumLoop(cubic, filter, arm.plant(inductance=coil), PERIOD, goal)
+    loop = EquilibriumLoop(cubic, filter, arm.plant(inductance=coil), PERIOD, goal, latency=0)
     found = loop.modes([arm.nominal])
     n, rest = loop.plant.n, found.equilibrium[0]
     phi, gamma = held(*loop.plant.linearise(rest[:n], loop.model_equilibrium[1])[:2])
@@ -149,7 +154,9 @@ def test_a_moving_reference_holds_any_goal(
     """About a pose far from the operating point the law acts as it does there, and nothing is left to integrate."""
     rest = two_link.operating_point([1.2, -0.4])
     filter = made.filter(two_link.plant(), rest[0])
-    loop = EquilibriumLoop(two_link_law, filter, two_link.plant(), PERIOD, equilibrium=rest, moving=True)
+    loop = EquilibriumLoop(
+        two_link_law, filter, two_link.plant(), PERIOD, equilibrium=rest, moving=True, latency=0
+    )
     found = loop.modes([{}, two_link.corner({"stiffness_elbow": -1.0})])
     assert found.stable.all()
     assert np.allclose(found.equilibrium[0, :8], rest[0], atol=1e-9)

@@ -12,7 +12,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.analysis import DiscreteSystem, EquilibriumLoop, LinearLoop, margins
-from flexhinf.analysis.margins import _gain_margins
+from flexhinf.analysis.margins import COARSE, _gain_margins
 from flexhinf.analysis.search import crossings, highest_peak
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ConstantGainFilter
@@ -120,7 +120,9 @@ def test_one_input_as_python_control_sees_it(
 ) -> None:
     control = pytest.importorskip("control")
     filter = None if kind is None else made.filter(arm.plant(), np.zeros(4), kind)
-    linear = EquilibriumLoop(cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2).linear()
+    linear = EquilibriumLoop(
+        cubic, filter, arm.plant(inductance=True), PERIOD, math.pi / 2, latency=0
+    ).linear()
     found, opened = margins(linear), linear.opened()
     grid = np.geomspace(0.05, 0.999 * np.pi / PERIOD, 40_000)
     loop = control.ss(opened.a, opened.b, -opened.c, -opened.d, PERIOD)  # python-control's loops have a minus
@@ -175,7 +177,7 @@ def test_several_inputs_by_brute_force(
 ) -> None:
     plant = two_link.plant()
     filter = made.filter(plant, two_link.operating_point()[0], "ekf", period=period)
-    linear = EquilibriumLoop(two_link_law, filter, plant, period).linear()
+    linear = EquilibriumLoop(two_link_law, filter, plant, period, latency=0).linear()
     found = margins(linear)
     fine = found.delay_margin_s * np.array([0.0, 0.3, 0.6, 0.9, 0.99, 0.9999, 1.0001])
     radii = [np.abs(made.dense_system(linear, delay).multipliers).max() for delay in fine]
@@ -208,6 +210,22 @@ def test_runs_on_both_sides_of_the_delay_margin(
         early, late = (np.abs(velocity[int(a * 1000) : int(b * 1000)]).max() for a, b in ((20, 30), (50, 60)))
         sizes.append(late / early)
     assert sizes[0] < 0.8 < 1.3 < sizes[1]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", [None, "ekf"])
+def test_a_search_knows_the_delay_margin_up_to_what_it_needs(
+    made: SimpleNamespace, two_link: Robot, two_link_law: HJISolution, kind: str | None
+) -> None:
+    plant, (x, _) = two_link.plant(), two_link.operating_point()
+    filter = None if kind is None else made.filter(plant, x, kind)
+    found = margins(EquilibriumLoop(two_link_law, filter, plant, PERIOD))
+    exact = found.delay_margin_s
+    for share in (0.3, 0.999):
+        assert found.delay_margin_within(share * exact) == share * exact
+    for share in (1.001, 1.7):
+        assert 0.0 <= exact - found.delay_margin_within(share * exact) <= COARSE * share * exact
+    assert margins(mass(made, 100.0, -1.0, 0.01)).delay_margin_within(1.0) == 0.0
 
 
 @pytest.mark.oracle
@@ -351,6 +369,19 @@ def test_damping_is_that_of_every_pole_of_the_running_loop(
     poles = np.log(values[np.abs(values) > math.exp(-0.5)]) / PERIOD
     assert found.damping == pytest.approx((-poles.real / np.abs(poles)).min(), abs=1e-9)
     assert found.stable == (np.abs(values).max() < 1.0)
+    ratios, sizes = -poles.real / np.abs(poles), np.abs(poles)
+    oscillate = (np.abs(poles.imag) > 2.0) | (ratios < 0.0)
+    for limit in (10.0, 60.0, 350.0) if delay < 10 else ():  # else echoes of the queue
+        slow, fast = ratios[oscillate & (sizes < limit)], ratios[sizes >= limit]
+        expected = slow.min(initial=1.0), fast.min(initial=1.0)
+        assert found.damping_about(limit) == pytest.approx(expected, abs=1e-9)
+
+
+def test_a_slow_drift_is_no_oscillation_and_a_growing_one_is(made: SimpleNamespace) -> None:
+    """Poles −0.1 ± i of a mass on PD; with the sign of its damper changed they grow."""
+    still, grows = (margins(mass(made, 1.01, damping, 1e-3)).damping_about(350.0) for damping in (0.2, -0.2))
+    assert still == (1.0, 1.0)
+    assert grows[0] == pytest.approx(-0.1 / math.sqrt(1.01), rel=1e-2)
 
 
 def test_a_delay_out_of_proportion_is_refused(arm: Robot, cubic: HJISolution) -> None:

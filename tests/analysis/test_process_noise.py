@@ -43,7 +43,7 @@ def loop_of(made: SimpleNamespace, arm: Robot, preset: str, degrees: int) -> Equ
     x, u = arm.operating_point([goal])
     law = made.Gains(arm.plant(), -np.array(GAINS[preset, degrees]), x, u, ("link_position",))
     filter = made.filter(arm.plant(), x, "ukf", (DESIGNED, 1e-8))
-    return EquilibriumLoop(law, filter, arm.plant(inductance=True), 1e-3, goal)
+    return EquilibriumLoop(law, filter, arm.plant(inductance=True), 1e-3, goal, latency=0)
 
 
 def unstable(loop: EquilibriumLoop, arm: Robot, noise: np.ndarray) -> int:

@@ -139,9 +139,9 @@ def test_the_worst_corner_grows_as_the_traced_loop_there(
     made: SimpleNamespace, arm: Robot, cubic: HJISolution, delay: int
 ) -> None:
     """The batch against the traced step of the compiled loop; with a delay, against the linear loop of one plant."""
-    loop = loop_of(made, arm, cubic, delay=delay)
+    loop = loop_of(made, arm, cubic, delay=delay, latency=0)
     found = tolerance_corners(loop, arm.corner, arm.uncertain, ())
-    plain = loop_of(made, arm, cubic)
+    plain = loop_of(made, arm, cubic, latency=0)
     for k in (found.worst, int(np.argmin(found.designed.rates))):
         values = found.population.values[k]
         z = plain.modes([values]).equilibrium[0]

@@ -183,6 +183,7 @@ def test_ascent_climbs_and_the_loop_itself_is_judged(
     assert search.attained(d).gain > 1.05 * search.attained(start).gain
     assert search.runs.loop.controller.estimator is filter
     assert search.search_runs.loop.controller.estimator is not filter
+    assert (search.runs.loop.channel.delay, search.search_runs.loop.channel.delay) == (1, 0)
 
 
 def test_a_disturbance_too_large_diverges(arm: Robot) -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
-from flexhinf.baselines import GravityTorque
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Parameters, Plant
+from flexhinf.plant.joints import GravityTorque
 
 
 @pytest.mark.oracle

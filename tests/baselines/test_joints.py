@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
-from flexhinf.baselines import elastic_joints
 from flexhinf.errors import InvalidInput
 from flexhinf.plant import Plant
+from flexhinf.plant.joints import LinkCompliance, elastic_joints
 
 
 @pytest.mark.oracle
@@ -59,3 +59,29 @@ def test_other_plants_are_refused(made):
     )  # fmt: skip
     with pytest.raises(InvalidInput, match="coupled"):
         elastic_joints(plant, np.zeros(8), np.zeros(2))
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("name", ["quanser", "rig", "planar-two-link", "spatial-three-link", "seven-link"])
+def test_the_compliance_is_the_inverse_of_the_mass_matrix(made, name):
+    robot = made.robots[name]
+    plant, rng = robot.plant(), np.random.default_rng(4)
+    changed = plant.with_parameters(**robot.draw(rng))
+    compliance = LinkCompliance(plant)
+    for model in (plant, changed):
+        p = model.parameters.vector()
+        for q in rng.uniform(-3, 3, (3, len(robot.joint_names))):
+            m = np.linalg.inv(compliance.matrix(q, p))
+            x = np.concatenate([q, 0 * q, q, 0 * q])
+            a = model.linearise(x, np.zeros(len(q)))[0]
+            k = np.atleast_1d(model.parameters.values["stiffness"])
+            np.testing.assert_allclose(
+                m @ a[len(q) : 2 * len(q), 2 * len(q) : 3 * len(q)], np.diag(k), atol=1e-8
+            )
+    np.testing.assert_allclose(
+        np.linalg.inv(compliance.matrix(q, plant.parameters.vector())),
+        made.links_at(robot, q)[0],
+        rtol=1e-9,
+        atol=1e-10,
+    )
+    assert compliance.key == LinkCompliance(changed).key

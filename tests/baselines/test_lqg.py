@@ -63,7 +63,7 @@ def test_the_extended_filter_on_the_linear_plant_is_the_linear_filter(made):
 def test_the_sampled_loop_is_a_forced_response_of_python_control(made, name, pose):
     problem, linear, ekf, (f, c), _, gain = parts(made, name, pose)
     law = lqr(problem)
-    control_ = Controller(law, ConstantGainFilter(ekf, gain), H)
+    control_ = Controller(law, ConstantGainFilter(ekf, gain), H, latency=0)
     n, m, k = linear.n, len(linear.inputs), len(law.integrate)
     x0, u0 = law.equilibrium
     places = [linear.index(tracked) for tracked in law.integrate]

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from tests.refusals import refused_with
 
-from flexhinf.baselines import MotorPD, elastic_joints
+from flexhinf.baselines import MotorPD
 from flexhinf.errors import InvalidInput
 from flexhinf.loop import Controller, Loop
 from flexhinf.loop.shared import share
+from flexhinf.plant.joints import elastic_joints
 
 
 @pytest.mark.oracle

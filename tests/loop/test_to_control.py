@@ -103,7 +103,7 @@ def test_a_controller_answers_as_here() -> None:
 
 
 def test_what_has_no_form_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    with refused_with(InvalidInput, "python-control", "delay=2"):
+    with refused_with(InvalidInput, "python-control", "delay=3"):
         fh.Loop(ARM.plant(), controller(), delay=2e-3).to_control()
     with refused_with(InvalidInput, "continuous", "dt=0.1"):
         plant_from_control(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1))

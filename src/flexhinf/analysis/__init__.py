@@ -3,7 +3,7 @@
 Enter at `EquilibriumLoop`: one law, one estimator, one true plant, linearised where the sampled loop is in equilibrium.
 `margins`, `frequency_response` and `tolerance_corners` analyse it. `worst_disturbance` searches for a lower bound of
 the nonlinear loop's gain, and `dissipation_budget` accounts for what sampling, delay, estimator and limits use up of a
-level set along one run.
+level set along one run. `minimise` searches parameters for a criterion.
 
 The names are imported here and not on first use, because some functions are called like their files: a file that
 were imported later would replace the function.
@@ -42,6 +42,13 @@ from flexhinf.analysis.equilibrium_loop import (
 )
 from flexhinf.analysis.linear_loop import DiscreteSystem as DiscreteSystem, LinearLoop as LinearLoop
 from flexhinf.analysis.margins import FilteredLoop as FilteredLoop, Margins as Margins, margins as margins
+from flexhinf.analysis.optimiser import (
+    Candidate as Candidate,
+    Judgement as Judgement,
+    Optimum as Optimum,
+    excess as excess,
+    minimise as minimise,
+)
 from flexhinf.analysis.worst_disturbance import (
     Attained as Attained,
     DisturbanceSearch as DisturbanceSearch,

@@ -39,6 +39,7 @@ from flexhinf.analysis.corners import Corners, ParametersAt, Population, corner_
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Trajectory
+from flexhinf.loop.controller.options import checked_latency
 from flexhinf.plant import GeneralisedPlant, Law, Plant
 
 #: Deviations of a command or torque below this are none.
@@ -168,7 +169,7 @@ def budget_terms(
     period: float = 1e-3,
     level: float = np.inf,
     *,
-    latency: int = 0,
+    latency: int | None = None,
     delay: float | None = None,
     estimator: Any = None,
     saturation: Any = None,
@@ -184,6 +185,7 @@ def budget_terms(
     What does not fit is refused as by `dissipation_budget`.
     """
     rows: list[BudgetTerm] = []
+    latency = checked_latency(latency, estimator)
     late = latency * period + (delay or 0.0)
     added = {"sampling": True, "delay": late or delay, "estimator": estimator, "saturation": saturation}
     so_far: dict[str, Any] = {}

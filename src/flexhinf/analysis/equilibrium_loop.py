@@ -27,8 +27,15 @@ from flexhinf.analysis.sampled_controller import (
     solved,
 )
 from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter, stationary_gain
+from flexhinf.estimation import (
+    ConstantGainFilter,
+    ModalFilter,
+    OutputInjectionObserver,
+    RecursiveFilter,
+    stationary_gain,
+)
 from flexhinf.loop import Loop
+from flexhinf.loop.controller.options import checked_latency
 from flexhinf.loop.simulation.program import LONGEST_LINEAR, check_delay
 from flexhinf.plant import Law, Plant, equilibrium as plant_equilibrium
 from flexhinf.plant.plant import pose_values
@@ -51,7 +58,8 @@ class EquilibriumLoop:
     Parameters
     ----------
     filter : RecursiveFilter, ConstantGainFilter, OutputInjectionObserver or None
-        A Kalman filter is taken at its stationary gain at the goal. None feeds back the true state.
+        A Kalman filter is taken at its stationary gain at the goal, a ModalFilter at its gain there. None feeds
+        back the true state.
     true_plant : Plant
         May have more states than the law's plant (a coil); its parameters are given to `modes`.
     goal : float, (k,) array or mapping, optional
@@ -63,7 +71,7 @@ class EquilibriumLoop:
         `flexhinf.loop.Controller` with ``moving=True``.
     period, delay, latency : float, int, int
         s; whole samples between an input and its effect, of which the estimator does not know, and samples that it
-        knows, see `flexhinf.loop.Controller`. At most 200 together, which is the loop's `delay`.
+        knows, by default those of `flexhinf.loop.Controller`. At most 200 together, which is the loop's `delay`.
     positions : str or sequence of str, optional
         States that a command is for, in `linear`; the tracked ones by default.
 
@@ -81,7 +89,7 @@ class EquilibriumLoop:
         equilibrium: tuple[np.ndarray, np.ndarray] | None = None,
         moving: bool = False,
         delay: int = 0,
-        latency: int = 0,
+        latency: int | None = None,
         positions: str | Sequence[str] | None = None,
     ) -> None:
         if goal is not None and equilibrium is not None:
@@ -94,6 +102,7 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
+        latency = checked_latency(latency, filter)
         check_delay(delay + latency, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
         self.moving, self.delay = moving, delay + latency
@@ -119,13 +128,13 @@ class EquilibriumLoop:
                 )
             x, u = plant_equilibrium(self._model, law.tracked, pose_values(goal, law.tracked))
             self.model_equilibrium = x[[self._model.index(name) for name in self._states]], u
-        steady = (
-            ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
-            if self.tunable
-            else self.filter
-        )
-        self.step = SampledController(law, steady, period, moving, latency)
         x, u = self.model_equilibrium
+        steady = self.filter
+        if self.tunable:
+            steady = ConstantGainFilter(self.filter, self.gain(self.filter.process_noise))
+        elif isinstance(filter, ModalFilter):
+            steady = filter.at(x)
+        self.step = SampledController(law, steady, period, moving, latency)
         #: (x*, u*) of the law, or of the goal it moves with.
         self.centre = np.concatenate([x, law.operating_point[len(x) :], u]) if moving else self.step.centre
         #: Wanted values of the tracked states, (k,).

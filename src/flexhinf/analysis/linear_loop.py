@@ -25,6 +25,9 @@ GONE, BRIEF = 1e-12, float(np.exp(-0.5))
 #: A mode of the queue is an echo, not an oscillation, if less than this fraction of it is left after one delay.
 ECHO = 0.1
 
+#: An oscillation slower than this in |Im s|, rad/s, is a drift that integral action takes back.
+DRIFTING = 2.0
+
 #: Points of a sweep for each turn of a delay.
 PER_TURN = 12
 
@@ -119,11 +122,25 @@ class DiscreteSystem:
         Modes that fall below 1/e within two samples are left out: at the sampling rate they are no oscillations. So
         are echoes of a queue (`modes`). A loop that does not oscillate has the ratio 1, a growing mode a negative one.
         """
-        lasting = self.poles[np.real(self.poles) > -1.0 / (LASTING * self.period)]
+        lasting = self._lasting
         if not len(lasting):
             return 1.0, np.nan
         ratios = damping_ratio(lasting)
         return float(ratios.min()), float(np.abs(lasting)[ratios.argmin()])
+
+    def damping_about(self, limit: float) -> tuple[float, float]:
+        """Smallest damping ratio of the oscillations with |s| below a limit, rad/s, and of the faster ones.
+
+        Modes are those of `damping`. Below the limit one counts if |Im s| > `DRIFTING`, or if it grows.
+        """
+        lasting = self._lasting
+        ratios, fast = damping_ratio(lasting), np.abs(lasting) >= limit
+        slow = ~fast & ((np.abs(np.imag(lasting)) > DRIFTING) | (ratios < 0.0))
+        return float(ratios[slow].min(initial=1.0)), float(ratios[fast].min(initial=1.0))
+
+    @property
+    def _lasting(self) -> np.ndarray:
+        return self.poles[np.real(self.poles) > -1.0 / (LASTING * self.period)]
 
     def changed(self, **matrices: np.ndarray) -> DiscreteSystem:
         """The system with other `b`, `c` or `d`; the modes of a are not computed again."""

@@ -135,6 +135,9 @@ REFINED_UP_TO = 1.2
 #: Relative accuracy of what is refined on a grid that is given.
 ROUGH = 1e-5
 
+#: Accuracy of `Margins.delay_margin_within`, relative to the largest delay that matters.
+COARSE = 0.005
+
 #: |Im k|/|k| below which a factor is real, in multiples of the accuracy; more is a jump of k between two frequencies.
 REAL = 100.0
 
@@ -301,6 +304,23 @@ class Margins:
         "Frequency at which the loop then oscillates, rad/s.",
     )
 
+    def delay_margin_within(self, most: float) -> float:
+        """The delay margin, s, or `most` where it is larger: for searches, by the poles of the loop with that delay.
+
+        Where it is unstable, the edge is bisected to `COARSE`; a shorter delay that alone is unstable is not seen.
+        """
+
+        def stable(extra: float) -> bool:
+            return self.linear.system(self.linear.delay + extra).stable
+
+        low, high = 0.0, most
+        if not self.stable or stable(most):
+            return most if self.stable else 0.0
+        while high - low > COARSE * most:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if stable(middle) else (low, middle)
+        return low
+
     # Noise ------------------------------------------------------------------------------------------------
     @cached_property
     def noise_to_input(self) -> np.ndarray:
@@ -362,6 +382,10 @@ class Margins:
         "`DiscreteSystem.damping`; negative for an unstable loop.",
         "|s| of that oscillation, rad/s.",
     )
+
+    def damping_about(self, limit: float) -> tuple[float, float]:
+        """Smallest damping ratio of slow oscillations and of fast ones, see `DiscreteSystem.damping_about`."""
+        return self.linear.closed_loop.damping_about(limit)
 
 
 def margins(

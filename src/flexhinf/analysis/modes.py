@@ -170,6 +170,7 @@ class JointScales:
     per_input: np.ndarray  # (n,), torque per unit of input
     antiresonance: float  # lowest frequency at which the links vibrate while the motors are held, rad/s
     layout: Layout  # which joints have a spring
+    unit: float | np.ndarray = 1.0  # (n,), in which each input is weighed, V or N·m
 
     @staticmethod
     def of(plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]) -> JointScales:
@@ -224,11 +225,11 @@ class JointScales:
         `target_frequency` (n,) is ω, rad/s, `damping` is ζ of all joints or of each; 0 leaves the rates of the springs'
         torques free.
         """
-        position = self.input_per_position(target_frequency)
+        position = self.input_per_position(target_frequency) / self.unit
         velocity = VELOCITY_WEIGHT * position / target_frequency
         elastic, both = self.layout.elastic, np.ones(len(velocity))
         both[list(self.layout.rigid)] = np.sqrt(2.0)
-        motors, per_input = self.motor_inertia[elastic], self.per_input[elastic]
+        motors, per_input = self.motor_inertia[elastic], (self.per_input * self.unit)[elastic]
         ratio = np.broadcast_to(damping, len(velocity))[elastic]
         twist_rate = 2.0 * ratio * self.vibration[elastic] * motors / per_input
         return {
@@ -253,8 +254,13 @@ class JointScales:
         rows[own[2], n + np.array(self.layout.elastic)], rows[own[2], own[3]] = -rate, rate
         return rows[np.any(rows != 0.0, axis=1)]
 
+    @property
+    def r2(self) -> np.ndarray:
+        """R2 (n, n): the squares of the inputs in their units."""
+        return np.diag(np.broadcast_to(1.0 / np.square(self.unit), self.layout.n))
+
     def penalty(self, target_frequency: np.ndarray, damping: float | np.ndarray) -> Penalty:
-        """Penalty of the robot with these weights and R2 = 1."""
+        """Penalty of the robot with these weights, its inputs in their units."""
         weights = self.weights(np.asarray(target_frequency, dtype=float), damping)
         named = {name: w.tolist() if len(w) > 1 else float(w[0]) for name, w in weights.items() if np.any(w)}
-        return Penalty(named, 1.0)
+        return Penalty(named, 1.0 / np.square(self.unit))

@@ -348,11 +348,11 @@ class SampledController:
     """
 
     def __init__(
-        self, law: Law, estimator: Any, period: float, moving: bool = False, latency: int = 0
+        self, law: Law, estimator: Any, period: float, moving: bool = False, latency: int | None = None
     ) -> None:
         self.law, self.estimator, self.period, self.moving = law, estimator, period, moving
-        self.latency = latency
         control = self.controller = Controller(law, estimator, period, moving=moving, latency=latency)
+        latency = self.latency = control.mode.latency
         self.states, self.tracked, self.measured = control.states, control.tracked, control.measured
         self.n, self.m = len(self.states), len(law.input_names)
         self.k, self.p = len(self.tracked), len(self.measured)

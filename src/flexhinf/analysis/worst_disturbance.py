@@ -36,6 +36,7 @@ from flexhinf.analysis.search import climb
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller, Loop, Samples, Trajectory
+from flexhinf.loop.controller.options import checked_latency
 from flexhinf.plant import GeneralisedPlant, Law
 from flexhinf.scalars import trace
 
@@ -68,13 +69,14 @@ class DisturbanceRuns:
     """Runs of a law's loop under the disturbances of its problem, held between samples; Eq. (3) as a run.
 
     The problem's penalty is z, its disturbances are d: commands (as deviations from the operating point's) first.
-    Without an estimator the true state is fed back; period and horizon are in s. A law and a problem of other states
-    are refused.
+    Without an estimator the true state is fed back; period and horizon are in s, the latency is as of
+    `flexhinf.loop.Controller`. A law and a problem of other states are refused.
     """
 
     def __init__(
-        self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float
-    ) -> None:
+        self, problem: GeneralisedPlant, law: Law, estimator: Any, period: float, horizon: float,
+        latency: int | None = None,
+    ) -> None:  # fmt: skip
         refuse_if(
             tuple(law.state_names) != tuple(problem.state_names),
             "The law was not made for the problem's states.",
@@ -82,7 +84,7 @@ class DisturbanceRuns:
             "the same integrals",
         )
         self.problem, self.law, self.period, self.horizon = problem, law, period, horizon
-        self.loop = Loop(problem.plant, Controller(law, estimator, period, latency=0))
+        self.loop = Loop(problem.plant, Controller(law, estimator, period, latency=latency))
         self.times = np.arange(round(horizon / period) + 1) * period
         self.commands = len(problem.integrate) if problem.command else 0
         self.channels = len(problem.disturbance_names)
@@ -168,8 +170,9 @@ class DisturbanceRuns:
 
     @cached_property
     def equilibrium_loop(self) -> EquilibriumLoop:
-        """The loop in equilibrium at the operating point, an estimator at its stationary gain."""
-        return EquilibriumLoop(self.law, self.loop.controller.estimator, self.problem.plant, self.period)
+        """The loop in equilibrium at the operating point, an estimator at its stationary gain; no input waits."""
+        estimator = self.loop.controller.estimator
+        return EquilibriumLoop(self.law, estimator, self.problem.plant, self.period, latency=0)
 
 
 #: Samples whose derivatives are held in memory at a time.
@@ -291,8 +294,8 @@ FACTOR, ROUNDS = 1.5, 12
 class DisturbanceSearch:
     """Ascent on ∫|z|²/∫|d|²; arguments as of `DisturbanceRuns`.
 
-    A Kalman filter is taken at its stationary gain in the search. The search's period is 10 ms, or the loop's where
-    that is longer; with an estimator always the loop's.
+    In the search a Kalman filter is taken at its stationary gain, and no input waits; what is found runs in the loop
+    itself. The search's period is 10 ms, or the loop's where that is longer; with an estimator always the loop's.
     """
 
     def __init__(
@@ -303,6 +306,7 @@ class DisturbanceSearch:
         period: float = 1e-3,
         horizon: float = 20.0,
         search_period: float | None = None,
+        latency: int | None = None,
     ) -> None:
         if estimator is not None and search_period not in (None, period):
             raise InvalidInput(
@@ -315,9 +319,12 @@ class DisturbanceSearch:
             search_period = period
             steady = EquilibriumLoop(law, estimator, problem.plant, period).step.estimator
         search_period = max(period, SEARCH_PERIOD) if search_period is None else search_period
-        self.search_runs = DisturbanceRuns(problem, law, steady, search_period, horizon)
-        same = estimator is steady and search_period == period
-        self.runs = self.search_runs if same else DisturbanceRuns(problem, law, estimator, period, horizon)
+        self.search_runs = DisturbanceRuns(problem, law, steady, search_period, horizon, 0)
+        late = checked_latency(latency, estimator)
+        same = estimator is steady and search_period == period and not late
+        self.runs = (
+            self.search_runs if same else DisturbanceRuns(problem, law, estimator, period, horizon, late)
+        )
 
     def attained(self, d: np.ndarray, solution: HJISolution | None = None) -> Attained:
         """Of samples (N, k) at the search's period, run by the loop itself, with V of the law or of a solution."""
@@ -384,6 +391,7 @@ def worst_disturbance(
     starts: int = 2,
     seed: int = 0,
     search_period: float | None = None,
+    latency: int | None = None,
 ) -> Attained:
     """The worst disturbance found, of a given energy or with the state inside {V ≤ level}: that of the largest gain,
     which is infinite if the loop diverged under a disturbance of this energy.
@@ -407,7 +415,7 @@ def worst_disturbance(
         f"got level={level!r} and {type(law).__name__}",
         "energy=…",
     )
-    search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period)
+    search = DisturbanceSearch(problem, law, estimator, period, horizon, search_period, latency)
     first = [search.small()[1], *(search.random(seed + k) for k in range(starts - 1))]
     attained = (
         ascend_inside(search, start, level, turns, law)

@@ -1,4 +1,4 @@
-"""Standard laws to compare with, each behind `flexhinf.plant.Law`, and one way to tune them alike: `tune`.
+"""Standard laws to compare with, each behind `flexhinf.plant.Law`; `flexhinf.analysis.minimise` tunes them alike.
 
 ============================  ==================================================================================
 law                           when to choose it

@@ -2,9 +2,7 @@
 
 from .equilibrium_law import (
     GravityCompensatedLQR as GravityCompensatedLQR,
-    GravityTorque as GravityTorque,
     LinearQuadratic as LinearQuadratic,
-    elastic_joints as elastic_joints,
     lqr as lqr,
     lqr_gain as lqr_gain,
 )
@@ -13,11 +11,4 @@ from .placed_laws import (
     MotorPD as MotorPD,
     NormalForm as NormalForm,
     TorqueFeedback as TorqueFeedback,
-)
-from .tuning import (
-    Candidate as Candidate,
-    Judgement as Judgement,
-    Tuning as Tuning,
-    excess as excess,
-    tune as tune,
 )

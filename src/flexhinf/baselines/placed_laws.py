@@ -59,15 +59,10 @@ from typing import Any, Self, cast
 import casadi as ca
 import numpy as np
 
-from flexhinf.baselines.equilibrium_law import (
-    INTEGRAL_RATE,
-    GravityTorque,
-    PlacedLaw,
-    elastic_joints,
-    equilibrium_of,
-)
+from flexhinf.baselines.equilibrium_law import INTEGRAL_RATE, PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant import GeneralisedPlant, Plant
+from flexhinf.plant.joints import GravityTorque, elastic_joints
 from flexhinf.scalars import apply, digest
 from flexhinf.scalars.trace import linear
 from flexhinf.validation import checked_positive, real_array

@@ -234,7 +234,7 @@ def test_a_class_that_overrides_an_update_alone_is_one_piece(made, routes):
 )
 def test_seven_links_composed_equal_the_text_on_floats(seven, kind):
     solution, estimator, point, _ = seven
-    composed = Controller(solution, estimator(kind), 2e-4)
+    composed = Controller(solution, estimator(kind), 2e-4, latency=0)
     assert composed.composed
     assert composed.law_code.table is not None
     assert composed.estimator.sub_steps == 1

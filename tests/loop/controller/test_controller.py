@@ -17,7 +17,7 @@ def controller(made):
 @pytest.mark.oracle
 @pytest.mark.parametrize("estimated", [True, False])
 def test_the_compiled_step_equals_the_same_text_on_floats(made, estimated):
-    controller = Controller(made.law, made.ukf() if estimated else None, saturation=6.0)
+    controller = Controller(made.law, made.ukf() if estimated else None, saturation=6.0, latency=0)
     rng = np.random.default_rng(0)
     memory, data = controller.initial_memory(), controller.data_vector
     for k in range(60):

@@ -15,6 +15,7 @@ from tests.interpreter import interpret
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
+from flexhinf.design.specification import Specification
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import (
     ConstantGainFilter,
@@ -215,6 +216,16 @@ def test_the_loop_in_python_control_has_the_queue(latency: int) -> None:
 def test_what_is_no_latency_is_refused(latency: object) -> None:
     with pytest.raises(InvalidInput, match=r"(?s)latency.* 0 to 10.*latency=1"):
         Controller(Gains(), estimator(), PERIOD, latency=latency)  # type: ignore[arg-type]
+
+
+def test_one_sample_is_the_default_where_something_predicts() -> None:
+    """Of a controller, its linear loop and a specification; what is stated wins."""
+    for made, samples in ((kalman(), 1), (None, 0)):
+        assert Controller(Gains(), made, PERIOD).mode.latency == samples
+        assert EquilibriumLoop(Gains(), made, plant(), PERIOD).delay == samples
+        assert Specification(estimator="none" if made is None else "ukf").known_latency == samples
+    assert Controller(Gains(), kalman(), PERIOD, latency=0).mode.latency == 0
+    assert Specification(latency=0).known_latency == 0
 
 
 def test_without_an_estimator_nothing_predicts() -> None:

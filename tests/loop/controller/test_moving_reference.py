@@ -72,7 +72,9 @@ def test_output_feedback_integrates_the_error_of_the_measurement(made):
     plant, law = made.two_inputs()
     plant = replace(plant, outputs=("a", "b"))
     ukf = UnscentedKalmanFilter(plant, H, 1e-4, 1e-4, np.zeros(4), 1e-2)
-    run = Loop(plant, Controller(law, ukf, H, 3.0, moving=True)).run(commands, noise=1e-2, duration=2.0)
+    run = Loop(plant, Controller(law, ukf, H, 3.0, moving=True, latency=0)).run(
+        commands, noise=1e-2, duration=2.0
+    )
     s = run.signals
     inputs = plain_law(law.gain, s["estimate"], s["output"][:, 0], s["reference"], 3.0)
     np.testing.assert_allclose(s["input"], inputs, atol=1e-11)
@@ -151,7 +153,7 @@ def test_a_law_without_integrals_follows_but_tracks_nothing(made):
     plants = plant, replace(plant, outputs=("b", "a"), output=lambda x, u, p: np.array([x[2], x[0]]))
     ukfs = [UnscentedKalmanFilter(p, H, 1e-4, 1e-6, np.zeros(4), 1e-2) for p in plants]
     for estimator, true, name in ((ukfs[0], plants[0], "a"), (ukfs[1], plants[1], "b"), (None, plant, "a")):
-        run = Loop(true, Controller(law, estimator, H, moving=True)).run(commands, duration=8.0)
+        run = Loop(true, Controller(law, estimator, H, moving=True, latency=0)).run(commands, duration=8.0)
         expected = (
             run.signals["reference"][:, 4:]
             + (run.signals["estimate"] - commands(run.time)[:, :4]) @ law.gain.T

@@ -64,7 +64,9 @@ def test_the_reference_of_the_sample_reaches_the_law(monkeypatch, threshold, est
     monkeypatch.setattr(controller, "ONE_TRACE", threshold)
     law = Cubed()
     ukf = UnscentedKalmanFilter(plant(), H, 1e-4, 1e-4, [0.5], 1e-2) if estimated else None
-    run = Loop(plant(), Controller(law, ukf, H, moving=True)).run(commands, duration=2.0, initial_state=[0.2])
+    run = Loop(plant(), Controller(law, ukf, H, moving=True, latency=0)).run(
+        commands, duration=2.0, initial_state=[0.2]
+    )
     s, integral, before = run.signals, 0.0, None
     used = s["estimate"] if estimated else s["state"]
     for x, position, r, u in zip(used[:, 0], s["state"][:, 0], s["reference"], s["input"]):

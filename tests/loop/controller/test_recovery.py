@@ -53,7 +53,7 @@ def test_without_a_measurement_the_estimate_is_predicted(made, monkeypatch, kind
         monkeypatch.setattr(controller_file, "ONE_TRACE", -1)
     estimator = arm_filter(kind)
     estimator.initial = estimator.initial_at([0.3, 0.1, 0.25, -0.1])
-    controller = Controller(made.law, estimator)
+    controller = Controller(made.law, estimator, latency=0)
     belief, parameters = estimator.initial, estimator.plant.parameters
     integral, before = 0.0, None
     named = parameters.named(parameters.vector())

@@ -94,7 +94,7 @@ def followed_by_states(control, run):
 @pytest.mark.parametrize("moving", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_the_input_of_the_arm_does_not_jump(made, cubic, moving):
     """Three cubic laws from hanging to upright and back, with filter, coil and noise."""
-    control = Controller(Schedule(cubic), made.ukf(), moving=moving)
+    control = Controller(Schedule(cubic), made.ukf(), moving=moving, latency=0)
     swing = Sine(np.pi / 2, 0.1, offset=np.pi / 2, phase=-np.pi / 2)
     goal = {"link_position": swing, "motor_position": swing} if moving else swing
     run = Loop(paper_arm().plant(inductance=True), control).run(goal, noise=1e-4, duration=10.0)

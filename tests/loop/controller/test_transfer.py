@@ -167,7 +167,7 @@ def test_seven_links(seven):
     x[:7] += 0.3 * rng.normal(size=7)
     x[14:21] = x[:7] + 0.01 * rng.normal(size=7)
     for filter in (None, estimator(period=2e-4)):
-        control = Controller(solution, filter, 2e-4, start="bumpless")
+        control = Controller(solution, filter, 2e-4, start="bumpless", latency=0)
         assert control.composed
         assert control.law_code.table is not None
         last = rest + 20.0 * rng.normal(size=7)
@@ -228,15 +228,18 @@ def test_a_black_box_and_a_late_input_run_the_same(made):
 
 
 def test_a_start_from_zero_costs_nothing(made):
-    plain, zero = Controller(made.law, made.ukf()), Controller(made.law, made.ukf(), start="zero")
+    plain, zero = (
+        Controller(made.law, made.ukf(), latency=0),
+        Controller(made.law, made.ukf(), start="zero", latency=0),
+    )
     assert plain.traced() is zero.traced()
     assert set(plain.memory.parts) == {"belief", "u", "integral", "position", "reference", "started"}
     assert "inverse_slope" not in plain.data.parts
-    bumpless = Controller(made.law, made.ukf(), start="bumpless")
+    bumpless = Controller(made.law, made.ukf(), start="bumpless", latency=0)
     assert bumpless.code_key != plain.code_key
     assert bumpless.fresh().code_key == bumpless.code_key
     assert bumpless.fresh().blend_time == transfer.BLEND_TIME
-    faster = Controller(made.law, made.ukf(), start="bumpless", blend_time=0.1)
+    faster = Controller(made.law, made.ukf(), start="bumpless", blend_time=0.1, latency=0)
     assert faster.code_key == bumpless.code_key
     assert faster.fresh().blend_time == 0.1
 

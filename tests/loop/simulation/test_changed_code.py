@@ -50,7 +50,7 @@ def built(plant):
     problem = plant.with_objective({"a": 3.0, "da": 1.0}, disturbances=("push",))
     solution = fh.solve_hji(problem, gamma=2.0 * fh.smallest_gamma(problem), degree=4)
     ukf = fh.UnscentedKalmanFilter(plant, 0.01, 1e-6, 1e-6, np.zeros(2), 1e-4)
-    return fh.Loop(plant, fh.Controller(solution, ukf, period=0.01))
+    return fh.Loop(plant, fh.Controller(solution, ukf, period=0.01, latency=0))
 
 
 def run_of(plant):

@@ -53,7 +53,7 @@ def test_measurements_lie_on_the_grid(made):
 
 @pytest.mark.parametrize("samples", [1, 3])
 def test_a_delayed_input_acts_later(made, samples):
-    late = Loop(paper_arm().plant(), Controller(made.law, made.ukf()), delay=samples * 1e-3)
+    late = Loop(paper_arm().plant(), Controller(made.law, made.ukf(), latency=0), delay=samples * 1e-3)
     run = late.run(Step(1.0), duration=0.5)
     plant, x = paper_arm().plant(), np.zeros(4)
     from flexhinf.plant import rk4_step

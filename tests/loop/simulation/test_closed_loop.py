@@ -88,7 +88,7 @@ def plain_loop(gain, reference, torque, noise, steps, parts, coil, saturation=np
 @pytest.mark.parametrize("coil", [False, True])
 def test_the_compiled_loop_equals_a_plain_one_over_10_000_steps(made, coil):
     plant = paper_arm().plant(inductance=coil)
-    loop = Loop(plant, Controller(made.law, made.ukf(), saturation=25.0))
+    loop = Loop(plant, Controller(made.law, made.ukf(), saturation=25.0, latency=0))
     disturbance = {"link_torque": Sine(2.0, 0.7), "motor_torque": Sine(1.0, 3.0, phase=1.0)}
     run = loop.run(Quintic(0.0, np.pi, 2.0), disturbance, noise=1e-3, duration=9.999, seed=7)
     states, inputs, estimates = plain_loop(
@@ -110,7 +110,7 @@ def test_the_true_plant_equals_solve_ivp(made, coil, period, duration):
     """The inputs of a run, held between samples, and the torques as functions of time, through DOP853."""
     start = round(0.3 * duration / period) * period
     step, wave = Step(3.0, at=start), Sine(2.0, 1.3)
-    loop = Loop(paper_arm().plant(inductance=coil), Controller(made.law, made.ukf(period), period))
+    loop = Loop(paper_arm().plant(inductance=coil), Controller(made.law, made.ukf(period), period, latency=0))
     run = loop.run(1.5, {"link_torque": step, "motor_torque": wave}, 1e-3, duration, [0.4, 0.0, 0.4, 0.0])
     x, worst = run.signals["state"][0], 0.0
     for k, u in enumerate(run.signals["input"][:-1, 0]):
@@ -150,7 +150,9 @@ def test_the_controller_by_hand_equals_the_loop_exactly(made, kind):
 @pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 def test_the_estimator_by_hand_equals_the_loop(made, kind):
     estimator = kind(paper_arm().plant(), 1e-3, 1e-8, 1e-6, np.zeros(4), 1e-4)
-    run = Loop(paper_arm().plant(), Controller(made.law, estimator)).run(1.0, noise=1e-3, duration=0.3)
+    run = Loop(paper_arm().plant(), Controller(made.law, estimator, latency=0)).run(
+        1.0, noise=1e-3, duration=0.3
+    )
     for y, u, estimate in zip(*(run.signals[name] for name in ("output", "input", "estimate"))):
         estimator.correct(y)
         np.testing.assert_allclose(estimator.mean, estimate, atol=1e-11)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flexhinf.loop.simulation.metrics import FITS, VISIBLE, ring_down
+from flexhinf.loop.simulation.ring_down import FITS, VISIBLE, ring_down
 
 PERIOD = 1e-3
 

@@ -203,7 +203,7 @@ def test_what_a_notebook_shows(run, made):
         assert len(repr(shown)) < 600
         assert "<table" in shown._repr_html_()
     assert "saturation: -14 to 14" in repr(controller)
-    assert "2 samples" in repr(loop)
+    assert "3 samples" in repr(loop)  # with that of the latency
 
 
 def test_a_diverged_run_is_shown_with_its_message(made):

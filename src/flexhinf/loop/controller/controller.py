@@ -21,10 +21,13 @@ from flexhinf.loop.controller.options import (
     Windup,
     check_names,
     checked_latency,
+    checked_offset_time,
     checked_period,
     command_limits,
     dead_zone,
 )
+from flexhinf.loop.controller.standstill import standstill_memory
+from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import (
     BLEND_TIME,
     STEPS,
@@ -59,7 +62,8 @@ class Controller(Summarised):
     solution : Law or Schedule
         A solution of `solve_hji` or any other law; or several, see `Schedule`.
     estimator : Estimator or None
-        None feeds back the true state: `step` then takes the state of the plant that the law was made for.
+        None feeds back the true state: `step` then takes the state of the plant that the law was made for, and the
+        input acts at once.
     period : float
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
@@ -92,10 +96,17 @@ class Controller(Summarised):
     before_first : {"hold", "zero"} or (m,) array
         The input until the first good measurement, from which the first output continues: the one that holds the robot
         at the initial estimate (by its model; without one the operating input), zero, or these numbers.
-    latency : int
+    latency : int, optional
         Samples between a measurement and the effect of the input computed from it, 0 to 10: u(k) acts from
         t_k + latency·period on. The estimator predicts the state at that instant from the inputs that wait, and the law
-        reads the prediction; so a latency needs an estimator. With `moving`, the command is that of the same instant.
+        reads the prediction. By default 1; without an estimator nothing predicts, and it is 0. With `moving`, the
+        command is that of the same instant.
+    supervision : Supervision, optional
+        What the controller watches and how it reacts, see `status`; by default nothing.
+    offset_time : float, optional
+        s. The first good measurement is taken for that of the state at which the controller starts, whatever the
+        offsets of the encoders; the difference decays with this time constant instead of acting at once. It needs an
+        estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
 
@@ -122,7 +133,9 @@ class Controller(Summarised):
         input_rate: Any = None,
         integral_dead_zone: Any = None,
         before_first: Any = "hold",
-        latency: int = 0,
+        latency: int | None = None,
+        supervision: Supervision | None = None,
+        offset_time: float | None = None,
         windup: Windup | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
@@ -134,7 +147,9 @@ class Controller(Summarised):
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         check_names(solution, estimator, self.period)
-        self._windup_option = windup
+        self.supervision, self._windup_option = supervision, windup
+        self._watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
+        self.offset_time = checked_offset_time(offset_time, estimator)
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
@@ -142,7 +157,8 @@ class Controller(Summarised):
             bool(np.isfinite([command.lower, command.upper, command.rate]).any()),
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
-            checked_latency(latency, estimator),
+            checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
+            offset_time is not None,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         if blend_time is not None and not self.mode.takes_over:
@@ -193,6 +209,8 @@ class Controller(Summarised):
             **({"command_range": (command.lower, command.upper), "command_rate": command.rate}
                if mode.limits_command else {}),
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
+            **({"supervision": self.supervision} if self.supervision else {}),
+            **({"offset_time": self.offset_time} if mode.has_offset else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
         }  # fmt: skip
 
@@ -248,6 +266,8 @@ class Controller(Summarised):
             ) if mode.limits_command else "",
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
+            "workspace": "" if self.supervision is None else self.supervision.text,
+            "offsets": f"decay with {self.offset_time:g} s" if mode.has_offset else "",
             "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
         }  # fmt: skip
         return {name: fact for name, fact in facts.items() if fact}
@@ -305,6 +325,9 @@ class Controller(Summarised):
         if mode.limits_command:
             lower, upper = command.lower, command.upper
             values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
+        values |= self._watched
+        if self.offset_time is not None:
+            values["offset_decay"] = [np.exp(-self.period / self.offset_time)]
         if mode.has_dead_zone:
             values["integral_dead_zone"] = self.integral_dead_zone
         if mode.bounds_windup:
@@ -328,8 +351,12 @@ class Controller(Summarised):
         """The input (m,) before the first sample: `input` if it fits, or by `before_first` for a start `state` (n,)."""
         return self.first_input.at(input, state)
 
-    def initial_memory(self, state: Any = None, input: Any = None) -> np.ndarray:
+    def initial_memory(self, state: Any = None, input: Any = None, pose: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
+        if pose is not None:
+            x, u, own = standstill_memory(self.law, self.estimator, self.limits, self.mode.moving, pose)
+            start = self._initial_values(x if self.estimator else None, u if input is None else input)
+            return self.memory.flat(start | own)
         if state is not None and self.estimator is None:
             raise InvalidInput(
                 "There is no estimate to set: this controller feeds back the true state.",
@@ -348,7 +375,9 @@ class Controller(Summarised):
             **belief, "u": u, "integral": zeros, "position": zeros, "reference": self.operating_reference,
             "started": np.zeros(1), **({"bias": np.zeros(len(u))} if mode.takes_over else {}),
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
-            **({"command": zeros} if mode.limits_command else {}),
+            **({"command": zeros} if mode.changes_command else {}),
+            **first_counters(len(u), mode.reactions),
+            **({"offset": np.zeros(len(self.measured))} if mode.has_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
         }  # fmt: skip
@@ -371,14 +400,10 @@ class Controller(Summarised):
         """Key of the compiled code: equal for controllers that differ in data alone."""
         law, e = self.laws[0], self.estimator
         return (
-            "controller",
-            type(law),
-            law.law_key,
-            (tuple(law.state_names), tuple(law.input_names)),
+            "controller", type(law), law.law_key, (tuple(law.state_names), tuple(law.input_names)),
             (self.composed, self.memory.size, self.data.size),
-            None if e is None else (type(e), e.estimator_key, e.plant.code_key),
-            self.mode,
-        )
+            None if e is None else (type(e), e.estimator_key, e.plant.code_key), self.mode,
+        )  # fmt: skip
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
         y = y if len(y) else None
@@ -436,13 +461,9 @@ class Controller(Summarised):
     def _bound(self, measured: bool) -> Bound:
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._history
         arrays = {
-            **({"y": y} if measured else {}),
-            "r": now.reference,
-            "data": self.data_vector.copy(),
-            "memory": now.memory,
-            "u": u,
-            "estimate": now.estimate,
-        }
+            **({"y": y} if measured else {}), "r": now.reference, "data": self.data_vector.copy(),
+            "memory": now.memory, "u": u, "estimate": now.estimate,
+        }  # fmt: skip
         sizes = {name: array.size for name, array in arrays.items()}
         kernel = share(
             ("step", measured, self.code_key),
@@ -524,8 +545,22 @@ class Controller(Summarised):
         """Integrals of the tracking errors after the last step, (k,)."""
         return self._history.memory[self.memory.places["integral"]].copy()
 
-    def reset(self, state: Any = None, input: Any = None) -> None:
+    @property
+    def status(self) -> Status:
+        """What the last good sample says, see `Supervision`; nothing without one."""
+        return status_of(self._history.memory[self.memory.places["status"]] if self.mode.reactions else ())
+
+    @property
+    def path_rate(self) -> float:
+        """By which fraction of a period the time along a path advances to the next command: 1 but for braking."""
+        return float(self._history.memory[self.memory.places["stop"]][2]) if self.mode.reacts else 1.0
+
+    def reset(self, state: Any = None, input: Any = None, *, pose: Any = None) -> None:
         """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
+
+        With `pose` (k,), the tracked positions in place of the state, the controller starts at rest anywhere: belief
+        and input are those of the model's equilibrium there, the command is the pose until there is another, and
+        integrals are such that the first input is this one.
 
         The input before the first sample is `input` (m,), by default the one that holds the robot where it starts, or
         zero with ``before_first="zero"``, see `Controller`: it is the output until there is a good measurement, the
@@ -534,23 +569,21 @@ class Controller(Summarised):
         Raises
         ------
         InvalidInput
-            If state or input do not fit, or there is no estimator that could take the state.
+            If state, input or pose do not fit, there is no estimator that could take the state, or the controller
+            cannot hold the pose.
+        NumericalFailure
+            If the model has no equilibrium at the pose.
         ControllerInUse
             If another thread is inside a step of this controller.
         """
         if self._ready is None:
             raise ControllerInUse
-        self._history.begin(self.initial_memory(state, input))
+        self._history.begin(self.initial_memory(state, input, pose))
 
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        arguments = {
-            "solution": self.law,
-            "estimator": self.estimator,
-            "period": self.period,
-            **self._options,
-        }
-        return {"arguments": arguments, "remembered": copy.deepcopy(vars(self._history))}
+        arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
+        return {"arguments": arguments | self._options, "remembered": copy.deepcopy(vars(self._history))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
@@ -558,7 +591,8 @@ class Controller(Summarised):
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:
-    """A controller from a file of `Controller.save`, at its start: its steps are the same, bit by bit.
+    """A controller from a file of `Controller.save`, or from the folder of a report, at its start: its steps are the
+    same, bit by bit.
 
     An InvalidInput says that the file is not there, is no such file, is damaged, or is of another version.
     """

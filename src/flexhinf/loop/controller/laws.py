@@ -22,6 +22,7 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import read_arrays, write_arrays
 from flexhinf.loop.controller.options import Windup
+from flexhinf.loop.controller.status import Supervision
 from flexhinf.plant import Estimator, Law, ParameterTable, Plant, StoredCode
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
@@ -262,6 +263,8 @@ def write_controller(
             arrays |= dict(zip(PAIRS[name], option))
         elif isinstance(option, Windup):
             arrays |= _prefixed(f"{name}.", vars(option))
+        elif isinstance(option, Supervision):
+            plain[name] = option.settings()
         elif isinstance(option, np.ndarray):
             arrays[name] = option
         elif (name, option) not in UNWRITTEN:
@@ -278,6 +281,7 @@ def write_controller(
 def read_controller(path: str | os.PathLike[str], make: Callable[..., Any]) -> Any:
     """Call `make` (the class `Controller`) with the arguments in a file; see `load_controller`."""
     place = checked_path("The controller's file", path)
+    place = place / "controller" if os.path.isdir(place) else place
     try:
         arrays, whole = read_arrays(place)
         if not whole:
@@ -320,7 +324,10 @@ def _arguments(header: dict[str, Any], arrays: dict[str, Any]) -> dict[str, Any]
         **{name: tuple(arrays[end] for end in ends) for name, ends in PAIRS.items() if ends[0] in arrays},
         **({"windup": Windup(**_below("windup.", arrays))} if "windup.limit" in arrays else {}),
         "latency": 0,
-        **{str(names.get(name, name)): option for name, option in header["options"].items()},
+        **{
+            str(names.get(name, name)): Supervision(**option) if name == "supervision" else option
+            for name, option in header["options"].items()
+        },
     }
 
 

@@ -60,9 +60,15 @@ def checked_period(value: Any) -> float:
 #: Longest latency that an estimator predicts over, samples: each beyond the first costs a step one more time update.
 LONGEST_LATENCY = 10
 
+#: Latency of a controller with an estimator that states none, samples: an input is written when the next sample begins.
+LATENCY = 1
 
-def checked_latency(value: Any, estimator: Estimator | None) -> int:
-    """Samples between a measurement and the effect of its input; what is none, or needs an estimator, is refused."""
+
+def checked_latency(value: Any, estimator: Any) -> int:
+    """Samples between a measurement and the effect of its input; by default (None) `LATENCY`, or 0 without an
+    estimator. What is no latency, or needs an estimator, is refused."""
+    if value is None:
+        return 0 if estimator is None else LATENCY
     samples = real_number(value)
     most = 0 if estimator is None else LONGEST_LATENCY
     if isinstance(value, bool) or not (0 <= samples <= most and samples == int(samples)):
@@ -76,6 +82,18 @@ def checked_latency(value: Any, estimator: Estimator | None) -> int:
             "an estimator, or latency=0" if estimator is None else "latency=1, or a longer period",
         )
     return int(samples)
+
+
+def checked_offset_time(value: Any, estimator: Estimator | None) -> float | None:
+    """Time constant of the offsets, s, or None; refused without an estimator, which alone expects a measurement."""
+    if value is None:
+        return None
+    if estimator is None:
+        raise InvalidInput(
+            "Offsets of the true state are stated: this controller measures nothing else.",
+            f"expected offset_time=None without an estimator, got {value_text(value)}", "an estimator",
+        )  # fmt: skip
+    return checked_positive("The time constant of the offsets", value, "seconds", "offset_time=1.0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +271,7 @@ def _bounds(
     own = law.problem.plant if isinstance(law, ProblemLaw) else None
     model = own if estimator is None else estimator.plant
     travel = TRAVEL + np.abs(point[places])
-    along, held = (None, None) if model is None else _line(model, point[:n], u, places)
+    along, held = (None, None) if model is None else equilibrium_line(model, point[:n], u, places)
     if model is None or along is None or held is None:
         size = np.repeat(np.abs(slope).sum(axis=1, keepdims=True), len(places), axis=1)
         return size @ travel, np.zeros_like(size), size
@@ -265,7 +283,7 @@ def _bounds(
     return (np.abs(held) + SPARE * np.abs(reaction)) @ travel, line, SPARE * np.abs(line)
 
 
-def _line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
+def equilibrium_line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
     """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through (x, u), r the states at `places`; None and None where the
     model has no slope there."""
     a, b, _, _ = model.linearise(x, u)

@@ -30,6 +30,8 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.status import answered, observed
+from flexhinf.loop.shared import share
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
@@ -45,7 +47,8 @@ def law_slope(law: Law) -> np.ndarray:
     n, data = len(law.state_names), np.ravel(law.law_data)
     table = None if law.depends_on_reference else law.law_table
     if table is None:
-        return jacobian(law.evaluate_law, n, data.size)(np.zeros(n), data)[1]
+        key = "slope", type(law), law.law_key, n, data.size
+        return share(key, lambda: jacobian(law.evaluate_law, n, data.size))(np.zeros(n), data)[1]
     before = sum(basis.count(n, k) for k in table.degrees if k < 1)
     linear = table.coefficients[:, before : before + n]
     return linear if 1 in table.degrees else np.zeros_like(linear)
@@ -133,7 +136,9 @@ class Mode:
     the first sample are "zero", or such that the input continues from the one before, "bumpless". Of `laws` one is
     active at a time. The flags say what has limits (the input itself always may), whether small errors are not
     integrated, and whether integral action is bounded, as some input has no limit. `latency`: samples between a
-    measurement and the effect of the input computed from it.
+    measurement and the effect of the input computed from it. `reactions`: to the events of
+    `flexhinf.loop.controller.status`, empty without a supervision. `has_offset`: offsets of the first measurement are
+    taken in slowly.
     """
 
     moving: bool = False
@@ -144,11 +149,23 @@ class Mode:
     has_dead_zone: bool = False
     bounds_windup: bool = False
     latency: int = 0
+    reactions: tuple[str, ...] = ()
+    has_offset: bool = False
 
     @property
     def command_lead(self) -> int:
         """Samples by which a moving reference is given ahead of its instant: those of the latency."""
         return self.latency if self.moving else 0
+
+    @property
+    def reacts(self) -> bool:
+        """Whether there is a reaction to any event."""
+        return any(reaction != "none" for reaction in self.reactions)
+
+    @property
+    def changes_command(self) -> bool:
+        """Whether the law may act on another command than was requested."""
+        return self.limits_command or bool({"hold", "limit"} & set(self.reactions))
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -199,8 +216,14 @@ def controller_step(
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
     beliefs, ahead = [], estimate
+    offset = memory.offset if mode.has_offset else None
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
+        if mode.has_offset and y is None:
+            offset = run.call(operator.mul, data.offset_decay, offset)
+        elif mode.has_offset:
+            expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
+            y, offset = run.call(_faded, y, expected, offset, memory.started, data.offset_decay)
         if y is not None:
             belief = estimator.measurement_update_on(
                 run, belief, y, acted, data.parameters, data.measurement_noise
@@ -211,8 +234,16 @@ def controller_step(
         if y is None:
             y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
     requested, held = r, memory.reference
-    if mode.limits_command:
+    if mode.changes_command:
         held = memory.command
+    boxed, stop = [source.state for source in tracked] if mode.moving else range(len(tracked)), []
+    if mode.reacts:
+        position = run.call(partial(_positions, tracked), y, estimate) if "hold" in mode.reactions else r
+        r, *stop = run.call(
+            partial(answered, boxed, mode.reactions), r, held, position, memory.started, memory.status, memory.stop,
+            data.workspace, data.watching,
+        )  # fmt: skip
+    if mode.limits_command:
         r = run.call(
             partial(_limited, tracked), y, estimate, r, held, memory.started, data.period, data.command_lower,
             data.command_upper, data.command_rate,
@@ -257,11 +288,17 @@ def controller_step(
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
+    after |= {"offset": offset, "stop": stop[0] if stop else None}
     after["u"], after["integral"], after["started"] = run.call(
         partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input, data.lower,
         data.upper, gain, *bounds, *rates,
     )  # fmt: skip
     u = after["u"]
+    if mode.reactions:
+        after["watch"], after["status"] = run.call(
+            partial(observed, boxed, mode.reactions), u, requested, memory.reference, memory.started,
+            memory.watch, data.lower, data.upper, data.workspace, data.swings, data.watching, *stop,
+        )  # fmt: skip
     if estimator is not None:
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
     return u, estimate, after
@@ -273,6 +310,12 @@ def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[
     for u in inputs:
         beliefs.append(estimator.time_update_on(run, beliefs[-1], u, data.parameters, data.process_noise))
     return beliefs[1:]
+
+
+def _faded(y: Any, expected: Any, offset: Any, started: Any, decay: Any) -> tuple[Any, Any]:
+    """The measurement (p,) less its offset, which is taken at the first sample, and decays; and the offset."""
+    offset = where(started[0] > 0.5, decay * offset, y - expected)
+    return y - offset, offset
 
 
 def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.loop.shared import BRAKING
 from flexhinf.plant.plant import motion_of
 from flexhinf.scalars import clip, where
 from flexhinf.validation import checked_positive, read_only, real_array, real_number, value_text
@@ -241,6 +242,59 @@ class Samples(Sampled):
         why, advice = "its speed jumps at every sample", "fh.Spline(times, values)"
         checked_order(order, "linear interpolation", 0, why, advice)
         return np.stack([self(t)])
+
+
+@dataclass(frozen=True, eq=False)
+class Braked:
+    """A signal that is slowed to rest along its own path: its time stands still `time` seconds after `at`, s.
+
+    The path time is that of `Controller.path_rate`: it goes on by half of `time`, and its rate falls from 1 to 0 with
+    three continuous derivatives. Derivatives are by the chain rule, up to the fourth.
+
+    Raises
+    ------
+    InvalidInput
+        If the times are no numbers, or the braking time is not positive.
+    """
+
+    signal: Any
+    at: float
+    time: float = 0.3
+
+    def __post_init__(self) -> None:
+        checked_positive("The braking time", self.time, "seconds", "0.3")
+        refuse_if(
+            not np.isfinite(real_number(self.at)), "The time at which braking begins is no number.",
+            f"expected seconds, got {value_text(self.at)}", "at=1.0",
+        )  # fmt: skip
+
+    @property
+    def name(self) -> str:
+        """A short description."""
+        return f"{signal_name(self.signal)}, braked at {self.at:g} s within {self.time:g} s"
+
+    def __call__(self, t: Any) -> Any:
+        """The signal at the path time."""
+        return self.derivatives(t, 0)[0]
+
+    def derivatives(self, t: Any, order: int = 4) -> Any:
+        """The value and its time derivatives, (order + 1, …)."""
+        checked_order(order, "braked signal", 4, "the fifth of its path time jumps", "order=4")
+        t, path = np.asarray(t, dtype=float), np.polynomial.Polynomial(BRAKING)
+        passed, early = np.clip((t - self.at) / self.time, 0.0, 1.0), t < self.at
+        now = np.where(early, t, self.at + self.time * path(passed))
+        q = [*self.signal.derivatives(now, order), *np.zeros(4 - order)]
+        a, b, c, d = (
+            np.where(early, float(k == 1), self.time ** (1 - k) * path.deriv(k)(passed)).reshape(
+                t.shape + (1,) * (np.ndim(q[0]) - t.ndim)
+            )
+            for k in range(1, 5)
+        )
+        rows = [
+            q[0], q[1] * a, q[2] * a**2 + q[1] * b, q[3] * a**3 + 3.0 * q[2] * a * b + q[1] * c,
+            q[4] * a**4 + 6.0 * q[3] * a**2 * b + q[2] * (3.0 * b**2 + 4.0 * a * c) + q[1] * d,
+        ]  # fmt: skip
+        return np.stack(rows[: order + 1])
 
 
 @dataclass(frozen=True, eq=False)

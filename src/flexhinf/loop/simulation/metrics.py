@@ -4,13 +4,6 @@ Functions take arrays of time and of the true position. Reductions compute the m
 user's own, while runs go on: their memory is a few numbers, which every sample updates, so that no signal is stored.
 Their `update` is traced and compiled like a model: NumPy code on any element, choices by `flexhinf.scalars.where`,
 `maximum` and so on.
-
-`ring_down` has the oscillations in which a loop comes to rest after an impulse, from the recorded runs alone. Near its
-equilibrium a sampled loop obeys z(k+1) = A z(k), with z its whole state: states of the plant, estimate, inputs. A is
-the least-squares fit to all samples of all runs (dynamic mode decomposition [schmid2010]); its eigenvalues are the
-measured decay rates and frequencies, its eigenvectors say how much each of them moves. No model and no linearisation of
-the loop enters, so the result holds also where dry friction, limits or a filter whose gain still settles make it
-another one than the linear loop. How far the fitted oscillations are from the runs is part of the result.
 """
 
 from __future__ import annotations
@@ -26,6 +19,10 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.scalars import maximum, minimum, where
 from flexhinf.validation import unknown_name, value_text
+
+#: What counts as rest at the end of a run, s; and the smallest travel that a motion is measured by, as a fraction of
+#: the largest travel of all joints.
+WINDOW, MIN_TRAVEL = 0.3, 0.05
 
 #: Half width of the settling band, as a fraction of the step: ±2 %.
 SETTLING_BAND = 0.02
@@ -46,6 +43,9 @@ HYSTERESIS = 0.5
 #: Smaller damping ratios are rounding of the eigenvalues and count as 0: the error bound ε‖A‖κ/|λ| of the solver
 #: (κ: condition of the eigenvalue) is at most 8e-10 over the vibrations of all robots that come with flexhinf.
 UNDAMPED = 1e-9
+
+#: A mode that falls below 1/e within so many samples is no oscillation.
+LASTING = 2.0
 
 #: Relative rounding of times, and of the edge of the settling band.
 ROUNDING = 1e-9
@@ -160,6 +160,66 @@ def rms(errors: np.ndarray) -> float:
     """Root of the mean square of errors (N,)."""
     largest = float(peak_of(errors))  # of numbers whose squares are not finite too
     return largest * float(np.sqrt(np.mean((errors / largest) ** 2))) if 0.0 < largest < np.inf else largest
+
+
+# Of a motion of several joints
+def largest_travel(travel: np.ndarray, slides: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """Largest travel of all joints, (n,), each in the unit of its joint.
+
+    A joint of the other kind counts by its share of the joint range. `travel` and `span`, the length of the range, are
+    (n,), rad or m; `slides`, (n,) of bool. A joint whose range is not finite counts among joints of its own kind only.
+    """
+    known = np.isfinite(span)
+    share = np.divide(travel, span, out=np.zeros(len(travel)), where=known)
+    other = np.where(known, span, 0.0)
+    return np.array([np.where(slides == kind, travel, own * share).max() for kind, own in zip(slides, other)])
+
+
+def wrong_way(position: np.ndarray, reference: np.ndarray, travel: float) -> float:
+    """How far a position (N,) leaves the range of its reference (M,) on the start's side, in per cent of a travel.
+
+    The start's side is the end of the range that is nearer to the first reference.
+    """
+    low, high, start = reference.min(), reference.max(), reference[0]
+    beyond = low - position.min() if high - start >= start - low else position.max() - high
+    return 100.0 * max(0.0, float(beyond)) / travel
+
+
+def excursion(position: np.ndarray, pose: float, travel: float) -> float:
+    """Largest distance of a position (N,) from where its joint should rest, in per cent of a travel."""
+    return 100.0 * float(peak_of(position - pose)) / travel
+
+
+def path_distance(positions: np.ndarray, path: np.ndarray, travel: np.ndarray) -> np.ndarray:
+    """Largest distance (n,) of each joint from the nearest point of a path, of positions (N, n).
+
+    The path (M, n) is straight between its points, whenever it is there. Nearest is what is so in units of `travel`
+    (n,).
+    """
+    points, corners = positions / travel, path / travel
+    nearest, distance = np.zeros_like(points), np.full(len(points), np.inf)
+    for begin, way in zip(corners, np.diff(corners, axis=0)):
+        length = max(float(way @ way), np.finfo(float).tiny)
+        at = begin + np.clip((points - begin) @ way / length, 0.0, 1.0)[:, None] * way
+        squared = np.sum((points - at) ** 2, axis=1)
+        nearer = squared < distance
+        nearest[nearer], distance[nearer] = at[nearer], squared[nearer]
+    return peak_of(points - nearest) * travel
+
+
+def at_end(time: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """The last `WINDOW` s of a signal (N, …)."""
+    return signal[time > time[-1] - WINDOW + ROUNDING * max(float(time[-1]), 1.0)]
+
+
+def remaining_error(time: np.ndarray, positions: np.ndarray, references: np.ndarray) -> np.ndarray:
+    """Largest |error| in the last `WINDOW` s of a run, for each column of arrays (N, …)."""
+    return peak_of(at_end(time, positions - references))
+
+
+def ripple(time: np.ndarray, inputs: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """Standard deviation (m,) of inputs (N, m) over the last `WINDOW` s of a run, in per cent of their limits (m,)."""
+    return 100.0 * at_end(time, inputs).std(axis=0) / limits
 
 
 class LimitCycle(NamedTuple):
@@ -449,95 +509,3 @@ def _common(pairs: Sequence[tuple[int, int]], kept: Any, now: Instant) -> Any:
 
 def _common_metrics(kept: np.ndarray, command: Command) -> dict[str, np.ndarray]:
     return {"peak_input": kept[0], "estimation_rmse": np.sqrt(kept[1:] / command.samples).T}
-
-
-#: Directions that all samples together hold less of, relative to the strongest one, are rounding.
-RESOLVED = 1e-7
-
-#: An oscillation that moves a watched signal by less than this fraction of its peak cannot be seen in it.
-VISIBLE = 0.05
-
-#: Largest distance of the fit from the runs, relative to the peak, up to which these are decaying oscillations; a
-#: signal that still has so much more of its peak than `VISIBLE` at the end of its run does not come to rest.
-FITS = 0.1
-
-#: A mode that falls below 1/e within so many samples is no oscillation.
-LASTING = 2.0
-
-
-class Oscillation(NamedTuple):
-    """One decaying oscillation in one run."""
-
-    frequency: float  # |log λ| / 2π, Hz
-    damping: float  # −Re/|·| of its exponent, negative where it grows
-    share: float  # its amplitude just after the impulse, over the peak of the watched signal in which it is largest
-
-
-@dataclass(frozen=True, eq=False)
-class RingDown:
-    """The oscillations of several runs: for each run those visible in its watched signals, the least damped first.
-
-    `error` is the largest distance of the fit from any watched signal, relative to its peak: near 0 where the loop is
-    as good as linear; infinite without a fit. `rests`: every watched signal is nearly gone in the last tenth of its
-    run.
-    """
-
-    oscillations: tuple[tuple[Oscillation, ...], ...]
-    error: float
-    rests: bool
-
-    def damping_of(self, run: int) -> float:
-        """Smallest damping ratio visible in a run; 1 where nothing oscillates, 0 where runs are no decaying
-        oscillations and do not come to rest."""
-        lowest = min((oscillation.damping for oscillation in self.oscillations[run]), default=1.0)
-        return lowest if self.error <= FITS or self.rests else 0.0
-
-    @property
-    def damping(self) -> float:
-        """Smallest damping ratio of all runs."""
-        return min((self.damping_of(k) for k in range(len(self.oscillations))), default=1.0)
-
-    @property
-    def worst(self) -> int:
-        """The run with the smallest damping ratio."""
-        return min(range(len(self.oscillations)), key=self.damping_of)
-
-
-def ring_down(runs: Sequence[np.ndarray], watched: Sequence[Sequence[int]], period: float) -> RingDown:
-    """The oscillations of several runs of one loop, from just after an impulse on.
-
-    Runs are (N, k) deviations of the loop's state from its equilibrium, one row a sample of the period, s; `watched`
-    are of each run the columns in which oscillations are looked for.
-    """
-    before = np.vstack([run[:-1] for run in runs])
-    spread = np.sqrt(np.mean(before**2, axis=0))
-    scale = np.where(spread == 0.0, 1.0, spread)
-    left, sizes, right = np.linalg.svd(before / scale, full_matrices=False)
-    kept = int((sizes > RESOLVED * max(sizes[0], 1e-300)).sum())
-    left, sizes, right = left[:, :kept], sizes[:kept], right[:kept]
-    after = np.vstack([run[1:] for run in runs]) / scale
-    # c(k+1) = step c(k) for z = scale · (c right)
-    values, vectors = np.linalg.eig(right @ (after.T @ left) / sizes)
-    shapes = scale[:, None] * (right.T @ vectors)
-    with np.errstate(divide="ignore"):
-        exponents = np.log(values.astype(complex)) / period
-    frequencies = np.abs(exponents) / (2.0 * np.pi)
-    lasting = (exponents.imag > 0.0) & (exponents.real > -1.0 / (LASTING * period))
-    oscillations, error, rests = [], 0.0, True
-    for run, places in zip(runs, watched):
-        columns = run[:, list(places)]
-        begin = np.linalg.lstsq(vectors, right @ (run[0] / scale) + 0j, rcond=None)[0]
-        parts = shapes[list(places)] * begin
-        peaks = np.maximum(peak_of(columns), 1e-300)
-        share = 2.0 * (np.abs(parts) / peaks[:, None]).max(axis=0)
-        seen = [
-            Oscillation(float(frequencies[k]), float(damping_ratio(exponents[k])), float(share[k]))
-            for k in np.flatnonzero(lasting & (share >= VISIBLE))
-        ]
-        oscillations.append(tuple(sorted(seen, key=lambda oscillation: oscillation.damping)))
-        with np.errstate(over="ignore", invalid="ignore"):
-            fitted = np.real((values[None, :] ** np.arange(len(run))[:, None]) @ parts.T)
-            distance = float((np.abs(fitted - columns) / peaks).max())
-        error = max(error, distance if np.isfinite(distance) else np.inf)
-        rests = rests and bool(np.all(peak_of(tail_of(columns)) <= VISIBLE * peaks))
-    return RingDown(tuple(oscillations), error, rests)

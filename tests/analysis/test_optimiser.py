@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from math import inf, log
-from typing import Any
 
 import numpy as np
 import pytest
 
-from flexhinf.baselines import Judgement, MotorPD, excess, lqr, tune
+import flexhinf as fh
+from flexhinf.analysis import Judgement, excess, minimise
+from flexhinf.analysis.optimiser import bisected
+from flexhinf.baselines import MotorPD, lqr
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop import Controller, Loop
 
@@ -20,9 +22,9 @@ BOUNDS = {"a": (0.01, 100.0), "b": (0.01, 100.0)}
 @pytest.mark.oracle
 def test_the_smallest_cost_is_found_over_all_parameters() -> None:
     """(ln a − 1)² + (ln b + 0.5)²: a tuning of one parameter alone ends at 0.25 or more."""
-    found = tune(
+    found = minimise(
         lambda p: Judgement((log(p["a"]) - 1.0) ** 2 + (log(p["b"]) + 0.5) ** 2), {"a": 1.0, "b": 1.0}, BOUNDS,
-        refinements=80,
+        96,
     )  # fmt: skip
     assert found.best.feasible
     np.testing.assert_allclose(
@@ -35,9 +37,9 @@ def test_a_limit_is_approached_and_never_exceeded() -> None:
     """min 1/a + 1/b with a·b ≤ 9: a = b = 3."""
 
     def judge(p: Mapping[str, float]) -> Judgement:
-        return Judgement(1.0 / p["a"] + 1.0 / p["b"], excess(p["a"] * p["b"], 9.0), "a b > 9")
+        return Judgement(1.0 / p["a"] + 1.0 / p["b"], {"a b > 9": excess(p["a"] * p["b"], 9.0)})
 
-    found = tune(judge, {"a": 1.0, "b": 1.0}, BOUNDS, refinements=120)
+    found = minimise(judge, {"a": 1.0, "b": 1.0}, BOUNDS, 136)
     a, b = found.best.parameters["a"], found.best.parameters["b"]
     assert a * b <= 9.0
     assert found.best.judgement.cost == pytest.approx(2.0 / 3.0, rel=0.03)
@@ -53,7 +55,7 @@ def test_a_candidate_without_an_answer_is_infeasible_and_keeps_its_reason() -> N
             raise NumericalFailure(reason, "", "")
         return Judgement(p["a"])
 
-    found = tune(judge, {"a": 2.0}, {"a": (0.01, 100.0)})
+    found = minimise(judge, {"a": 2.0}, {"a": (0.01, 100.0)})
     assert found.best.parameters["a"] >= 1.0
     assert found.best.judgement.cost == pytest.approx(1.0, rel=0.05)
     failed = [c for c in found.candidates if not c.feasible]
@@ -62,8 +64,8 @@ def test_a_candidate_without_an_answer_is_infeasible_and_keeps_its_reason() -> N
 
 
 def test_where_no_limit_can_be_kept_the_nearest_is_told() -> None:
-    found = tune(
-        lambda p: Judgement(1.0, excess(p["a"] + 1.0 / p["a"], 0.5), "too large"),
+    found = minimise(
+        lambda p: Judgement(1.0, {"too large": excess(p["a"] + 1.0 / p["a"], 0.5)}),
         {"a": 5.0},
         {"a": (0.1, 10.0)},
     )
@@ -73,17 +75,19 @@ def test_where_no_limit_can_be_kept_the_nearest_is_told() -> None:
 
 
 def test_bounds_hold_and_the_start_is_the_first_candidate() -> None:
-    found = tune(lambda p: Judgement(-p["a"]), {"a": 2.0}, {"a": (1.0, 3.0)})
+    found = minimise(lambda p: Judgement(-p["a"]), {"a": 2.0}, {"a": (1.0, 3.0)})
     assert found.candidates[0].parameters == {"a": 2.0}
     assert all(1.0 - 1e-12 <= c.parameters["a"] <= 3.0 + 1e-12 for c in found.candidates)
     assert found.best.parameters["a"] == pytest.approx(3.0)
 
 
 def test_a_search_is_the_same_each_time_and_within_its_counts() -> None:
-    runs = [tune(lambda p: Judgement(p["a"] / p["b"]), {"a": 1.0, "b": 1.0}, BOUNDS, 7, 11) for _ in range(2)]
+    runs = [
+        minimise(lambda p: Judgement(p["a"] / p["b"]), {"a": 1.0, "b": 1.0}, BOUNDS, 18) for _ in range(2)
+    ]
     assert [c.parameters for c in runs[0].candidates] == [c.parameters for c in runs[1].candidates]
-    assert len(runs[0].candidates) <= 1 + 7 + 11 + 2 * 3
-    alone = tune(lambda p: Judgement(1.0), {}, {})
+    assert len(runs[0].candidates) <= 1 + 18
+    alone = minimise(lambda p: Judgement(1.0), {}, {})
     assert len(alone.candidates) == 1
 
 
@@ -103,18 +107,18 @@ def test_excess_is_in_logarithms_above_the_limit_only() -> None:
         {"start": {"b": 1.0}},
         {"bounds": {"a": (2.0, 3.0)}},
         {"bounds": {"a": (0.0, 3.0)}},
-        {"samples": -1},
+        {"budget": -1},
     ],
 )
 def test_a_search_that_is_not_well_posed_is_refused(wrong: dict) -> None:
     settings = {"start": {"a": 1.0}, "bounds": {"a": (0.1, 10.0)}, **wrong}
     with pytest.raises(InvalidInput, match=re.escape(f"{settings['start']}, {settings['bounds']}, ")):
-        tune(lambda p: Judgement(1.0), **settings)
+        minimise(lambda p: Judgement(1.0), **settings)
 
 
 def test_candidates_that_are_given_are_tried_within_the_bounds() -> None:
     others = [{"a": 7.0, "b": 0.3}, {"a": 1e6, "b": 1.0}]
-    found = tune(lambda p: Judgement(1.0), {"a": 1.0, "b": 1.0}, BOUNDS, 0, 0, others=others)
+    found = minimise(lambda p: Judgement(1.0), {"a": 1.0, "b": 1.0}, BOUNDS, 0, others)
     tried = [c.parameters for c in found.candidates]
     assert tried[0] == pytest.approx({"a": 1.0, "b": 1.0})
     assert tried[1:] == [pytest.approx(others[0]), pytest.approx({"a": 100.0, "b": 1.0})]
@@ -122,9 +126,9 @@ def test_candidates_that_are_given_are_tried_within_the_bounds() -> None:
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("kind", ["pd", "lqr"])
-def test_two_laws_use_up_the_same_peak_voltage_and_no_more(made: Any, kind: str) -> None:
+def test_two_laws_use_up_the_same_peak_voltage_and_no_more(kind: str) -> None:
     """With a cost that falls with the peak, the tuned law peaks just below the limit in a loop of our own."""
-    robot = made.robots["paper"]
+    robot = fh.load_robot("paper")
     problem, plant = robot.problem(), robot.plant()
     goal = np.concatenate(robot.operating_point([np.pi / 2]))
 
@@ -135,9 +139,50 @@ def test_two_laws_use_up_the_same_peak_voltage_and_no_more(made: Any, kind: str)
 
     def judge(p: Mapping[str, float]) -> Judgement:
         value = peak(p["k"])
-        return Judgement(1.0 / value, excess(value, 60.0), f"peak {value:.3g} V")
+        return Judgement(1.0 / value, {f"peak {value:.3g} V": excess(value, 60.0)})
 
     start = 3.0 if kind == "pd" else 1.0
-    found = tune(judge, {"k": start}, {"k": (start / 1e4, start * 1e4)})
+    found = minimise(judge, {"k": start}, {"k": (start / 1e4, start * 1e4)})
     assert found.best.feasible
     assert 57.0 < peak(found.best.parameters["k"]) <= 60.0
+
+
+def test_the_path_has_every_candidate_that_was_the_best_when_tried() -> None:
+    found = minimise(
+        lambda p: Judgement(abs(log(p["a"] / 20.0)) + abs(log(p["b"]))), {"a": 1.0, "b": 3.0}, BOUNDS
+    )
+    best, path = inf, []
+    for candidate in found.candidates:
+        if candidate.judgement.cost < best:
+            best = candidate.judgement.cost
+            path.append(candidate)
+    assert found.path == path
+    assert found.best is path[-1]
+
+
+def test_no_excess_is_traded_for_cost() -> None:
+    """One limit is kept at a > 10 alone; the cost pulls the other way."""
+
+    def judge(p: Mapping[str, float]) -> Judgement:
+        return Judgement(p["a"] / 10.0, {"a < 10": excess(10.0, p["a"])})
+
+    found = minimise(judge, {"a": 1.0}, {"a": (0.1, 100.0)})
+    assert found.best.feasible
+    assert found.best.parameters["a"] == pytest.approx(10.0, rel=0.05)
+    assert [candidate.feasible for candidate in found.path] == sorted(c.feasible for c in found.path)
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_bisection_ends_at_the_last_value_that_is_accepted(relative: bool) -> None:
+    tried: list[float] = []
+
+    def accepts(x: float) -> str:
+        tried.append(x)
+        return f"{x}" if x * x <= 2.0 else ""
+
+    value, outcome = bisected(accepts, 1.0, 2.0, 1e-9, relative)
+    assert value == pytest.approx(np.sqrt(2.0), rel=1e-9)
+    assert value <= np.sqrt(2.0)
+    assert outcome == f"{value}"
+    assert len(tried) <= 31
+    assert bisected(lambda x: False, 1.0, 2.0, 0.01, relative) == (1.0, None)

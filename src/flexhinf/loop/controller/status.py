@@ -1,0 +1,284 @@
+"""What a controller says of its own state after a step, and how it reacts: plain functions with counters for memory.
+
+Three things are watched (`Supervision`), at a fixed number of operations and five numbers of memory per input:
+
+- A command *outside the workspace*, a box of the commanded positions. The box is a statement of the design.
+- A *limit cycle*: some input swings to and fro while the command rests. A swing ends where the input has come back by
+  more than `swing` from its last extreme, so noise and small ripple make none. It is a limit cycle when more swings
+  follow each other, each within `longest_swing`, than a linear loop can make whose oscillations are damped by at least
+  `damping`: its swings shrink by exp(−πζ/√(1 − ζ²)) each, and an input within its limits starts with at most the whole
+  range, so ln(range/swing) √(1 − ζ²)/(πζ) of them are larger than `swing`.
+- *Saturation that lasts*: an input has been at 99.9 % of a limit for longer than `saturation_time`.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import reduce
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import refuse_if
+from flexhinf.loop.shared import BRAKING
+from flexhinf.scalars import absolute, clip, maximum, minimum, where
+from flexhinf.validation import checked_kind, checked_positive, one_of, real_array, real_number, value_text
+
+
+class Status(enum.IntFlag):
+    """What a controller says after a step, in the order of its bits; the exported C has the same number."""
+
+    OUTSIDE_WORKSPACE = 1
+    LIMIT_CYCLE = 2
+    SATURATION = 4
+    REACTING = 8
+
+
+#: What can be reacted to, in the order of the bits, and how: about a standing command, and about a moving reference.
+REACTIONS = {
+    "workspace": (("none", "hold", "limit", "brake"), ("none", "brake")),
+    "limit_cycle": (("none", "hold"), ("none",)),
+    "saturation": (("none", "hold", "brake"), ("none", "brake")),
+}
+
+#: Fraction of half of an input's range that counts as its limit; the range over a swing where there is no limit.
+NEAR_LIMIT, UNLIMITED = 1e-3, 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Supervision:
+    """What a controller watches at run time, and how it reacts.
+
+    Parameters
+    ----------
+    workspace : tuple (lower, upper), optional
+        The commanded positions for which the controller is designed, numbers or (k,); None: not stated.
+    swing : float or (m,), optional
+        Smallest swing of an input that counts, peak to peak; by default a tenth of its range (± 10 % of its limit), and
+        an input without limits is not watched.
+    damping : float
+        Least damping ratio of oscillations that count as settling: sets how many swings make a limit cycle.
+    longest_swing : float
+        s; half a period of the slowest oscillation that is noticed.
+    saturation_time : float
+        s.
+    reactions : mapping
+        Of "workspace", "limit_cycle" and "saturation" to "none" (the default), "hold", "limit" or "brake".
+        "hold": the last command inside the workspace stays; at a limit cycle or saturation the command becomes the
+        position at that sample, until `Controller.reset`. "limit": the command is moved to the nearest one in the box.
+        "brake": `Controller.path_rate` falls from 1 to 0, until `Controller.reset`, and whoever makes the command
+        advances its time along the path by that fraction of a period. A moving reference can be braked only, as it has
+        velocities; a limit cycle is noticed at a command that rests, where there is nothing to brake.
+    braking_time : float
+        s; from the path rate 1 to 0.
+
+    Raises
+    ------
+    InvalidInput
+        If numbers are not positive, or names or reactions are none.
+    """
+
+    workspace: tuple[Any, Any] | None = None
+    swing: Any = None
+    damping: float = 0.05
+    longest_swing: float = math.pi / 2.0
+    saturation_time: float = 0.2
+    reactions: Mapping[str, str] = field(default_factory=dict)
+    braking_time: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("damping", "longest_swing", "saturation_time", "braking_time"):
+            unit = "a ratio" if name == "damping" else "seconds"
+            checked_positive(f"The {name} of a supervision", getattr(self, name), unit, f"{name}=0.2")
+        refuse_if(
+            real_number(self.damping) >= 1.0, "The damping of a supervision is no damping ratio.",
+            f"expected 0 < number < 1, got {value_text(self.damping)}", "damping=0.05",
+        )  # fmt: skip
+        pair = isinstance(self.workspace, (tuple, list)) and len(self.workspace) == 2
+        refuse_if(
+            self.workspace is not None and not pair, "The workspace is no box.",
+            f"expected (lower, upper), got {value_text(self.workspace)}", "workspace=(-1.0, 1.0)",
+        )  # fmt: skip
+        what, advice = "The reactions are no mapping.", "reactions={'workspace': 'limit'}"
+        checked_kind(what, self.reactions, Mapping, "reactions by event", advice)
+        for event, reaction in dict(self.reactions).items():
+            one_of("There is nothing of this name to react to.", event, REACTIONS)
+            one_of(f"There is no such reaction to {event!r}.", reaction, REACTIONS[event][0])
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments as numbers, lists and texts, for a file."""
+        box = None if self.workspace is None else [real_array(end).tolist() for end in self.workspace]
+        swing = None if self.swing is None else real_array(self.swing).tolist()
+        return {**asdict(self), "workspace": box, "swing": swing, "reactions": dict(self.reactions)}
+
+    @property
+    def text(self) -> str:
+        """The workspace, for a summary."""
+        ends = () if self.workspace is None else np.broadcast_arrays(*map(np.atleast_1d, self.workspace))
+        return (
+            ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends)) if len(ends) else "not stated"
+        )
+
+    def modes(self, moving: bool) -> tuple[str, ...]:
+        """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
+        refused."""
+        modes = tuple(self.reactions.get(event, "none") for event in REACTIONS)
+        for (event, possible), reaction in zip(REACTIONS.items(), modes):
+            refuse_if(
+                reaction not in possible[moving], f"A moving reference cannot react so to {event!r}.",
+                f"expected one of {list(possible[moving])} with moving=True, got {reaction!r}",
+                "'brake': a reference that moves can only be slowed to rest along its path",
+            )  # fmt: skip
+        refuse_if(
+            modes[0] != "none" and self.workspace is None, "A reaction is stated to leaving a workspace that is not.",
+            f"expected a workspace with the reaction {modes[0]!r}, got None", "workspace=(lower, upper)",
+        )  # fmt: skip
+        return modes
+
+    def data(self, limits: Any, commanded: int, period: float) -> dict[str, Any]:
+        """Numbers of the step for inputs within `Limits`, and so many commanded positions."""
+        ends: Any = (-np.inf, np.inf) if self.workspace is None else self.workspace
+        span = limits.upper - limits.lower
+        low, high = box = np.array([_spread(end, commanded) for end in ends])
+        swing = _spread(0.1 * span if self.swing is None else self.swing, len(span))
+        refuse_if(
+            not np.all(low < high) or (self.workspace is not None and not commanded),
+            "The workspace does not fit the command.",
+            f"expected lower < upper for {commanded} positions, got {value_text(self.workspace)}",
+            "workspace=(lower, upper), a number or one per commanded position; None where nothing is commanded",
+        )
+        refuse_if(
+            not np.all(swing > 0.0), "The swing of a supervision is not positive.",
+            f"expected numbers > 0, one or {len(span)}, got {value_text(self.swing)}",
+            "swing=None: a tenth of the range",
+        )  # fmt: skip
+        shrinking = math.pi * self.damping / math.sqrt(1.0 - self.damping**2)
+        ratio = np.where(np.isfinite(span), span, UNLIMITED * swing) / np.where(
+            np.isfinite(swing), swing, 1.0
+        )
+        swings = 1.0 + np.ceil(np.log(np.maximum(ratio, 1.0)) / shrinking)
+        swings = np.where(np.isfinite(swing), swings, np.inf)
+        edge = np.where(np.isfinite(span), 0.5 * NEAR_LIMIT * span, 0.0)
+        samples = [self.longest_swing / period, self.saturation_time / period, period / self.braking_time]
+        return {"workspace": box, "swings": np.array([edge, swing, swings]), "watching": samples}
+
+
+def watched_numbers(
+    supervision: Supervision | None, limits: Any, commanded: int, period: float
+) -> dict[str, Any]:
+    """`Supervision.data`, checked; nothing without a supervision."""
+    what, advice = "The supervision of a controller is none.", "Supervision(workspace=(lower, upper))"
+    checked_kind(what, supervision, Supervision | None, "a Supervision or None", advice)
+    return {} if supervision is None else supervision.data(limits, commanded, period)
+
+
+def _spread(value: Any, size: int) -> np.ndarray:
+    array = real_array(value)
+    return np.broadcast_to(array if array.shape in ((), (size,)) else np.nan, (size,))
+
+
+def first_counters(inputs: int, reactions: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Parts of the memory before the first sample, which itself counts no swing."""
+    if not reactions:
+        return {}
+    counters = {"watch": np.outer([0.0, 1.0, 0.0, 0.0, 0.0], np.ones(inputs)), "status": np.zeros(4)}
+    return counters | ({} if set(reactions) == {"none"} else {"stop": np.array([0.0, 0.0, 1.0])})
+
+
+def _any(flags: Sequence[Any]) -> Any:
+    return reduce(maximum, flags, 0.0)
+
+
+def _outside(positions: Any, box: Any) -> Any:
+    return _any([where(p < a, 1.0, where(p > b, 1.0, 0.0)) for p, a, b in zip(positions, *box)])
+
+
+def answered(
+    places: Sequence[int],
+    reactions: tuple[str, ...],
+    r: Any,
+    last: Any,
+    position: Any,
+    started: Any,
+    status: Any,
+    stop: Any,
+    box: Any,
+    watching: Any,
+) -> tuple[Any, Any]:
+    """The command (k,) after the reactions, and the state of the stop (3,): whether the command is frozen, the fraction
+    of the braking that is done, and the path rate.
+
+    `last` (k,) is the command on which the law acted, `position` (k,) where the joints are, `status` (4,) that after
+    the last sample; of a moving reference, r is what it is, and its positions are at `places`.
+    """
+    positions = [r[place] for place in places]
+    beyond = [_outside(positions, box), *status[1:3]]
+    frozen, braked, _ = stop
+    freezing = _any([flag for flag, kind in zip(beyond[1:], reactions[1:]) if kind == "hold"])
+    braking = _any([braked, *(flag for flag, kind in zip(beyond, reactions) if kind == "brake")])
+    braked = where(braking > 0.0, minimum(braked + watching[2], 1.0), 0.0)
+    slope = [k * c for k, c in enumerate(BRAKING)][:0:-1]
+    rate = reduce(lambda total, c: total * braked + c, slope)
+    if reactions[0] == "limit":
+        r = clip(r, *box)
+    if "hold" in reactions:
+        last = where(started[0] > 0.5, last, position)
+        r = where(beyond[0], last, r) if reactions[0] == "hold" else r
+        r = where(frozen, last, where(freezing, position, r))
+    return r, np.array([maximum(frozen, freezing), braked, rate])
+
+
+def observed(
+    places: Sequence[int],
+    reactions: tuple[str, ...],
+    u: Any,
+    r: Any,
+    last: Any,
+    started: Any,
+    watch: Any,
+    lower: Any,
+    upper: Any,
+    box: Any,
+    swings: Any,
+    watching: Any,
+    *stop: Any,
+) -> tuple[Any, Any]:
+    """Counters (5, m) and status (4,) after an input u (m,); `r` and `last` are this command and the one before.
+
+    Counters of an input: its last extreme, the direction since (±1), swings so far, samples since the last one ended,
+    samples at a limit.
+    """
+    resting = where(absolute(np.asarray(r) - last).sum() > 0.0, 0.0, started[0])
+    columns = zip(u, lower, upper, *swings, *watch)
+    rows = [_counted(resting, watching[0], *column) for column in columns]
+    beyond = _outside([r[place] for place in places], box)
+    cycles = _any([where(row[2] >= most, 1.0, 0.0) for row, most in zip(rows, swings[2])])
+    full = _any([where(row[4] > watching[1], 1.0, 0.0) for row in rows])
+    reacting = _any(
+        [beyond if reactions[0] in ("hold", "limit") else 0.0, *(s for part in stop for s in part[:2])]
+    )
+    return np.array(rows).T, np.array([beyond, cycles, full, where(reacting > 0.0, 1.0, 0.0)])
+
+
+def _counted(
+    resting: Any, longest: Any, u: Any, lower: Any, upper: Any, edge: Any, swing: Any, most: Any, extreme: Any,
+    direction: Any, count: Any, since: Any, full: Any,
+) -> list[Any]:  # fmt: skip
+    back = direction * (extreme - u)  # how far it has come back from the extreme
+    turned = back > swing
+    since = where(turned, 0.0, since + 1.0)
+    return [
+        where(turned, u, where(back < 0.0, u, extreme)),
+        where(turned, -direction, direction),
+        resting * where(turned, count + 1.0, where(since > longest, 0.0, count)),
+        since,
+        where(u >= upper - edge, full + 1.0, where(u <= lower + edge, full + 1.0, 0.0)),
+    ]
+
+
+def status_of(flags: Any) -> Status:
+    """The status of its four numbers in the memory."""
+    return Status(sum(bit for bit, flag in zip(Status, flags) if flag > 0.5))
