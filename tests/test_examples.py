@@ -5,7 +5,14 @@ from __future__ import annotations
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+import flexhinf as fh
+from flexhinf.design.workspace import WorkspaceSetup
+from flexhinf.modal import ModalLaw
+from flexhinf.modal.pair import PairWeights
+from flexhinf.robot.workspace import workspace_of
 
 
 def test_every_example_is_tested(repository: Path) -> None:
@@ -80,3 +87,18 @@ def test_example_moving_reference(repository: Path) -> None:
     errors = runpy.run_path(str(repository / "examples" / "moving_reference.py"))["main"]()
     assert errors["sine"] < 0.2
     assert errors["move"] < 2.0
+
+
+def test_example_several_poses(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With a law that no search has chosen, for the sake of time; the encoder's offset is what remains."""
+    pytest.importorskip("mujoco")
+    example = runpy.run_path(str(repository / "examples" / "several_poses.py"))
+    robot, sensors = fh.load_robot("planar-two-link"), ("link_position", "motor_position")
+    law = ModalLaw.tuned(
+        robot.problem(fh.Penalty({"link_position": 1.0})), weights=PairWeights(bandwidth=20.0)
+    )
+    s = fh.Specification(workspace="limits", measured=sensors, saturation=24.0)
+    setup = WorkspaceSetup(robot, s, workspace_of(robot, "limits"), law)
+    errors = example["main"](setup.controller(np.array(robot.home), supervision=setup.supervision))
+    assert max(errors) < 0.6
+    assert "OUTSIDE_WORKSPACE" in capsys.readouterr().out

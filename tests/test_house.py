@@ -75,7 +75,7 @@ def test_the_contract_catches_what_it_is_there_for(
 #: beside is loaded when a method is called; the package loads `design` once, so that ``fh.design`` stays a function.
 LOADED_BY_NAME = {
     ("__init__.py", "flexhinf.design"),
-    ("design/pipeline.py", "flexhinf.pages"),  # `save` of a design and of a comparison
+    ("design/requirements.py", "flexhinf.pages"),  # `save` of designs and of a comparison
     ("paper/reproduction.py", "flexhinf.pages.paper"),  # `Reproduction.files`
     ("loop/controller/laws.py", "flexhinf.estimation"),  # the estimators that a file of a controller names
 }
@@ -265,7 +265,7 @@ RIDDLES = {
 #: Names that have such a word, because there it is the field's.
 TERMS = {
     # The number 1, and what has exactly one.
-    "AboveOne", "ONE_OPERAND", "ONE_TRACE", "_contract_one_index", "c_one", "one", "one_of", "one_or_several",
+    "AboveOne", "ONE_OPERAND", "ONE_TRACE", "_contract_one_index", "one", "one_of", "one_or_several",
     "one_period", "ones", "ones_like",
     # At least, a lower limit; the least damped mode; the least value of a polynomial on a cell; least squares.
     "_AtLeast", "at_least", "least_damped", "least_damped_joint", "least_growth", "least_squares", "least_value",

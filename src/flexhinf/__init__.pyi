@@ -6,6 +6,7 @@ from .design import (
     Comparison as Comparison,
     Design as Design,
     Specification as Specification,
+    WorkspaceDesign as WorkspaceDesign,
     compare as compare,
     design as design,
     load_design as load_design,
@@ -20,6 +21,7 @@ from .errors import (
 )
 from .estimation import (
     ExtendedKalmanFilter as ExtendedKalmanFilter,
+    ModalFilter as ModalFilter,
     OutputInjectionObserver as OutputInjectionObserver,
     UnscentedKalmanFilter as UnscentedKalmanFilter,
 )
@@ -39,6 +41,7 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .loop import (
+    Braked as Braked,
     Constant as Constant,
     Controller as Controller,
     JerkLimited as JerkLimited,
@@ -49,11 +52,14 @@ from .loop import (
     Schedule as Schedule,
     Sine as Sine,
     Spline as Spline,
+    Status as Status,
     Step as Step,
+    Supervision as Supervision,
     Trajectory as Trajectory,
     Waypoints as Waypoints,
     load_controller as load_controller,
 )
+from .modal import ModalLaw as ModalLaw
 from .plant import (
     BlackBox as BlackBox,
     Estimator as Estimator,

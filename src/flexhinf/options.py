@@ -267,11 +267,15 @@ Frequencies = Annotated[
     _Above | tuple[_Above, ...], _by(one_or_several, _FREQUENCIES),
     Allowed("rad/s > 0: a number, or one per joint (or text with Hz)"),
 ]  # fmt: skip
+Frequency = Annotated[float, _POSITIVE, _by(quantity, _FREQUENCIES), Allowed("rad/s > 0 (or text with Hz)")]
 _Limit = Annotated[float, Field(gt=0.0), _KEPT]
 PerJoint = Annotated[
     _Limit | tuple[_Limit, ...], BeforeValidator(one_or_several),
     Allowed("a number > 0, or one per joint; inf for none"),
 ]  # fmt: skip
+Efforts = Annotated[
+    _Above | tuple[_Above, ...], BeforeValidator(one_or_several), Allowed("a number > 0, or one per joint")
+]
 PerJointSpeed = Annotated[
     _Limit | tuple[_Limit, ...], _by(one_or_several, *_SPEEDS),
     Allowed("a number > 0, or one per joint (or text with deg/s, rpm, m/s); inf for none"),
@@ -279,6 +283,10 @@ PerJointSpeed = Annotated[
 Quanta = Annotated[
     _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_QUANTITIES),
     Allowed("a number >= 0, or one per measured signal (or text with deg, mm, Nm)"),
+]  # fmt: skip
+Variances = Annotated[
+    _Above | tuple[_Above, ...], BeforeValidator(one_or_several),
+    Allowed("a number > 0, or one per measured signal"),
 ]  # fmt: skip
 Distances = Annotated[
     _AtLeast | tuple[_AtLeast, ...], _by(one_or_several, *_POSITIONS),

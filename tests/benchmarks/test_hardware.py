@@ -10,10 +10,7 @@ from typing import Any
 
 import pytest
 from benchmarks.hardware import __main__ as program
-from benchmarks.hardware.robots import ROBOTS, files_of, without_new_keys
 from benchmarks.hardware.tables import ROWS, TABLES
-
-import flexhinf as fh
 
 #: Searches amplify rounding: figures of a design agree within this fraction.
 ROUNDING = 0.05
@@ -24,20 +21,6 @@ def run(repository: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=repository, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("name", [name for name, urdf in ROBOTS.items() if not urdf.startswith(":")])
-def test_a_file_for_older_versions_has_the_same_numbers(name: str, tmp_path: Path) -> None:
-    file, elastic = files_of(name)
-    own = tmp_path / "own.toml"
-    own.write_text(without_new_keys(elastic or file), encoding="utf-8")
-    assert "effort_limit" not in own.read_text(encoding="utf-8")
-    new = fh.load_robot(file, elastic=elastic)
-    old = fh.load_robot(file, elastic=own) if elastic else fh.load_robot(own)
-    uncertain = {p.name: p.interval for p in new.uncertain}
-    assert old.nominal.items() >= {k: v for k, v in new.nominal.items() if "inertia_scale" not in k}.items()
-    assert {p.name for p in old.uncertain} & set(uncertain)
-    assert all(p.interval == uncertain[p.name] for p in old.uncertain if p.name in uncertain)
-
-
 def test_tables_say_what_the_rows_say(tmp_path: Path) -> None:
     row = json.loads((ROWS / "planar-motor.json").read_text(encoding="utf-8")) | {"damping": 0.1234}
     (tmp_path / "planar-motor.json").write_text(json.dumps(row), encoding="utf-8")
@@ -46,8 +29,23 @@ def test_tables_say_what_the_rows_say(tmp_path: Path) -> None:
     text = TABLES["robots"](tmp_path)
     assert "0.123" in text
     assert f"refused: {refused['refused']}" in text
-    assert "0.123" in TABLES["reasons"](tmp_path)
     assert len(TABLES["payload"](tmp_path).splitlines()) == 2  # a head alone
+    assert "not measured" in TABLES["arm"](tmp_path).lower()
+
+
+def test_the_requirements_of_the_arm_are_shown(tmp_path: Path) -> None:
+    line = ["200 random poses", "damping", "≥ 0.2*", "0.234", "met"]
+    (tmp_path / "arm-half.json").write_text(json.dumps({"requirements": [line]}), encoding="utf-8")
+    assert TABLES["arm"](tmp_path).splitlines()[2:] == [f"| {' | '.join(line)} |"]
+
+
+def test_a_payload_that_makes_poses_unstable_is_said(tmp_path: Path) -> None:
+    row = json.loads((ROWS / "arm-middle.json").read_text(encoding="utf-8"))
+    row["carried"][0]["unstable"], row["carried"][-1]["unstable"] = 3, 0
+    (tmp_path / "arm-middle.json").write_text(json.dumps(row), encoding="utf-8")
+    first, *_, last = TABLES["payload"](tmp_path).splitlines()[2:]
+    assert f"3 of {row['poses']} unstable" in first
+    assert f"{row['carried'][-1]['damping']:.3f}" in last
 
 
 def test_rows_that_are_there_are_not_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -64,9 +62,9 @@ def test_rows_that_are_there_are_not_made_again(tmp_path: Path, monkeypatch: pyt
             (tmp_path / f"{row}.json").write_text("{}", encoding="utf-8")
     monkeypatch.setattr(sys, "argv", ["hardware", "--kept", str(tmp_path)])
     assert program.main() == 130  # interrupted in the second row, and the first is kept
-    assert made == ["spatial-link", "spatial-link-linear"]
+    assert made == ["spatial-link", "spatial-torque"]
     assert json.loads((tmp_path / "spatial-link.json").read_text(encoding="utf-8")) == {"row": "spatial-link"}
-    assert not (tmp_path / "spatial-link-linear.json").exists()
+    assert not (tmp_path / "spatial-torque.json").exists()
 
 
 @pytest.mark.slow

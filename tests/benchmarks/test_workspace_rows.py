@@ -7,6 +7,7 @@ import platform
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from benchmarks.workspace.laws import FASTEST, LAWS, DifferenceLaw
 from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import Bench, tuned
 from benchmarks.workspace.size import FLAGS, object_bytes
-from benchmarks.workspace.tables import TABLES
+from benchmarks.workspace.tables import MANY, SHORT, TABLES, best_rival, criterion
 
 import flexhinf as fh
 
@@ -123,8 +124,9 @@ def test_a_run_that_goes_on_is_the_run_that_was_not_interrupted(
 
 
 def test_rows_that_several_processes_make_are_those_of_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """As it is called: what the processes run has to be where they can import it."""
     asked = ["--robots", PLANAR, "--laws", "pd", "flatness", "--plants", "mujoco", "--conditions", "nominal"]
     asked += ["--goals", "1", "--poses", "2", "--rows"]
     for name in ("one", "two"):
@@ -132,7 +134,8 @@ def test_rows_that_several_processes_make_are_those_of_one(
             record = {"share": share, "fastest": 120.0, "poses": 2}
             the_rows.written(tmp_path / name, f"{PLANAR}.{law}", record)
     assert program.main([*asked, str(tmp_path / "one")]) == 0
-    assert program.main([*asked, str(tmp_path / "two"), "--jobs", "2"]) == 0
+    command = [sys.executable, "-m", "benchmarks.workspace", *asked, str(tmp_path / "two"), "--jobs", "2"]
+    subprocess.run(command, cwd=repository, check=True, capture_output=True, timeout=300)
     assert columns(tmp_path / "one") == columns(tmp_path / "two")
     assert len(columns(tmp_path / "two")) == 4
     capsys.readouterr()
@@ -145,7 +148,7 @@ def test_tables_say_what_is_missing_and_when_joints_are_back(tmp_path: Path) -> 
     planar, scara = TABLES["others"](tmp_path).splitlines()[2:]
     assert "3: 100 mrad, 250 ms, 2 mrad" in planar
     assert "not in 750 ms" in scara
-    assert planar.count("not measured") == 3
+    assert planar.count("not measured") == 4
     shared = {"poses": 2, "stable": 2, "damping": 0.1, "fast": 0.1, "delay": 1, "damped_delay": 1, "gain": 2}
     for law, bytes_ in (("pd", None), ("one-pose", 12345)):
         record = shared | {"design_cpu": 1.0, "object_bytes": bytes_}
@@ -155,6 +158,91 @@ def test_tables_say_what_is_missing_and_when_joints_are_back(tmp_path: Path) -> 
     pd, own = TABLES["loops"](tmp_path).splitlines()[2:]
     assert pd.endswith("| 10 µs (1) | – |")
     assert own.endswith("| 20 µs (2) | 12,345 |")
+
+
+def test_rows_of_more_goals_have_a_table_of_their_own(tmp_path: Path) -> None:
+    row = GOOD | {"moves": 200, "arrived": 199}
+    the_rows.written(tmp_path / MANY, f"{PLANAR}.workspace.mujoco.nominal", row)
+    the_rows.written(tmp_path, f"{SCARA}.workspace.mujoco.nominal", GOOD)
+    (line,) = TABLES["many"](tmp_path).splitlines()[2:]
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[:2] == [PLANAR, "199 of 200, 0.2 mrad"]
+    assert cells[-2:] == ["0.99 %", "1.5 %"]
+
+
+GOOD: dict[str, Any] = {
+    "moves": 3, "arrived": 3, "lost": 0, "left_out": 0, "remaining_median": 1e-4, "remaining_worst": 2e-4,
+    "wrong_way": 0.99, "excursion": 24.9, "path": 1e-3, "ripple": 1.49, "saturation": 0.0, "step_cpu": 1e-5,
+}  # fmt: skip
+LOOPS: dict[str, Any] = {
+    "poses": 2,
+    "stable": 2,
+    "damping": 0.2,
+    "fast": 0.1,
+    "delay": 1.0,
+    "damped_delay": 2.0,
+    "gain": 2.0,
+}
+
+
+def judged(folder: Path, robot: str, law: str, loops: dict[str, Any], nominal: dict[str, Any]) -> Any:
+    """Lines of the criterion that a law misses whose other numbers are at their bounds."""
+    the_rows.written(folder, f"{robot}.{law}", LOOPS | loops)
+    for condition in ("nominal", "payload", "sampled", "steps"):
+        row = GOOD | (nominal if condition == "nominal" else {})
+        the_rows.written(folder, f"{robot}.{law}.mujoco.{condition}", row)
+    return [name for name, (met, _) in (criterion(folder, robot, law) or {}).items() if not met]
+
+
+@pytest.mark.parametrize(
+    ("loops", "nominal", "missed"),
+    [
+        ({}, {}, 0),
+        ({"damping": 0.199}, {}, 1),
+        ({"delay": 0.99, "damped_delay": 1.99, "gain": 1.99}, {}, 3),
+        ({"stable": 1, "delay": None, "damped_delay": None, "gain": None}, {}, 4),
+        ({}, {"arrived": 2, "wrong_way": 1.01, "ripple": 1.51}, 3),
+        ({}, {"arrived": 2, "lost": 1, "wrong_way": None, "ripple": None}, 3),
+    ],
+)
+def test_each_line_of_the_criterion_counts(
+    tmp_path: Path, loops: dict[str, Any], nominal: dict[str, Any], missed: int
+) -> None:
+    assert len(judged(tmp_path, SCARA, "pd", loops, nominal)) == missed
+    assert len(criterion(tmp_path, SCARA, "pd") or {}) == 11  # two of its bare steps
+    assert criterion(tmp_path, PLANAR, "pd") is None
+
+
+def test_the_best_rival_keeps_most_lines_and_then_arrives_most_often(tmp_path: Path) -> None:
+    judged(tmp_path, PLANAR, "pd", {"damping": 0.1}, {})
+    judged(tmp_path, PLANAR, "pd-integral", {}, {"arrived": 2})
+    judged(tmp_path, PLANAR, "flatness", {"damping": 0.1}, {"remaining_worst": 1e-4})
+    judged(tmp_path, PLANAR, "workspace", {}, {})
+    assert best_rival(tmp_path, PLANAR) == "flatness"
+    assert best_rival(tmp_path, SCARA) is None
+    rows = [line for line in TABLES["criterion"](tmp_path).splitlines() if line.startswith(f"| {PLANAR}")]
+    assert "8 of 9" in rows[0]
+    assert "damping (0.10)" in rows[0]
+    assert "9 of 9" in rows[1]
+
+
+def test_a_rival_that_is_better_is_named_with_both_numbers(tmp_path: Path) -> None:
+    for law, loops, nominal in (
+        ("workspace", {"gain": 2.5}, {"ripple": 1.0, "remaining_median": None}),
+        ("pd", {"gain": 3.0}, {"ripple": 0.4}),
+        (
+            "torque",
+            {"gain": 4.0, "stable": 1},
+            {"ripple": 0.3, "remaining_median": 2e-4},
+        ),  # unstable at a pose
+        ("flatness", {"gain": 2.51}, {"ripple": 0.9, "path": 0.999e-3}),  # written alike: 1 mrad
+    ):
+        judged(tmp_path, PLANAR, law, loops, nominal)
+    lines = TABLES["better"](tmp_path).splitlines()[2:]
+    assert [line.split("|")[2].strip() for line in lines] == ["PD", "torque feedback"]
+    assert "gain margin (3.00, 2.50)" in lines[0]
+    assert "ripple (0.3 %, 1 %)" in lines[1]
+    assert set(SHORT) == {law for law, choice in LAWS.items() if choice.tuned}
 
 
 @pytest.mark.skipif(

@@ -81,6 +81,7 @@ def test_the_text_has_the_equations_and_rounds_towards_what_holds() -> None:
     assert "<= 0.666666" in text
     assert "0.666667" not in text
     assert f"gamma = {1 / 3!r}" in text
+    assert unnamed(text.partition("Not proved")[2], "latency", "instant", "measurement") == []
     several = theorem_text(replace(claim, parameters=(Parameter("mass", 1.0, 2.0),)), Verification(True))
     assert unnamed(text, "each robot") == ["each robot"]
     assert unnamed(several, "each robot", "mass", "[1, 2]") == []

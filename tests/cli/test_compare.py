@@ -22,7 +22,7 @@ WORDS = [
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """No search, only the starts."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
 
 
 @pytest.mark.slow

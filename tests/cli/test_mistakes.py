@@ -103,7 +103,7 @@ def test_what_is_wrong_with_a_robot_is_told(
         (["--penalty", "link_position=a"], "'link_position=a'"),
         (["--gamma-ratio", "0.5"], "gamma ratio"),
         (["--gamma-ratio", "1", "--preset", "paper"], "gamma ratio"),
-        (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], ("92.07", "73.66")),
+        (["--rays", "10", "--degrees", "2", "--checked-gamma-ratio", "1.2"], ("92.0694", "73.655")),
         (["--effort", "-1"], "effort"),
         (["--measured", "colour"], "colour"),
         (["--measured", "motor_positon"], ("'motor_positon'", "try:   --measured motor_position")),

@@ -32,9 +32,11 @@ WRITERS = ("dataclasses.py", "options.py", "design_file.py", "arguments.py")
 BEHIND = {
     "peak_sensitivity_limit": "peak_sensitivity",
     "gain_margin_limit": "gain_margin",
+    "delay_margin_limit": "delay_margin",
     "overshoot_limit": "overshoot",
     "known_latency": "latency",
     "unknown_samples": "unknown_delay",
+    "damped_below_limit": "damped_below",
     "in_degrees": "angle_unit",
 }
 
@@ -99,7 +101,8 @@ def test_certify_takes_what_it_reads(read: set[str], monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(by_step, "GAIN", -1e9)  # a higher degree is judged whatever it costs
     certified(pose="20deg", degrees="2,4", preset="paper", estimator="ekf")
     assert read - set(CERTIFY_FIELDS) <= REPLACED
-    assert set(CERTIFY_FIELDS) - read == {"proof_seconds"}
+    of_moves = {"damped_below", "feedforward"}  # and of shaped commands
+    assert set(CERTIFY_FIELDS) - read == {"proof_seconds"} | of_moves
 
 
 @pytest.mark.slow
@@ -131,7 +134,7 @@ def test_a_design_is_made_with_every_field(read: set[str], tmp_path: Path) -> No
     way.write_text("time,link [deg]\n0,0\n2,20\n")
     s = Specification(move=str(way), shaping="quintic", preset="damped", start="0", **SMALL)
     fh.design(fh.load_robot("vertical-rig"), s).save(tmp_path / "report")
-    assert set(FIELDS) - read == set()
+    assert set(FIELDS) - read == {"workspace"}
 
 
 def test_run_takes_what_it_reads(read: set[str], tmp_path: Path) -> None:
@@ -204,7 +207,7 @@ def test_what_cannot_act_is_known(command: str, robot: str, fields: dict[str, An
         "proof_seconds",
         "seed",
     }
-    fields = {k: [v] if k in ("degrees", "start") else v for k, v in fields.items()}
+    fields = {k: [v] if k in ("degrees", "start") else v for k, v in fields.items()} | {"pose": "5deg"}
     found = set(without_effect(command, fh.load_robot(robot), Specification(**fields)))
     assert found & {*fields, *idle} == idle
     assert found <= {*fields, *always}
@@ -237,6 +240,9 @@ def test_what_a_run_does_not_depend_on() -> None:
         ("design arm.toml --draws 5", "--draws"),
         ("design paper --estimator none --rays 0 --draws 0 --seed 5", "--seed"),
         ("design paper --estimator none --measured motor_position,link_position", "--measured"),
+        ("design paper --estimator none --measured motor_position --pose 5deg", "--measured"),
+        ("design paper --gamma-ratio 1.5", "--gamma-ratio"),
+        ("design paper --estimator ukf", "--estimator"),
         ("design paper --rays 0 --checked-gamma-ratio 2", "--checked-gamma-ratio"),
         ("compare paper --proof-seconds 5", "--proof-seconds"),
         ("certify paper --degrees 2 --overshoot 3", "--overshoot"),

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 Benches = Callable[..., LoopSetup]
 START, GOAL = (0.0, -2.2), (0.4, -0.3)
-LEAST = MarginLimits(2.5, 1.8, 0.05)
+LEAST = MarginLimits(2.5, 1.8, 0.05, 350.0)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -79,7 +79,7 @@ def test_laws_are_added_at_the_worst_poses_only_where_they_help(
     kept = scheduled(setup, plan, LEAST, another)
     assert (kept[0], asked) == (setup.law, []) if along.share <= 1.0 else asked
     peaks = [one.peak_sensitivity for one in along.margins]
-    strict = MarginLimits(0.5 * (peaks[-1] + max(peaks)), 1.01)
+    strict = MarginLimits(0.5 * (peaks[-1] + max(peaks)), 1.01, 0.0, 350.0)
     law, better = scheduled(setup, plan, strict, another)
     assert isinstance(law, Schedule)
     assert better.share < margins_along(setup, plan, strict).share

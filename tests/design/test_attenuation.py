@@ -70,5 +70,5 @@ def test_nothing_is_searched_without_a_region_or_with_many_states() -> None:
     asked = Specification(preset="damped", degrees=(2,), rays=0, draws=0, compare_rigid=False)
     found = design(fh.load_robot("quanser-rotflex"), asked).attenuation
     assert found.attained is None
-    assert [row.name for row in found.budget] == ["sampling", "estimator"]
+    assert [row.name for row in found.budget] == ["sampling", "delay", "estimator"]
     assert all(np.isinf(row.budget.level) for row in found.budget)

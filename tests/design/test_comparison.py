@@ -32,7 +32,7 @@ RIG: dict[str, Any] = {**QUICK, "pose": (0.8,), "start": (0.3,)}
 def short() -> Iterator[None]:
     """No search, only the starts: how laws are tuned is tested beside this."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         yield
 
 
@@ -50,7 +50,7 @@ def made() -> Callable[..., Comparison]:
 def rig(made: Callable[..., Comparison]) -> Comparison:
     """Laws of all kinds, with a short search; nothing may change it."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 1),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         return made(["hinf", "nlqr", "lqr-gravity", "lqg", "pd", "pid", "torque", "flatness-i"])
 
 
@@ -198,7 +198,12 @@ def test_one_law_has_the_same_figures_in_a_design_and_in_a_comparison(
         assert one.metrics == other.metrics
     judged = {(line.what, line.where): line for line in designed.requirements}
     for line in compared.requirements:
-        assert line == judged[line.what, line.where]
+        if line.what == "remaining error" and designed.limit_cycle is not None:
+            # with dry friction a design judges it in its long run at rest, which a comparison does not have
+            assert (line.what, line.where) not in judged
+            assert any(other.what == line.what for other in designed.requirements)
+        else:
+            assert line == judged[line.what, line.where]
 
 
 @pytest.mark.slow

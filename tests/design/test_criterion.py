@@ -74,6 +74,11 @@ def test_a_limit_is_the_wider_of_the_stated_one_and_the_design_s_own() -> None:
     assert value(made(), "damping") == 0.1
     assert value(made(own=replace(OWN, damping=0.001)), "damping") == 0.001
     assert value(made(damping=(0.15, "--damping")), "damping") == 0.15
+    late, limit = replace(OWN, delay_margin=0.7), {"delay_margin": (1.0, "default")}
+    assert value(made(own=late, **limit), "delay_margin") == 0.7
+    assert value(made(own=replace(late, delay_margin=1.0), **limit), "delay_margin") == 1.0
+    assert made(own=late, **limit).judge(replace(late, delay_margin=0.6)).excess > 0.0
+    assert not any(each.metric == "delay_margin" for each in made(own=late).limits)
 
 
 def test_the_mode_says_what_is_shared() -> None:

@@ -22,6 +22,7 @@ from flexhinf.plant import Penalty
 OTHERS: dict[str, Any] = {
     "pose": (0.1, -1 / 3),
     "start": (0.1 + 0.2, 1e-17),
+    "workspace": {"time": [0.0, 1.0], "shoulder": [0.0, 1 / 3], "elbow": [0.5, 0.1 + 0.2]},
     "via": ((0.1, 0.2), (0.3, np.pi)),
     "preset": "robust",
     "bandwidth": (4.0, 2 * np.pi * 0.6),
@@ -32,6 +33,7 @@ OTHERS: dict[str, Any] = {
     "gain_margin": 2.5,
     "angle_unit": "deg",
     "shaping": "quintic",
+    "feedforward": False,
     "move": {"time": [0.0, 0.1 + 0.2], "shoulder": [0.0, 1 / 3], "elbow": [0.5, 0.1]},
     "tracking_error": (0.01, 1 / 3),
     "overshoot": 2.5,
@@ -39,7 +41,12 @@ OTHERS: dict[str, Any] = {
     "integral_dead_zone": (1e-3, 5e-4),
     "penalty": {"link_position": (60.0, 1 / 3), "link_position_integral": 300.0},
     "delay_margin": 1.5,
-    "effort": 10.0,
+    "damped_below": 2 * np.pi * 50.1,
+    "undershoot": 1 / 3,
+    "path_distance": (0.02, 1 / 3),
+    "remaining_error": (1e-3, 2e-3 / 3),
+    "ripple": 0.7,
+    "effort": (10.0, 1 / 3),
     "gamma_ratio": 1.7,
     "checked_gamma_ratio": 1.9,
     "checked_penalty": (54.0, 0.0, 1e-9),
@@ -176,7 +183,7 @@ def test_the_waypoints_of_a_move_are_found_from_the_folder_of_the_design_file(tm
         request_document(Specification(move=fh.Spline([0.0, 1.0], [0.0, 1.0])), "paper")
 
 
-@pytest.mark.parametrize("penalty", [lambda x, p: x, Penalty({"link_position": 1.0}, [1.0, 2.0])])
+@pytest.mark.parametrize("penalty", [lambda x, p: x, Penalty({"link_position": 1.0}, np.diag([1.0, 2.0]))])
 def test_what_a_file_cannot_hold_is_refused(penalty: Any, tmp_path: Path) -> None:
     with pytest.raises(fh.InvalidInput, match="design file"):
         request_document(Specification(penalty=penalty), "paper")

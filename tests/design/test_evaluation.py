@@ -44,9 +44,10 @@ def test_the_second_delay_margin_is_that_of_the_robot_with_damped_springs(setup_
     names = [f"damping_{joint}" for joint in law.setup.joints]
     values = {name: robot.nominal[name] + d for name, d in zip(names, more, strict=True)}
     known = robot.plant_parameters({**robot.nominal, **values})
-    expected = margins(law.setup.equilibrium_loop(values=known)).delay_margin_s
-    assert law.damped_delay_margin == pytest.approx(expected, rel=1e-8)
-    assert abs(expected / law.margins.delay_margin_s - 1.0) > 1e-5
+    expected = margins(law.setup.equilibrium_loop(values=known))
+    assert law.damped_margins.delay_margin_s == pytest.approx(expected.delay_margin_s, rel=1e-8)
+    assert law.damped_margins.damping_about(40.0) == pytest.approx(expected.damping_about(40.0), rel=1e-6)
+    assert abs(expected.delay_margin_s / law.margins.delay_margin_s - 1.0) > 1e-5
 
 
 def test_the_inductance_stays_in_the_linear_loop(setup_of: Setups) -> None:

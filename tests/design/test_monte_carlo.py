@@ -13,7 +13,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 import flexhinf as fh
 from flexhinf.design.loop_setup import LoopSetup
-from flexhinf.design.requirements import MonteCarlo, sampled_runs
+from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
 from flexhinf.design.responses import sample_robots
 
 Benches = Callable[..., LoopSetup]

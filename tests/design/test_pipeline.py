@@ -329,7 +329,7 @@ def test_design_and_compare_show_the_same_margins_with_friction_and_delay(
         duration=0.5,
     )
     robot = fh.load_robot("planar-two-link")
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
     one, two = design(robot, asked).evaluation, fh.compare(robot, asked, ("nl-hinf",), "none").own.evaluation
     assert two is not None
     for key in (

@@ -24,7 +24,7 @@ WAY = {"time": [0.0, 0.8, 2.0], "elbow": [0.0, 0.4, -0.3], "shoulder": [0.2, 0.5
 @pytest.mark.parametrize("shaping", ["quintic", "jerk-limited"])
 def test_a_shaped_step_needs_less_and_arrives_without_a_jump(setup_of: Benches, shaping: str) -> None:
     jump = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2))
-    shaped = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2), shaping=shaping)
+    shaped = setup_of("planar-two-link", (0.4, 0.6), (-0.2, 0.2), shaping=shaping, feedforward=False)
     assert (jump.command, jump.command_time) == (None, 0.0)
     command = shaped.command
     assert command is not None
@@ -77,8 +77,8 @@ def test_a_stated_move_is_followed_through_its_waypoints_and_judged(setup_of: Be
     np.testing.assert_allclose(move.response.positions[at], wanted, atol=2e-3)
     np.testing.assert_allclose(move.response.goal, wanted[-1], atol=1e-12)
     assert move.response.run.time[-1] == pytest.approx(3.0, abs=2e-3)
-    error, after = move_requirements(setup.specification, setup.limits, move)
-    assert (error.met, after.met) == (True, True)
+    error, after, *motion = move_requirements(setup.specification, setup.limits, move, 0.0)
+    assert [line.met for line in (error, after, *motion)] == [True] * 4
     assert error.found > 0.0
     assert error.limit == pytest.approx(0.05 * dict(zip(setup.joints, move.travel))[error.joint])
 
@@ -96,7 +96,7 @@ def test_the_tracking_error_is_a_requirement_of_each_joint(setup_of: Benches) ->
     )
     plan = stated_move(setup.robot, setup.specification)
     assert plan is not None
-    error = move_requirements(setup.specification, setup.limits, setup.move(plan))[0]
+    error = move_requirements(setup.specification, setup.limits, setup.move(plan), 0.0)[0]
     assert (error.met, error.joint, error.limit, error.stated_by) == (
         False,
         "shoulder",
@@ -145,3 +145,25 @@ def test_the_advised_time_keeps_the_limits(robot_of: Callable[[str], Any]) -> No
     factor = float(refused.value.advice.split()[1])
     slower = {**WAY, "time": [1.001 * factor * t for t in WAY["time"]]}
     assert stated_move(robot, Specification(move=slower, peak_speed=0.5)) is not None
+
+
+def test_a_shaped_step_has_its_feedforward_unless_it_is_switched_off(setup_of: Benches) -> None:
+    """The step along its command is the planned move of that command, run by run; without, the law lags behind."""
+    ends = (0.4, 0.6), (-0.2, 0.2)
+    setup = setup_of("planar-two-link", *ends, shaping="quintic")
+    step = setup.step(2.0)
+    assert setup.command is not None
+    move = setup.move(setup.command, 2.0 - setup.command.duration).response
+    np.testing.assert_array_equal(step.positions, move.positions[: len(step.positions)])
+    lags = setup_of("planar-two-link", *ends, shaping="quintic", feedforward=False)
+    late = lags.step(2.0)
+    away = [
+        np.abs(run.positions - np.reshape(setup.command(run.run.time), run.positions.shape)).max()
+        for run in (step, late)
+    ]
+    assert away[0] < 1e-3 < 0.05 < away[1]
+    np.testing.assert_array_equal(
+        late.inputs, setup.run(setup.bumpless_controller, setup.start, 2.0, reference=setup.command).inputs
+    )
+    runs = lags.move(setup.command).response.run, setup.move(setup.command).response.run
+    assert [len(run.names["reference"]) for run in runs] == [2, len(setup.model.states) + 2]

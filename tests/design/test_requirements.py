@@ -4,27 +4,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.cli.arguments import error_text
 from flexhinf.design import Specification
+from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.requirements import (
     REQUIREMENTS,
-    MonteCarlo,
     Requirement,
-    behaviour_requirements,
+    bandwidth_requirement,
     corner_requirement,
     margin_requirements,
+    oscillation_requirements,
     sample_requirements,
     step_requirements,
 )
 from flexhinf.design.responses import ROBOT, JointLimits, Worst, joint_limits, worst_of
 from flexhinf.design.specification import (
+    DELAY_MARGIN,
     GAIN_MARGIN,
     OVERSHOOT,
     PEAK_SENSITIVITY,
@@ -61,10 +65,8 @@ def limits_of(s: Specification, joints: int = 2, **robot: Any) -> JointLimits:
 class Linear:
     """As much of the margins as is judged."""
 
-    def __init__(
-        self, bandwidth: Any = (), damping: float = 1.0, peak: float = 1.0, gain: float = 9.0
-    ) -> None:
-        self.bandwidth, self.damping = np.array(bandwidth, dtype=float), damping
+    def __init__(self, bandwidth: Any = (), peak: float = 1.0, gain: float = 9.0) -> None:
+        self.bandwidth = np.array(bandwidth, dtype=float)
         self.peak_sensitivity, self.gain_margin, self.delay_margin_s = peak, gain, 1.5e-3
 
 
@@ -153,28 +155,63 @@ def test_a_step_that_diverges_meets_nothing() -> None:
 
 def test_of_the_bandwidths_the_joint_that_lags_most_is_named() -> None:
     required, joints = np.array([4.0, 2.0, 10.0]), ("a", "b", "c")
-    stated = Specification(bandwidth=(4.0, 2.0, 10.0), damping=0.2)
-    found: Any = Linear([4.2, 1.9, 7.0], 0.25)
-    band, damping = behaviour_requirements(stated, required, 0.2, found, joints)
+    stated = Specification(bandwidth=(4.0, 2.0, 10.0))
+    found: Any = Linear([4.2, 1.9, 7.0])
+    band = bandwidth_requirement(stated, required, found, joints)
     assert (band.limit, band.found, band.met, band.stated_by) == (10.0, 7.0, False, "--bandwidth")
     assert band.joint == "c"
-    assert (damping.limit, damping.found, damping.met, damping.stated_by) == (0.2, 0.25, True, "--damping")
-    found = Linear([4.2, 2.1, 11.0], 0.1)
-    band, damping = behaviour_requirements(Specification(), required, 0.2, found, joints)
-    assert (band.stated_by, damping.stated_by, damping.met) == ("default", "default", False)
+    found = Linear([4.2, 2.1, 11.0])
+    assert bandwidth_requirement(Specification(), required, found, joints).stated_by == "default"
 
 
 def test_an_unstable_loop_has_no_bandwidth() -> None:
-    found: Any = Linear([np.nan, np.nan], -0.1)
-    band, damping = behaviour_requirements(Specification(), np.array([1.0, 1.0]), 0.2, found, ("a", "b"))
-    assert (band.found, band.met, damping.met) == (0.0, False, False)
+    found: Any = Linear([np.nan, np.nan])
+    band = bandwidth_requirement(Specification(), np.array([1.0, 1.0]), found, ("a", "b"))
+    assert (band.found, band.met) == (0.0, False)
+
+
+@pytest.mark.parametrize(
+    ("required", "slow", "limit", "met"),
+    [
+        (None, 0.051, 0.05, True),
+        (None, 0.0499, 0.05, False),
+        (0.01, 0.0499, 0.05, False),
+        (0.2, 0.197, 0.2, True),
+    ],
+)
+def test_no_oscillation_below_the_frequency_is_met_below_a_twentieth(
+    required: float | None, slow: float, limit: float, met: bool
+) -> None:
+    """Old code judged no damping where weights are stated, and called 0.0016 at 190 Hz met without a word."""
+    stated = Specification(damping=required, damped_below="50Hz")
+
+    def ratios(below: float, fast: float) -> tuple[float, float]:
+        assert below == pytest.approx(100.0 * math.pi)
+        return slow, fast
+
+    own, damped, still = (
+        cast("Any", SimpleNamespace(damping_about=partial(ratios, fast=f))) for f in (0.0016, 0.0066, 1.0)
+    )
+    damping, fast = oscillation_requirements(stated, own, damped, required, ("a", "b"))
+    assert (damping.limit, damping.found, damping.met, damping.joint) == (limit, slow, met, "a")
+    assert (fast.limit, fast.found, fast.met, fast.joint) == (0.0, 0.0016, True, "b")
+    assert all(text in fast.criterion for text in ("314", "0.0066", "0.5"))
+    assert len(oscillation_requirements(stated, still, still, required)) == 1
+
+
+def test_what_has_to_be_damped_is_far_below_half_the_sampling_frequency() -> None:
+    assert Specification().damped_below_limit == 350.0
+    assert Specification(period=0.01).damped_below_limit == pytest.approx(math.pi / 0.03)
+    with refused_with(SpecificationError, "1047", "1100"):
+        Specification(damped_below=1100.0)
 
 
 def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
     found: Any = Linear(peak=2.2, gain=1.9)
-    peak, gain = margin_requirements(Specification(), found)
-    assert (peak.limit, gain.limit) == (PEAK_SENSITIVITY, GAIN_MARGIN)
-    assert (peak.met, gain.met, peak.stated_by) == (True, True, "default")
+    peak, gain, delay = margin_requirements(Specification(), found)
+    assert (peak.limit, gain.limit, delay.limit) == (PEAK_SENSITIVITY, GAIN_MARGIN, DELAY_MARGIN)
+    assert (peak.met, gain.met, delay.met, delay.stated_by) == (True, True, True, "default")
+    assert len(margin_requirements(Specification(estimator="none"), found)) == 2
     stated = Specification(peak_sensitivity=2.0, gain_margin=2.0, delay_margin=2.0)
     peak, gain, delay = margin_requirements(stated, found, damped=4e-3)
     assert (peak.met, gain.met, delay.met) == (False, False, False)
@@ -188,7 +225,12 @@ def test_margins_have_stated_defaults_and_stated_limits_win() -> None:
 
 @pytest.mark.parametrize(
     ("field", "limit"),
-    [("overshoot", OVERSHOOT), ("peak_sensitivity", PEAK_SENSITIVITY), ("gain_margin", GAIN_MARGIN)],
+    [
+        ("overshoot", OVERSHOOT),
+        ("peak_sensitivity", PEAK_SENSITIVITY),
+        ("gain_margin", GAIN_MARGIN),
+        ("delay_margin", DELAY_MARGIN),
+    ],
 )
 def test_a_limit_that_is_stated_as_its_default_is_stated(field: str, limit: float) -> None:
     option = f"--{field.replace('_', '-')}"

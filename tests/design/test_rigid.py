@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 import flexhinf as fh
 from flexhinf.analysis.modes import closed_loop, modes_of, stiffness_and_inertia
-from flexhinf.design.rigid import FEEDBACK_SIDES, RigidLaw, rigid_problem
+from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.rigid import FEEDBACK_SIDES, RigidLaw, compare_rigid, rigid_problem
 from flexhinf.hinf import smallest_gamma, solve_hji
 from flexhinf.robot.arm import Arm
 
@@ -94,3 +99,15 @@ def test_a_penalty_on_spring_torques_falls_away_and_code_of_the_users_is_not_gue
     assert rigid is not None
     assert rigid.penalty.weights(rigid.state_names) == pytest.approx([100, 100, 0, 0, 1, 1])
     assert rigid_problem(robot.problem(fh.Penalty(lambda x, p: np.array([x[0], x[1], x[8], x[9]])))) is None
+
+
+def test_its_input_is_as_late_as_that_of_the_design(setup_of: Callable[..., LoopSetup]) -> None:
+    """The latency is the loop's, though nothing predicts over it; an unknown delay is on top."""
+    setup: Any = setup_of("paper", (1.0,), unknown_delay=2e-3)
+    energy = stiffness_and_inertia(setup.model, setup.goal_equilibrium)
+    evaluation: Any = SimpleNamespace(
+        setup=setup, scenario=SimpleNamespace(step_duration=0.05), energy=energy
+    )
+    found = compare_rigid(evaluation, setup.law.problem, 2)
+    assert found is not None
+    assert [loop.response.run.settings["input_delay_samples"] for loop in found.loops] == [3, 3]

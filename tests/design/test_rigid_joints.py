@@ -79,6 +79,7 @@ def test_a_design_meets_its_specification_on_mujoco_and_within_the_tolerances(mi
         rays=0,
         draws=10,
         mujoco=True,
+        duration=4.0,  # the default ends while 10 % of the step remain
     )
     result = fh.design(mixed, specification)
     assert result.met

@@ -84,6 +84,7 @@ def test_words_have_any_case() -> None:
         ({"gain_margin": 0.5}, "> 1, got 0.5", "gain_margin=2.0", "--gain-margin 2"),
         ({"dampng": 0.3}, "'dampng'", "'damping'", "'damping'"),
         ({"delay": 0.01}, "'delay'", "'unknown_delay'", "'unknown_delay'"),
+        ({"delay_margin": 201}, "at most 200 (", "delay_margin=1.0", "--delay-margin 1"),
         ({"latency": 11}, "at most 10 (", "latency=1", "--latency 1"),
         ({"latency": 1, "estimator": "none"}, "expected 0", "latency=0", "--latency 0"),
     ],
@@ -137,7 +138,7 @@ def test_specification_and_linear_loop_refuse_the_same_delays(samples: int) -> N
     plant, problem = robot.plant(), robot.problem()
     law = fh.linear_law(problem, 2.0 * fh.smallest_gamma(problem))
     makers = (
-        lambda: Specification(unknown_delay=1e-3 * samples),
+        lambda: Specification(unknown_delay=1e-3 * samples, latency=0),
         lambda: EquilibriumLoop(law, None, plant, 1e-3, delay=samples),
     )
     for make in makers:

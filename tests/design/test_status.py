@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 from tests.refusals import unnamed
 
+from flexhinf.analysis.modes import Mode
 from flexhinf.design.certification import DesignProof
-from flexhinf.design.pipeline import Status, status_of
 from flexhinf.design.requirements import Requirement
+from flexhinf.design.status import Status, status_of
 
 #: Metrics under load of a joint that comes back.
 FINE = {"joint": "shoulder", "recovery_time_s": 0.2, "remaining_error": 0.0}
@@ -30,13 +31,18 @@ def judged(
     noise, recovery = margins.pop("noise", 0.0), margins.pop("recovery", 0.3)
     tolerances = margins.pop("tolerances", True)
     corners = SimpleNamespace(unstable=0, count=8) if tolerances else None
+    slow, fast = margins.pop("damping"), margins.pop("fast", 1.0)
+    least_damped = tuple(Mode(complex(-ratio, 1.0) * 60.0, True, "elbow") for ratio in (slow, fast))
+    margins["damping_about"] = lambda below: (slow, fast)
     evaluation: Any = SimpleNamespace(
         corners=corners, estimator_modes=(), margins=SimpleNamespace(**margins), input_noise=noise,
+        damped_margins=SimpleNamespace(**margins),
         setup=SimpleNamespace(
-            specification=SimpleNamespace(period=1e-3, in_degrees=False), joints=("elbow", "shoulder"),
+            specification=SimpleNamespace(period=1e-3, in_degrees=False, damped_below_limit=350.0),
+            joints=("elbow", "shoulder"),
             robot=SimpleNamespace(links=SimpleNamespace(slides=(False, False))),
         ),
-        step=SimpleNamespace(peak_input=10.0), least_damped_joint="elbow", input_noises=None,
+        step=SimpleNamespace(peak_input=10.0), least_damped=least_damped, input_noises=None,
         load_response=SimpleNamespace(
             metrics=[]
             if recovery == math.inf  # of a run that diverged
@@ -78,8 +84,8 @@ def test_a_loop_without_faults_has_an_empty_status() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"damping": 0.04}, ("0.04 only",)),
-        ({"damping": 0.093}, ("0.093 only", "required")),
+        ({"damping": 0.093}, ("0.093 only", "elbow", "0.5 %")),
+        ({"fast": 0.0016}, ("0.0016 only", "elbow", "0.5 %")),
         ({"delay_margin_s": 0.0029}, ("delay", "2.9 ms", "2.9 periods")),
         (
             {"recovery": None},
@@ -94,7 +100,9 @@ def test_what_is_risky_is_named(changes: dict[str, Any], words: tuple[str, ...])
     assert all(word in risk for word in words)
 
 
-@pytest.mark.parametrize("changes", [{"damping": 0.11}, {"delay_margin_s": 0.0031}, {"noise": 0.49}])
+@pytest.mark.parametrize(
+    "changes", [{"damping": 0.11}, {"fast": 0.051}, {"delay_margin_s": 0.0031}, {"noise": 0.49}]
+)
 def test_what_is_not_risky_is_not_named(changes: dict[str, Any]) -> None:
     assert judged(**changes).risky == ()
 

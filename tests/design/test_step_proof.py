@@ -14,6 +14,7 @@ import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.certification import DesignProof, step_proof
 from flexhinf.pages import design_files, design_tables, notes, verdict
+from flexhinf.pages.design.region import proof_text
 
 
 def _certificate(box: bool = False) -> Any:
@@ -78,6 +79,9 @@ def test_everything_that_is_shown_of_a_design_agrees(
     files = design_files(found, ())
     page, numbers = str(files["index.html"]), json.loads(str(files["design.json"]))
     assert numbers["proof"]["step_proved"] == proved
+    proof = found.proof.certificate is not None
+    assert numbers["proof"].get("latency_samples") == (0 if proof else None)
+    assert ("latency" in proof_text(found)) == proof
     shown = " ".join([verdict(found), *notes(found)])
     for text in (page, shown):
         assert found.step_proof.text.rstrip(".") in text

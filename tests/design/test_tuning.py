@@ -72,14 +72,14 @@ def rig(tuner: Callable[..., Tuner]) -> Tuner:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search of a few candidates."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 1, 1, 1),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 1, 1),))
 
 
 @pytest.fixture(scope="module")
 def pd(rig: Tuner) -> Any:
     """Tuned with a third of the usual candidates."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tuning, "BUDGET", ((10_000, 10, 1, 1),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 10, 1),))
         return rig.tune(law_kind("pd"))
 
 
@@ -89,7 +89,7 @@ def test_a_tuned_law_keeps_every_limit_in_a_loop_of_our_own(rig: Tuner, pd: Any)
     """Margins from the loop transfer on a grid, and the peak from a loop that is put together here."""
     assert pd.feasible
     setup, s = pd.setup, pd.setup.specification
-    opened = setup.equilibrium_loop().linear().opened(s.unknown_delay)
+    opened = setup.equilibrium_loop().linear().opened()
     grid = opened.frequencies(4000)
     sensitivity = 1.0 / np.abs(1.0 - opened.response(grid)[:, 0, 0])
     most = {limit.metric: limit.value for limit in rig.criterion.limits}
@@ -158,10 +158,10 @@ def test_a_law_that_contains_another_one_is_not_tuned_worse(
     rig: Tuner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Torque feedback with the real rotor is a PD; a search of its own once ended at 1.24 where a PID had 0.97."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 10, 1, 1),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 10, 1),))
     contained = rig.tune(law_kind("pd-gravity"))
     assert contained.feasible
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 1, 1),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 1),))
     kind = replace(law_kind("torque"), sensors=contained.kind.sensors)
     found = rig.again(rig.tune(kind), [rig.tune(law_kind(DESIGN)), contained])
     alike = {**rig.factory.start(kind), **contained.parameters, "rotor_inertia": 1.0}
@@ -176,7 +176,7 @@ def test_what_one_search_came_upon_serves_every_law_with_such_parameters(rig: Tu
     to those only that contain it, and a PID's to no PD."""
     wider = replace(rig.tune(law_kind("pid")), feasible=True)
     own = rig.tune(law_kind("pd"))
-    found: Any = rig.again(own, [wider, own], exchange=True)
+    found: Any = rig.again(own, [wider, own])
     shared = {name: wider.parameters[name] for name in own.parameters}
     assert any(dict(one.parameters) == pytest.approx(shared) for one in found.search.candidates)
     assert found.cost <= own.cost or not own.feasible
@@ -187,7 +187,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_nonlinear_lqr_that_it_cont
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Old code kept the channels of the tolerances in nl-hinf: on the paper's arm it ended at 0.90, nlqr at 0.78."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 2, 0, 0),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 2, 0),))
     evaluation, synthesis = evaluation_of(preset="robust", estimator="ekf", torque_noise=1e-7)
     criterion = criterion_for("peak", own_metrics(evaluation), 3.0, LIMITS, "V")
     rig = Tuner(LawFactory(synthesis, 5.0), evaluation, criterion)
@@ -365,7 +365,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
     rig: Tuner, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Old code added weights of velocities to every candidate, and R2, γ and degree of the design never met again."""
-    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+    monkeypatch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
     kind = law_kind(name)
     found = rig.tune(kind)
     assert found.feasible
@@ -373,7 +373,7 @@ def test_nonlinear_h_infinity_does_not_end_behind_the_design_that_it_contains(
     sensors = tuple(rig.own.setup.specification.measured)
     own = rig.evaluation(kind, sensors, rig.factory.own(kind) or {})
     assert metrics_of(own) == rig.criterion.own
-    again = rig.again(found, [found, rig.tune(law_kind("nlqr"))], exchange=True)
+    again = rig.again(found, [found, rig.tune(law_kind("nlqr"))])
     assert again.cost <= found.cost
 
 

@@ -41,7 +41,9 @@ def test_everything_is_logged(run: RealTimeRun) -> None:
         assert ("state", name, "rad/s") in found
     assert {("measured", "link_position", "rad"), ("reference", "link_position", "rad")} <= found
     assert {("input", "motor_voltage", "V"), ("disturbance", "link_torque", "N·m")} <= found
-    assert {"missed_deadline", "overrun", "at_limit", "code"} == {n for k, n, _ in found if k == "flags"}
+    assert {"missed_deadline", "overrun", "at_limit", "code", "status"} == {
+        n for k, n, _ in found if k == "flags"
+    }
     assert ("timing", "lateness", "s") in found
     np.testing.assert_array_equal(
         expected(run, "flags", "at_limit"), np.abs(run.trajectory.signals["input"][:, 0]) >= 48.0 * (1 - 1e-9)

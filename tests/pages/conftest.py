@@ -63,5 +63,5 @@ def report_comparison(robot_of: Callable[[str], Any], only_uncertain: Callable[.
         torque_noise=1e-5, degrees=(2,), rays=0, draws=2, duration=3.0,
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:  # how laws are tuned is tested elsewhere
-        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0, 0),))
+        patch.setattr(tuning, "BUDGET", ((10_000, 0, 0),))
         return compare(robot, s, ["hinf", "lqr", "pd", "pid"])

@@ -90,7 +90,7 @@ def test_the_page_has_theorem_pictures_and_both_bounds(
     for part in (
         'id="hypotheses"', 'id="proved"', 'id="not-proved"', "link position", "gain",
         'id="figure-starts"', 'id="figure-limit"', 'id="figure-largest"', 'id="figure-worst"',
-        "r = 0", text, "flexhinf certify --check",
+        "r = 0", text, "flexhinf certify --check", "latency covered",
     ):  # fmt: skip
         assert part in html
     assert "gamma" not in html.split('id="starts"')[0].split('id="hypotheses"')[1]

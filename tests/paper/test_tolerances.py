@@ -167,7 +167,7 @@ def test_ctrl_c_ends_the_growth_rates_of_both_goals(
             time.sleep(0.01)
 
     monkeypatch.setattr("flexhinf.paper.tolerances.growth_rates", endless)
-    monkeypatch.setattr("flexhinf.paper.tolerances.EquilibriumLoop", lambda *about: about[-1])
+    monkeypatch.setattr("flexhinf.paper.tolerances.EquilibriumLoop", lambda *about, **options: about[-1])
     with pytest.raises(KeyboardInterrupt):
         growth_with(setup, setup.nonlinear)
     assert max(turns) < most - 1

@@ -256,6 +256,9 @@ def path_start(claim: Claim, start: Start, amplitude: float) -> np.ndarray:
     return path_states(start, claim.middle, np.array([amplitude]))[0]
 
 
+#: Line of every theorem about latency.
+NO_LATENCY = "No latency is covered: the input acts at the instant of its measurement."
+
 #: Heading of the entries of a file that nothing checks.
 AUTHOR = "In the author's words, not checked"
 
@@ -307,13 +310,14 @@ def theorem_parts(
             "Not proved",
             [
                 (
-                    "- Other estimators than the stated one, noise of the measurement, sampling and hold, latency "
-                    "and delay, saturation, quantisation"
+                    "- Other estimators than the stated one, noise of the measurement, sampling and hold, delay, "
+                    "saturation, quantisation"
                     if claim.observer
                     else "- An estimator instead of the true state, "
-                    "sampling and hold, latency and delay, saturation, quantisation and noise"
+                    "sampling and hold, delay, saturation, quantisation and noise"
                 )
                 + (", beyond what the budget of 4. covers." if verification.gradient_law else "."),
+                f"- {NO_LATENCY}",
                 "- Starts outside S, and starts of the integrators by another rule than the stated ones. That x is at "
                 "rest there, and where the integrators start, is as the file says: only that these x lie in S is "
                 "proved."

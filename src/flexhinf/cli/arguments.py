@@ -21,7 +21,7 @@ from typer.exceptions import TyperException
 
 from flexhinf import robot as robots
 from flexhinf.cli.options import PEAKS, PointOptions
-from flexhinf.design.specification import FIELDS, SpecificationError
+from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.options import GROUPS, LIMITS, NO_LIMIT, About, FieldInfo, declared, option_name, refused
 
@@ -105,6 +105,8 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
         stated["peak_effort"] = stated.pop(peaks[0])
     fields = {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
     request = read_source(source, elastic, fields, o.payload, o.pose_xyz, o.tool)
+    if context.info_name != "run":  # which needs both: the workspace of its controller, and a goal
+        request = _of_pose_stated(request, stated)
     robot, right = request.robot, f"--peak-{request.robot.drive}"
     for name in peaks[:1]:  # volts for a robot that is driven by torques, and so on
         refuse_if(
@@ -114,6 +116,17 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
             f"{right} …",
         )
     return request
+
+
+def _of_pose_stated(request: DesignRequest, stated: Collection[str]) -> DesignRequest:
+    """The request of one pose where an option that only a design of one pose reads is stated and a design file is for
+    a workspace."""
+    s = request.specification
+    own = [name for name in s.pose_fields_stated if {name, *("pose_xyz",) * (name == "pose")} & {*stated}]
+    if s.workspace is None or not own or "workspace" in stated:
+        return request
+    note(f"{'design.toml' if request.file is None else request.file.name}: workspace gives way to `{own[0]}`")
+    return replace(request, specification=replace(s, workspace=None))
 
 
 def refuse_idle(context: typer.Context, request: DesignRequest, **options: bool) -> None:
@@ -140,8 +153,8 @@ NOISES = ("process_noise", "torque_noise", "measurement_noise")
 #: Fields that choose a law by the runs of its step alone, and those by which weights are searched for too.
 STEPPED = ("shaping", "quantisation", "friction_model", "integral_dead_zone")
 SEARCHED = (
-    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "estimator", *NOISES,
-    "extras", "latency", "unknown_delay",
+    "start", "peak_effort", "peak_speed", "saturation", "peak_sensitivity", "gain_margin", "delay_margin",
+    "estimator", *NOISES, "extras", "latency", "unknown_delay",
 )  # fmt: skip
 
 #: What fields of a step would act on, where no step is run.
@@ -158,6 +171,8 @@ def without_effect(
     from flexhinf.design.problem.presets import preset_of
     from flexhinf.design.synthesis.by_step import STATES, rays_of
 
+    if command == "design" and not s.pose_fields_stated:
+        return _active(s, _of_workspace(robot, s))
     idle, preset, joints = _of_loop(robot, s), preset_of(robot, s), len(robot.joint_names)
     sampled = command == "design" and rays_of(STATES * joints, s.rays) > 0
     if s.estimator == "none" and not sampled and (not robot.uncertain or s.draws == 0):
@@ -176,10 +191,13 @@ def without_effect(
     return _active(s, idle)
 
 
-def without_effect_on_run(s: Specification, robot: Robot, noise: bool, commanded: bool) -> dict[str, str]:
+def without_effect_on_run(
+    s: Specification, robot: Robot, noise: bool, commanded: bool, moving: bool = False
+) -> dict[str, str]:
     """Fields on which a run of a finished controller does not depend, as `without_effect`.
 
-    `noise`: whether measurements have noise. `commanded`: whether the controller takes a command.
+    `noise`: whether measurements have noise. `commanded`: whether the controller takes a command. `moving`: whether it
+    is for a workspace.
     """
     idle, random = _of_loop(robot, s), noise and s.estimator != "none"
     if not random:
@@ -188,17 +206,25 @@ def without_effect_on_run(s: Specification, robot: Robot, noise: bool, commanded
         idle |= dict.fromkeys(("pose", "start", "overshoot"), 'a step (--move "" takes back the move)')
     elif not commanded:
         idle["shaping"] = "a controller that takes a command: its penalty weighs link_position_integral"
-    return _active(s, idle)
+    of_pose = dict.fromkeys(("shaping", "overshoot", "feedforward"), "a controller of one pose")
+    return _active(s, idle) | (of_pose if moving else {})
 
 
 def _active(s: Specification, idle: Mapping[str, str]) -> dict[str, str]:  # a seed of 0 is a seed
     return {name: needs for name, needs in idle.items() if name == "seed" or getattr(s, name)}
 
 
+def _of_workspace(robot: Robot, s: Specification) -> dict[str, str]:
+    kept = {"ripple"} | ({"estimator"} if s.estimator == "none" else set())
+    idle = dict.fromkeys({*FIELDS} - {*OF_WORKSPACE} | {"estimator"}, "a design of one pose (--pose)")
+    return {k: v for k, v in (_of_loop(robot, s) | idle).items() if k not in kept}
+
+
 def _of_loop(robot: Robot, s: Specification) -> dict[str, str]:
+    from flexhinf.design.responses import joint_limits
     from flexhinf.robot.elastic import DRY
 
-    idle = {}
+    idle = {} if joint_limits(robot, s).limits_effort else {"ripple": "limits of the motors (--saturation)"}
     if s.move is None:
         idle["tracking_error"] = "a move (--move)"
     if s.disturbances is None:
@@ -225,10 +251,14 @@ def _of_certificate(robot: Robot, s: Specification, preset: str, tolerances: boo
     run = chosen or limited or preset == "robust"
     names = [] if run else [*STEPPED, "seed"]
     if not run and (proved or not searched):
-        names += ["measured", *(name for name in SEARCHED if name != "start" or not (tolerances or proved))]
+        left = {"start"} if tolerances or proved else set()
+        left |= {"saturation"} if len(robot.joint_names) > 1 else set()  # the units of R2
+        names += ["measured", *(name for name in SEARCHED if name not in left)]
     names += [] if chosen or (limited and not proved) else ["draws", "duration"]
     names += [] if chosen else ["overshoot"]
     idle = dict.fromkeys(names, RUNS)
+    if s.move is None:
+        idle["damped_below"] = "a move (--move), along which laws are scheduled"
     if not several:
         idle["via"] = "several --degrees, of which a law of several poses uses the lowest"
     if not proved:
@@ -438,8 +468,11 @@ def parser_error(error: TyperException, arguments: Sequence[str]) -> str:
     if path in commands and option != typed:
         what, expected, advice = f"{typed} is called {option}", option, f"{option} in the place of {typed}"
     elif commands and path not in commands:
-        what = f"{path} does not take {option}, which would change nothing there"
-        advice = f"without it; it is an option of {', '.join(commands)}"
+        why, instead = "change nothing there", "without it"
+        if option == "--workspace":
+            why, instead = "say nothing of one pose", "--pose"
+        what = f"{path} does not take {option}, which would {why}"
+        advice = f"{instead}; {option} is an option of {', '.join(commands)}"
     elif known or meant:
         advice = ", ".join(known or ()) or meant.rstrip("?").strip("'")
     else:

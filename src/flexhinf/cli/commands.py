@@ -53,6 +53,7 @@ COMMANDS = {
     "robots": (robots, "flexhinf robots"),
     "design": (
         design,
+        "flexhinf design planar-two-link",
         "flexhinf design paper --pose 90deg",
         "flexhinf design planar-two-link --pose 35deg,20deg --measured motor_position --bandwidth 3 --damping 0.3",
         "flexhinf design paper --preset robust --peak-voltage 24 --unknown-delay 2ms --out robust",

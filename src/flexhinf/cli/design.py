@@ -55,13 +55,19 @@ COLOURS = {"holds": "green", "fails": "red", "ties": "yellow", "not judged": "br
 
 @with_options(DesignOptions, ALL)
 def design(context: typer.Context, o: DesignOptions) -> int:
-    """From a robot to a judged controller: weights, γ*, law, region, runs, report.
+    """From a robot to a judged controller, and its report.
+
+    By default one controller for the workspace: all poses within the joint
+    limits, or --workspace. It is judged at random poses and in moves between
+    random goals. With an option that only a design of one pose reads, as --pose,
+    --preset or --degrees, it is for that pose (by default the robot's home):
+    weights, γ*, a nonlinear law, region, runs. The report says which it is.
 
     The folder also holds design.toml: the specification and its result.
     `flexhinf design design.toml` makes the same design again; options win
     over it.
 
-    Exit code: 0 if the nonlinear loop meets the specification; 1 if it does not
+    Exit code: 0 if the loop meets the specification; 1 if it does not
     (the report is written, and says so); 2 for a mistake, or for what cannot
     be met (nothing is written); 130 if interrupted.
     """
@@ -76,8 +82,9 @@ def design(context: typer.Context, o: DesignOptions) -> int:
         files = pages.design_files(result, reproduce_command(context), request.warnings, ("design.toml",))
         files["design.toml"] = pages.design_text(result, request, folder)
     report.write(folder, files)
-    show(pages.design_tables(result), pages.notes(result))
-    typer.echo(f"{pages.verdict(result)}\nreport: {folder / 'index.html'}")
+    tables, notes, text = pages.terminal_blocks(result)
+    show(tables, notes)
+    typer.echo(f"{text}\nreport: {folder / 'index.html'}")
     return 0 if result.met else NOT_MET
 
 
@@ -345,7 +352,7 @@ def controller_of(source: str) -> tuple[fh.Controller, str]:
 
     with step_progress(stages(robot, specification)) as progress:
         result = fh.design(robot, specification, progress)
-    note(pages.verdict(result))
+    note(pages.terminal_blocks(result)[2])
     return result.controller(), robot.name
 
 
@@ -415,7 +422,7 @@ def run_design(context: typer.Context, o: RunOptions) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # `request_of` has told them
         designed, (controller, _) = fh.load_design(path), controller_of(o.source)
-    refuse_stated(context, acting(commanded=has_integrals(controller.law)))
+    refuse_stated(context, acting(commanded=has_integrals(controller.law), moving=controller.mode.moving))
     prepared = prepare_run(controller, designed, robot, request.specification, o.noise, o.load, o.load_at)
     with MuJoCoView(robot, prepared.box) if o.view else nullcontext() as viewer:
         run = fh.run_realtime(

@@ -39,16 +39,20 @@ from flexhinf.paper.settings import PaperSettings
 ALL = tuple(FIELDS)
 
 #: Fields that a comparison does not compute with: what only the design is judged by, and its region.
-NOT_COMPARED = ("tracking_error", "compare_rigid", "mujoco", "rays", "checked_gamma_ratio")
+NOT_COMPARED = ("workspace", "tracking_error", "compare_rigid", "mujoco", "rays", "checked_gamma_ratio")
 COMPARE_FIELDS = tuple(name for name in FIELDS if name not in NOT_COMPARED)
 
 #: Fields of runs by which no law is chosen, and of a sampled region: a certificate says nothing of them.
-NOT_CERTIFIED = ("tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "delay_margin")
+NOT_CERTIFIED = (
+    "workspace", "tracking_error", "angle_unit", "load", "rays", "compare_rigid", "mujoco", "undershoot",
+    "path_distance", "remaining_error",
+)  # fmt: skip
 CERTIFY_FIELDS = tuple(name for name in FIELDS if name not in NOT_CERTIFIED)
 
 #: Fields that change a run and not its controller.
 RUN_FIELDS = (
-    "pose", "start", "shaping", "move", "tracking_error", "overshoot", "angle_unit", "extras", "unknown_delay",
+    "pose", "start", "shaping", "feedforward", "move", "tracking_error", "undershoot", "path_distance",
+    "remaining_error", "ripple", "overshoot", "angle_unit", "extras", "unknown_delay",
     "quantisation",     "measurement_noise", "load", "duration", "seed",
 )  # fmt: skip
 
@@ -79,8 +83,9 @@ class PointOptions:
         "Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints are "
         "found for it; out of reach is refused, near a singular pose there is a note.", "0.4,0,0.3", "x,y,z")
     tool: Text = option("", WAY,
-        "The point that --pose-xyz, and waypoints with columns x, y, z, are for: LINK:x,y,z, by the name of the link's "
-        "joint, in the link's frame (m). Default: the origin of the last link.", "hand:0,0,0.1", "link:x,y,z")
+        "The point that --pose-xyz, --workspace x=0.2:0.5, and waypoints with columns x, y, z, are for: LINK:x,y,z, by "
+        "the name of the link's joint, in the link's frame (m). Default: the origin of the last link.",
+        "hand:0,0,0.1", "link:x,y,z")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,6 @@ from .pipeline import (
     ComparedLaw as ComparedLaw,
     Comparison as Comparison,
     Design as Design,
-    Status as Status,
     compare as compare,
     design as design,
     stages as stages,
@@ -28,8 +27,10 @@ from .pipeline import (
 from .proved_step import ProvedLaw as ProvedLaw, search_proved_step as search_proved_step
 from .requirements import Requirement as Requirement
 from .specification import Specification as Specification
+from .status import Status as Status
 from .synthesis.by_step import (
     DegreeChoice as DegreeChoice,
     shrinking as shrinking,
     try_degrees as try_degrees,
 )
+from .workspace import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace

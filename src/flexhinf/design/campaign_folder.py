@@ -175,7 +175,7 @@ def designed_controller(
     if plan is None:
         return setup.bumpless_controller, length
     length = round((plan.duration + length) / s.period) * s.period
-    return setup.controller(request.ends[0], moving=True), length
+    return setup.along(plan)["controller"], length
 
 
 def reopened(request: DesignCampaign, journal: Journal) -> Campaign:
@@ -406,7 +406,7 @@ class GainSearch:
             self.progress("worst disturbance of the loop with the estimator")
             attained = worst_disturbance(
                 problem, law, estimator, s.period, energy=first.energy,
-                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=s.seed,
+                horizon=self.horizon, turns=ESTIMATOR_TURNS, starts=1, seed=s.seed, latency=s.known_latency,
             )  # fmt: skip
             add("nominal", "estimator", "not claimed", attained, nominal)
         return rows
@@ -419,7 +419,8 @@ class GainSearch:
             problem = self.problem_of(problem, row.numbers)
             law = MovedLaw(law, problem)
         estimator = self.estimator if row.loop == "estimator" else None
-        runs = DisturbanceRuns(problem, law, estimator, self.s.period, self.horizon)
+        latency = 0 if estimator is None else self.s.known_latency
+        runs = DisturbanceRuns(problem, law, estimator, self.s.period, self.horizon, latency)
         return runs.attained(np.array(row.disturbance)).gain
 
 

@@ -24,7 +24,7 @@ from flexhinf.certify.proof import certify, check_decay
 from flexhinf.design import proved_step
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.problem.presets import measured_problem
-from flexhinf.design.specification import Specification
+from flexhinf.design.specification import Specification, refuse_workspace
 from flexhinf.design.synthesis.steps import DegreeChoice, Synthesis, checked_penalty, synthesise
 from flexhinf.errors import FlexhinfError, InvalidInput, NumericalFailure, refuse_if
 from flexhinf.hinf import HJISolution
@@ -145,6 +145,7 @@ def certify_design(
     `tolerances`: whether to prove the design's step for all robots within the tolerances, instead of a region of the
     nominal robot. The preset proved always does.
     """
+    refuse_workspace(s, "A proof")
     if len(robot.joint_names) > 1:
         raise SeveralJoints(
             "A proof in so many states would not end.",

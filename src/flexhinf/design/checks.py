@@ -26,15 +26,24 @@ import numpy as np
 from flexhinf.analysis import EquilibriumLoop, Margins, margins
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design import requirements as required
-from flexhinf.design.loop_setup import LoopSetup
+from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup
 from flexhinf.design.plans import has_integrals
-from flexhinf.design.responses import JointLimits, LoadResponse, Plan, Response, Scenario, default_load
+from flexhinf.design.responses import (
+    JointLimits,
+    LoadResponse,
+    Plan,
+    Response,
+    Scenario,
+    default_load,
+    motion_metrics,
+)
 from flexhinf.design.specification import RINGS, TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.loop import Schedule
 from flexhinf.loop.simulation import metrics
-from flexhinf.plant import Law, Parameters, sub_steps
-from flexhinf.robot import Robot, Weighing, arm, elastic, weigh_payload
+from flexhinf.loop.simulation.ring_down import FITS, Oscillation, RingDown, ring_down
+from flexhinf.plant import Law, Parameters
+from flexhinf.robot import Robot, Weighing, arm, weigh_payload
 
 # An impulse on each joint of the resting loop ------------------------------------------------------------
 
@@ -63,7 +72,7 @@ class ImpulseRuns:
     responses: tuple[Response, ...]  # For each joint, the run with the impulse on its link
     impulses: np.ndarray  # (n,), N·m·s or N·s
     # Oscillations of each run, in velocities and input of its own joint; None if a run diverged
-    ring_down: metrics.RingDown | None
+    ring_down: RingDown | None
 
     @property
     def damping(self) -> float:
@@ -88,9 +97,9 @@ class ImpulseRuns:
     @property
     def exponential(self) -> bool:
         """Whether the runs consist of decaying oscillations, as in a linear loop."""
-        return self.ring_down is not None and self.ring_down.error <= metrics.FITS
+        return self.ring_down is not None and self.ring_down.error <= FITS
 
-    def least_damped(self, joint: int) -> metrics.Oscillation | None:
+    def least_damped(self, joint: int) -> Oscillation | None:
         """Least damped oscillation of the run with the impulse on a joint; None where nothing oscillates."""
         return next(iter(self.ring_down.oscillations[joint]), None) if self.ring_down else None
 
@@ -155,7 +164,7 @@ def impulse_runs(
         [n + joint, count - n + joint, *([states.index(name)] if name in states else [])]
         for joint, name in enumerate(motors)
     ]
-    return ImpulseRuns(runs, impulses, metrics.ring_down(stored, watched, runs[0].run.settings["period"]))
+    return ImpulseRuns(runs, impulses, ring_down(stored, watched, runs[0].run.settings["period"]))
 
 
 # A long run at rest with dry friction --------------------------------------------------------------------
@@ -167,13 +176,8 @@ LENGTH, MOST_SAMPLES = 120.0, 240_000
 #: Most samples times sub-steps times disturbances.
 MOST_NUMBERS = 30_000_000
 
-#: Largest sub-step times the fastest mode, and smallest number of sub-steps per period. RK4 errs by 3e-6 per radian of
-#: phase; the time at which a joint reverses or sticks is known to one sub-step.
-RK4_STEP, MIN_PARTS = 0.2, 4
-
-#: An oscillation up to this number of standard deviations of a measured position, or one sensor step, is no limit
-#: cycle.
-DEVIATIONS = 3.0
+#: What the run is.
+LONG_RUN = "long run at rest, nominal robot with dry friction, no noise"
 
 #: Largest dead zone as a fraction of the joint's step (of the largest step for a joint that makes none): half of the
 #: settling band. The second number says how often the zone is widened.
@@ -209,6 +213,11 @@ class LimitCycleCheck:
         return np.array([row["steady_state_error"] for row in rows] or [np.inf] * len(self.response.goal))
 
     @property
+    def remaining(self) -> tuple[np.ndarray, str]:
+        """Remaining error (n,) of each link, rad or m, and what this run is."""
+        return remaining_errors(self.response, self.response.goal), LONG_RUN
+
+    @property
     def amplitudes(self) -> np.ndarray:
         """Amplitudes (n,) of `cycles`, rad or m; infinite where the run diverged."""
         return np.array([cycle.amplitude for cycle in self.cycles] or [np.inf] * len(self.response.goal))
@@ -227,7 +236,7 @@ class LimitCycleCheck:
         """The requirement that dry friction causes no limit cycle; `units` are those of the link positions."""
         worst = self.worst
         return required.REQUIREMENTS["limit_cycle"].judge(
-            None, self.limit, self.amplitudes[worst], "long run at rest, nominal robot with dry friction, no noise",
+            None, self.limit, self.amplitudes[worst], LONG_RUN,
             unit=units[worst], joint=required.of_several(self.response.joints, worst),
         )  # fmt: skip
 
@@ -256,15 +265,32 @@ def end_limit_cycle(setup: LoopSetup) -> tuple[LoopSetup, LimitCycleCheck | None
     return setup, replace(first, tried=run)
 
 
+def remaining_errors(response: Response, references: np.ndarray) -> np.ndarray:
+    """Remaining error (n,) of each link from references, (n,) or (N, n), rad or m; infinite where the run diverged."""
+    if response.diverged_at is not None:
+        return np.full(len(response.goal), np.inf)
+    return metrics.remaining_error(response.run.time, response.positions, references)
+
+
+def errors_after_move(setup: LoopSetup, plan: Plan, dwell: float | None) -> tuple[np.ndarray, str] | None:
+    """Remaining error (n,) of each link after a move, rad or m, on the robot with its dry friction, and what this run
+    is; None for a robot without."""
+    found = setup.plant_with_friction(setup.goal)
+    if found is None:
+        return None
+    _, plant, parts = found
+    move = setup.without_noise.move(plan, dwell, plant=plant, sub_steps=parts)
+    return remaining_errors(
+        move.response, move.planned
+    ), "the stated move, nominal robot with dry friction, no noise"
+
+
 def check_limit_cycle(setup: LoopSetup) -> LimitCycleCheck | None:
     """Run the check; None for a robot without dry friction, or with none above zero."""
-    s, dry = setup.specification, elastic.stated_friction(setup.robot.plant_parameters())
-    if not dry:
+    s, plant = setup.specification, setup.plant_with_friction(setup.goal)
+    if plant is None:
         return None
-    extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
-    plant = setup.robot.plant(s.measured, extras=extras, sticking=True)
-    fastest = plant.fastest_mode(*setup.equilibrium(setup.goal))
-    parts = max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
+    extras, plant, parts = plant
     samples = min(MOST_SAMPLES, MOST_NUMBERS // (parts * len(plant.disturbances)))
     # no noise: it acts as a dither that may hide sticking
     response = setup.without_noise.step(min(LENGTH, samples * s.period), plant=plant, sub_steps=parts)
@@ -286,23 +312,27 @@ INSTANTS = 400
 
 @dataclass(frozen=True)
 class MarginLimits:
-    """Limits at every pose: largest peak sensitivity, smallest gain margin and damping (None: not required)."""
+    """Limits at every pose: largest peak sensitivity, smallest gain margin, and smallest damping ratio of oscillations
+    below a frequency, rad/s."""
 
     peak_sensitivity: float
     gain_margin: float
-    damping: float | None = None
+    damping: float
+    damped_below: float
+
+    def value(self, name: str, at_pose: Margins) -> float:
+        """The number that a limit is for."""
+        return at_pose.damping_about(self.damped_below)[0] if name == "damping" else getattr(at_pose, name)
 
     def shares(self, at_pose: Margins) -> dict[str, float]:
         """Share of each limit that is used: above 1 it is exceeded."""
         if not at_pose.stable:
             return dict.fromkeys(("peak_sensitivity", "gain_margin", "damping"), np.inf)
-        shares = {
+        return {
             "peak_sensitivity": at_pose.peak_sensitivity / self.peak_sensitivity,
             "gain_margin": self.gain_margin / at_pose.gain_margin,
+            "damping": self.damping / max(self.value("damping", at_pose), 1e-300),
         }
-        if self.damping:
-            shares["damping"] = self.damping / at_pose.damping if at_pose.damping > 0.0 else np.inf
-        return shares
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,17 +417,16 @@ def along_requirements(s: Specification, along: AlongMove) -> list[required.Requ
     limits = {
         "peak_sensitivity": s.peak_sensitivity_limit,
         "gain_margin": s.gain_margin_limit,
-        "damping": along.limits.damping and along.limits.damping * (1.0 + TOLERANCE),
+        "damping": along.limits.damping * (1.0 + TOLERANCE),
     }
     # for each margin, the pose at which it is nearest to its limit, or furthest beyond it
-    worst = {name: int(np.argmax([shares.get(name, 0.0) for shares in along.shares])) for name in limits}
+    worst = {name: int(np.argmax([shares[name] for shares in along.shares])) for name in limits}
     return [
         required.REQUIREMENTS[name].judge(
-            s, limit, getattr(along.margins[worst[name]], name), where, at=float(along.times[worst[name]]),
+            s, limit, along.limits.value(name, along.margins[worst[name]]), where, at=float(along.times[worst[name]]),
             criterion="worst pose; linearised about the robot at rest there",
         )
         for name, limit in limits.items()
-        if limit
     ]  # fmt: skip
 
 
@@ -454,21 +483,23 @@ def evaluate_payload(setup: LoopSetup, runs: Scenario, masses: Mapping[str, floa
 
 
 def payload_requirements(
-    s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None
+    s: Specification, limits: JointLimits, load: PayloadEvaluation, damping: float | None, resolution: float
 ) -> list[required.Requirement]:
     """Requirements with a payload: of the step, on the deflection after the load step, and on damping.
 
     `damping`: required with the model's payload; with others the loop must not ring.
+    `resolution`: of a link position, rad or m.
     """
     name = f"with {load.mass:.3g} kg of payload"
-    lines = required.step_requirements(s, limits, load.step, f"the step {name}")
-    if damping is not None:
-        lines.append(
-            required.REQUIREMENTS["damping"].judge(
-                None, min(RINGS, damping), load.margins.damping, f"running loop at the goal {name}",
-                criterion="smallest damping ratio; below 0.1 a loop rings",
-            )
-        )  # fmt: skip
+    where = f"the step {name}"
+    rows = motion_metrics(limits, load.step)
+    lines = [
+        *required.step_requirements(s, limits, load.step, where),
+        *required.motion_requirements(s, limits, rows, resolution, where),
+    ]
+    least, below = min(RINGS, damping or 0.0), s.damped_below_limit
+    slow, place = load.margins.damping_about(below)[0], f"running loop at the goal {name}"
+    lines.append(required.damping_requirement(None, least, slow, below, place))
     if load.load_step is None:
         return lines
     where, remaining = f"gripping {load.mass:.3g} kg at the goal", load.load_step.remaining

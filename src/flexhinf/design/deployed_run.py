@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.campaign import Campaign, Sample, Tolerances, Variable
-from flexhinf.design import design_file, loop_setup, plans, requirements as required, responses
-from flexhinf.design.specification import FIELDS, Specification
+from flexhinf.design import design_file, loop_setup, monte_carlo, plans, requirements as required, responses
+from flexhinf.design.specification import FIELDS, Specification, refuse_workspace
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.export.realtime import RealTimeRun
 from flexhinf.loop import Controller, Loop, Step
@@ -53,11 +53,20 @@ class DeployedRun:
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and the requirement that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
-        lines = (
-            required.step_requirements(s, limits, response, WHERE)
-            if self.plan is None
-            else required.move_requirements(s, limits, responses.Move.along(self.plan, response))
-        )
+        resolution = self.plants.position_resolution(loop_setup.DEVIATIONS)
+        if self.plan is None:
+            rows = responses.motion_metrics(limits, response)
+            lines = [
+                *required.step_requirements(s, limits, response, WHERE),
+                *required.motion_requirements(s, limits, rows, resolution, WHERE),
+            ]
+        elif s.move is None:  # from pose to pose of a workspace
+            rows = responses.motion_metrics(limits, response, self.plan)
+            lines = required.motion_requirements(s, limits, rows, resolution, WHERE)
+            lines += required.limit_requirements(limits, response, WHERE)
+        else:
+            move = responses.Move.along(self.plan, response)
+            lines = required.move_requirements(s, limits, move, resolution)
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
@@ -71,6 +80,8 @@ def prepare_run(
 ) -> DeployedRun:  # fmt: skip
     """A run of the deployed controller from start to goal, or along a stated move in error coordinates.
 
+    A controller for a workspace goes from start to goal along `plans.quintic_move`.
+
     `designed`: robot and specification of the controller. `robot` is the driven robot, with `specification`.
     `noise`: whether measurements have the stated noise.
     `load`: torque on every link, N·m or N, from the time `load_at`, s, on; by default from the middle of the run.
@@ -80,8 +91,11 @@ def prepare_run(
     plants = loop_setup.LoopPlants(model, s)
     box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
+    if controller.mode.moving and plan is None:
+        plan = plans.quintic_move(plants.limits, start, goal)
     if plan is None:
-        command = reference = plans.step_command(model, s, start, goal, controller.law)
+        command = plans.step_command(model, s, start, goal, controller.law)
+        reference: Any = None
         names = signals.signal_names("link_position", model.joint_names)
         if command is None and set(names) <= set(controller.commanded):
             reference = dict(zip(names, goal.tolist(), strict=True))
@@ -91,15 +105,11 @@ def prepare_run(
                 f"expected the goal {aim.tolist()}, got {goal.tolist()}",
                 "the goal of the design; or a design whose penalty weighs link_position_integral",
             )
+        if command is not None:
+            controller, reference = plans.driven(controller, model, command, s, plants.dry_friction)
         duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
-        controller = Controller(  # in error coordinates, like the moves of a design
-            controller.law, controller.estimator, controller.period,
-            (controller.limits.lower, controller.limits.upper), moving=True,
-            integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
-            latency=controller.mode.latency,
-        )  # fmt: skip
-        reference = plans.move_reference(model, plan, plants.dry_friction)
+        controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
         duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
@@ -116,7 +126,7 @@ def prepare_run(
         "disturbance": None if load is None else {name: Step(load, at=at) for name in torques},
     }  # fmt: skip
     # the controller gets the holding input, as in firmware
-    if not np.allclose(begun, start, rtol=0.0, atol=1e-12):
+    if controller.mode.moving or not np.allclose(begun, start, rtol=0.0, atol=1e-12):
         state, holding_input = model.operating_point(start)
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
@@ -216,7 +226,7 @@ class DesignCampaign:
     ends: tuple[np.ndarray, np.ndarray]  # link positions (n,) where a run begins and should end, rad or m
     robot: Robot  # the true robot with the tolerances of the campaign
     variables: tuple[Variable, ...]  # what varies from sample to sample
-    metrics: required.RunMetrics  # those of each run, with the limits of the design
+    metrics: monte_carlo.RunMetrics  # those of each run, with the limits of the design
 
     @property
     def specification(self) -> Specification:
@@ -231,13 +241,16 @@ class DesignCampaign:
             fit the period.
         """
         s, robot = design.specification, design.robot
+        refuse_workspace(
+            s, "A campaign", "flexhinf design FOLDER --draws 1000, whose robots make a move each; or "
+        )
         plan, start, goal = plans.run_ends(robot, s)
         limits = responses.joint_limits(robot, s)
-        metrics = required.RunMetrics(limits, (start, goal))
+        metrics = monte_carlo.RunMetrics(limits, (start, goal))
         if plan is not None:
             instants = np.arange(0.0, plan.duration + 0.5 * s.period, s.period)
             travel = np.ptp(np.reshape(plan(instants), (len(instants), -1)), axis=0)
-            metrics = required.RunMetrics(
+            metrics = monte_carlo.RunMetrics(
                 limits, None, required.move_limits(s.tracking_error, limits, travel)
             )
         if o.duration is not None:
@@ -266,12 +279,11 @@ class DesignCampaign:
         """The campaign with a controller and runs of this length, s."""
         s, robot, o, model = self.specification, self.robot, self.options, self.request.robot
         plants, plant = loop_setup.LoopPlants(robot, s), robot.plant(s.measured, extras=s.extras)
+        plan = self.plan or plans.step_command(model, s, *self.ends, controller.law)
+        reference = None
+        if plan is not None:
+            controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
         loop = Loop(plant, controller, None, quantisation=plants.quantisation, delay=s.unknown_delay)
-        reference = (
-            plans.step_command(model, s, *self.ends, controller.law)
-            if self.plan is None
-            else plans.move_reference(model, self.plan, plants.dry_friction)
-        )
         options: dict[str, Any] = {"duration": duration, "noise": plants.noise, "reference": reference}
         if o.disturbance:  # of 1 N·m or 1 N; each sample has its own factor
             torque = Step(1.0, at=responses.LOAD_START * duration)

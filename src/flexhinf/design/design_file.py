@@ -34,7 +34,7 @@ from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
-from flexhinf.robot.waypoints import AXES, ORIGIN, Tool, WaypointTable, reached_waypoints
+from flexhinf.robot.waypoints import AXES, ORIGIN, Tool, WaypointTable, reached_waypoints, states_range
 from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
@@ -123,14 +123,15 @@ class DesignRequest:
 
 
 def load_design(path: str | Path) -> tuple[Robot, Specification]:
-    """Robot and specification of a design file.
+    """Robot and specification of a design file, or of the folder of a report.
 
     Raises
     ------
     InvalidInput
         With the file, the key, the value and what is allowed there.
     """
-    request = read_request(checked_path("The design file", path), is_file=True)
+    file = checked_path("The design file", path)
+    request = read_request(file / DESIGN_FILE if os.path.isdir(file) else file, is_file=True)
     return request.robot, request.specification
 
 
@@ -234,8 +235,9 @@ def _read(path: Path) -> tuple[dict[str, str], dict[str, Any]]:
             f"expected the name or the file of a robot, got only {list(table)}",
             f"'robot' for {close[0]!r}" if close else "robot = 'planar-two-link', or a path from this file",
         )
-    if isinstance(table.get("move"), str) and table["move"].strip():
-        table["move"] = str(path.parent / table["move"])
+    for key in ("move", "workspace"):
+        if isinstance(table.get(key), str) and not (key == "workspace" and states_range(table[key])):
+            table[key] = str(path.parent / table[key]) if table[key].strip() else ""
     places = {key: _place(path, key, table.pop(key)) for key in PLACES if key in table}
     try:
         Specification(**table)
@@ -314,10 +316,11 @@ def request_document(
     if isinstance(specification.penalty, Penalty) and specification.effort is None:
         effort = np.asarray(specification.penalty.effort, dtype=float)
         refuse_if(
-            effort.size != 1, "A design file holds one price of the input.",
-            f"expected R2 as a number, got {effort.tolist()}", "the report without its design file: design_files(…)",
+            effort.ndim > 1 and effort.size > 1, "A design file holds one price of each input.",
+            f"expected R2 as a number, or one per joint, got {effort.tolist()}",
+            "the report without its design file: design_files(…)",
         )  # fmt: skip
-        values["effort"] = float(effort.ravel()[0])
+        values["effort"] = float(effort.ravel()[0]) if effort.size == 1 else effort.tolist()
     defaults = {name: plain(name, field.default) for name, field in FIELDS.items()}
     stated = {name: value for name, value in values.items() if value != defaults[name]}
     document, table = tomlkit.document(), tomlkit.table()
@@ -415,11 +418,14 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
     table = s.move if isinstance(s.move, WaypointTable) else None
     move = table if table and set(table.joints) == set(AXES) != set(robot.joint_names) else None
+    box = tool and isinstance(s.workspace, str) and "=" in s.workspace and "@" not in s.workspace
+    s = replace(s, workspace=f"{s.workspace}@{tool}") if box else s
     refuse_if(
-        tool and not goal and move is None,
+        tool and not goal and move is None and not box,
         "A tool is stated, and nothing that it is to reach.",
-        f"expected --pose-xyz, or waypoints with columns x, y, z, got --tool {value_text(tool, 60)} alone",
-        "--pose-xyz 0.4,0,0.3, or leave out --tool",
+        "expected --pose-xyz, a box in space, or waypoints with columns x, y, z, got --tool "
+        f"{value_text(tool, 60)} alone",
+        "--pose-xyz 0.4,0,0.3, --workspace x=0.2:0.5, or leave out --tool",
     )
     if goal:
         refuse_if(

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 
 from flexhinf import analysis
 from flexhinf.analysis import modes, sampled_controller
-from flexhinf.design import checks, requirements as required, responses
+from flexhinf.design import checks, monte_carlo, requirements as required, responses
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.errors import FlexhinfError
 from flexhinf.estimation import stationary_gain
@@ -34,6 +34,22 @@ POINTS = 5
 
 #: Slopes smaller than this, relative to the largest one, count as zero.
 NEGLIGIBLE = 1e-12
+
+
+def damped_springs(linear: analysis.LinearLoop, plant: Any, joints: Sequence[str]) -> analysis.LinearLoop:
+    """A loop of this plant with every spring damped by another `requirements.SPRING_DAMPING`.
+
+    Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
+    """
+    a, kinds = linear.a.copy(), ("motor_position", "motor_velocity", "link_velocity")
+    for names in zip(*(signal_names(kind, joints) for kind in kinds)):
+        if names[0] in plant.states:  # else a rigid joint
+            motor, motor_rate, link_rate = map(plant.index, names)
+            pull = linear.a[:, motor]
+            damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
+            a[:, motor_rate] += damped
+            a[:, link_rate] -= damped
+    return replace(linear, a=a)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,19 +86,30 @@ class LawEvaluation:
         return self.setup.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
 
     @cached_property
+    def step_motion(self) -> list[dict[str, Any]]:
+        """`responses.motion_metrics` of the step."""
+        return responses.motion_metrics(self.setup.limits, self.step, self.setup.command)
+
+    @cached_property
     def unlimited_step(self) -> responses.Response:
         """The step without input limits, which shows the input that the law demands; `step` itself if it reaches no
         limit."""
         limits, step = self.setup.limits.saturated, self.step
         if limits is None or (step.diverged_at is None and np.all(step.peak_inputs < limits)):
             return step
-        free = replace(self.setup, specification=replace(self.setup.specification, saturation=np.inf))
-        return free.step(self.runs.step_duration, sub_steps=self.runs.sub_steps)
+        return replace(self.setup, unlimited=True).step(
+            self.runs.step_duration, sub_steps=self.runs.sub_steps
+        )
 
     @cached_property
     def move(self) -> responses.Move:
         """The planned move with feedforward: the same reference for every law."""
         return self.setup.move(self.runs.plan, sub_steps=self.runs.sub_steps, dwell=self.runs.dwell)
+
+    @cached_property
+    def move_motion(self) -> list[dict[str, Any]]:
+        """`responses.motion_metrics` of the planned move."""
+        return responses.motion_metrics(self.setup.limits, self.move.response, self.move.plan)
 
     @cached_property
     def load_response(self) -> responses.LoadResponse:
@@ -97,11 +124,11 @@ class LawEvaluation:
 
     # Sampled robots -----------------------------------------------------------------------------------------
     @cached_property
-    def step_samples(self) -> required.MonteCarlo | None:
+    def step_samples(self) -> monte_carlo.MonteCarlo | None:
         """The steps of the sampled robots with the deployed controller; None without sampled robots."""
         runs, setup = self.runs, self.setup
         return (
-            required.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
+            monte_carlo.sampled_runs(setup, runs.robots, runs.step_duration, runs.sub_steps)
             if runs.robots
             else None
         )
@@ -118,21 +145,9 @@ class LawEvaluation:
         return analysis.margins(self.loop)
 
     @cached_property
-    def damped_delay_margin(self) -> float:
-        """Delay margin of the running loop, s, with every spring damped by another `requirements.SPRING_DAMPING`.
-
-        Its torque K δ becomes K (δ + τ δ̇), with τ = 2ζ/ω for the vibration ω of link and motor on this spring alone.
-        """
-        linear, plant, joints = self.loop.linear(), self.loop.plant, self.setup.joints
-        a, kinds = linear.a.copy(), ("motor_position", "motor_velocity", "link_velocity")
-        for names in zip(*(signal_names(kind, joints) for kind in kinds)):
-            if names[0] in plant.states:  # else a rigid joint
-                motor, motor_rate, link_rate = map(plant.index, names)
-                pull = linear.a[:, motor]
-                damped = 2.0 * required.SPRING_DAMPING / np.sqrt(pull[link_rate] - pull[motor_rate]) * pull
-                a[:, motor_rate] += damped
-                a[:, link_rate] -= damped
-        return analysis.margins(replace(linear, a=a)).delay_margin_s
+    def damped_margins(self) -> analysis.Margins:
+        """Margins of the running loop with every spring damped more, see `damped_springs`."""
+        return analysis.margins(damped_springs(self.loop.linear(), self.loop.plant, self.setup.joints))
 
     @cached_property
     def linear_failure(self) -> str:
@@ -213,13 +228,26 @@ class LawEvaluation:
             *linear.closed_loop.modes(), linear.period, self.setup.joints, *self.energy
         )
 
+    @cached_property
+    def least_damped(self) -> tuple[modes.Mode | None, modes.Mode | None]:
+        """The oscillations with the damping ratios of `Margins.damping_about`, slow and fast; None where there is
+        none."""
+        below = self.setup.specification.damped_below_limit
+        ringing = [mode for mode in self.closed_loop_modes if mode.eigenvalue.imag > 0.0]
+        slow, fast = (
+            min(
+                (mode for mode in ringing if (abs(mode.eigenvalue) >= below) is is_fast),
+                key=lambda mode: abs(mode.damping - ratio), default=None,
+            )
+            for is_fast, ratio in zip((False, True), self.margins.damping_about(below))
+        )  # fmt: skip
+        return slow, fast
+
     @property
     def least_damped_joint(self) -> str:
-        """The joint that moves most in the oscillation whose damping `margins` has; empty where nothing oscillates."""
-        ringing = [mode for mode in self.closed_loop_modes if mode.eigenvalue.imag > 0.0]
-        if not ringing or not np.isfinite(self.margins.damping):
-            return ""
-        return min(ringing, key=lambda mode: abs(mode.damping - self.margins.damping)).joint
+        """The joint that moves most in the least damped oscillation; empty where nothing oscillates."""
+        ringing = [mode for mode in self.least_damped if mode is not None]
+        return min(ringing, key=lambda mode: mode.damping).joint if ringing else ""
 
     @cached_property
     def needed_states(self) -> tuple[str, ...]:
@@ -254,7 +282,7 @@ class LawEvaluation:
         metrics: dict[str, float | None] = {key: worst.value for key, worst in self.worst.items()}
         runs, step = self.runs, self.step_samples
         if step is not None:
-            errors = required.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.dwell)
+            errors = monte_carlo.move_errors(self.setup, runs.robots, runs.plan, runs.sub_steps, runs.dwell)
             metrics |= {
                 "drawn_unsettled": float(step.unsettled),
                 "drawn_overshoot_percent": _median(step.overshoot),

@@ -255,6 +255,11 @@ class LawFactory:
         return {p.name: largest.get(p.name, (p.lower * scale, p.upper * scale)) for p, scale in free}
 
     @property
+    def states(self) -> int:
+        """Number of states of the problem, with the integrals."""
+        return len(self.synthesis.problem.state_names)
+
+    @property
     def largest_degree(self) -> int:
         """Largest degree of V that the design tried."""
         return max(choice.degree for choice in self.synthesis.choices)

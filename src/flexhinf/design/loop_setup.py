@@ -26,6 +26,7 @@ from flexhinf.design.responses import (
     Response,
     integral_dead_zone,
     joint_limits,
+    with_values,
 )
 from flexhinf.design.specification import TORQUE_NOISE, Specification, SpecificationError
 from flexhinf.estimation import (
@@ -35,7 +36,7 @@ from flexhinf.estimation import (
     kalman,
     stationary_covariance,
 )
-from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step
+from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step, Supervision
 from flexhinf.plant import Law, Plant, linear_plant, sub_steps
 from flexhinf.robot import MuJoCoPlant, Robot, elastic
 from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units_of
@@ -43,8 +44,18 @@ from flexhinf.robot.signals import SENSORS, UNITS, expanded, signal_names, units
 #: Initial variance where no process noise is assumed: standard deviations of 1 mrad (mm) and 1 mrad/s (mm/s).
 INITIAL_VARIANCE = 1e-6
 
+#: A motion up to this number of standard deviations of a measured position, or one sensor step, is not seen.
+DEVIATIONS = 3.0
+
 #: A measured velocity has the noise of a position that is differentiated at this rate, 1/s.
 VELOCITY_RATE = 100.0
+
+#: One radian of noise is so many metres of a joint that slides: 0.1 mrad of the others, 10 µm of this one.
+RADIAN = 0.1
+
+#: How far commands may lie beyond start, goal and poses of the laws: a share of the largest travel of a joint, and at
+#: least so much, rad or m.
+WORKSPACE_MARGIN = (0.1, 0.05)
 
 #: Estimators by name.
 KINDS: dict[str, Any] = {
@@ -112,8 +123,9 @@ def _times(factor: float, levels: Levels) -> Levels:
 def noise_variances(plant: Plant, position: float) -> np.ndarray:
     """Diagonal (p,) of R^n for each measured signal.
 
-    `position` (rad² or m²) is the variance of a position. The variance of a velocity is `position` times
-    `VELOCITY_RATE` squared, that of a joint torque is `position` times the stiffness squared.
+    `position` (rad²) is the variance of an angle; that of a length is `position` times `RADIAN` squared. The variance
+    of a velocity is that of its position times `VELOCITY_RATE` squared, that of a joint torque times the stiffness
+    squared.
     """
     p, motor = plant.parameters.named(plant.parameters.vector()), "motor_position"
     joints = [name.removeprefix(motor) for name in plant.states if name.startswith(motor)]
@@ -121,7 +133,8 @@ def noise_variances(plant: Plant, position: float) -> np.ndarray:
     springs = {f"joint_torque{joint}": k**2 for joint, k in zip(joints, stiffness)}
     others = {name: VELOCITY_RATE**2 if "velocity" in name else 1.0 for name in plant.outputs}
     factors = [(springs if name.startswith("joint_torque") else others)[name] for name in plant.outputs]
-    return np.array([factor * position for factor in factors])
+    slides = [RADIAN**2 if plant.unit(name) in ("m", "m/s", "N") else 1.0 for name in plant.outputs]
+    return position * np.multiply(factors, slides)
 
 
 def sensor_steps(robot: Robot, measured: Sequence[str], quantisation: Any, estimator: str) -> np.ndarray:
@@ -183,6 +196,11 @@ def other_quantisation(
 SMOOTH_EXTRAS = ("inductance", "joint_damping", "spring_hardening")
 
 
+#: Largest sub-step times the fastest mode, and smallest number of sub-steps per period, where joints stick. RK4 errs by
+#: 3e-6 per radian of phase; the time at which a joint reverses or sticks is known to one sub-step.
+RK4_STEP, MIN_PARTS = 0.2, 4
+
+
 def with_derived(known: Any, **changes: Any) -> Any:
     """A copy with changed fields that keeps the computed properties; they must be valid for the copy too."""
     same = replace(known, **changes)
@@ -227,6 +245,17 @@ class LoopPlants:
         s = self.specification
         return self.robot.plant(s.measured, extras=s.extras)
 
+    def plant_with_friction(self, at: np.ndarray) -> tuple[tuple[str, ...], Plant, int] | None:
+        """Extras, true plant with the dry friction that the robot states, which sticks, and its Runge–Kutta steps per
+        period at a pose (n,); None for a robot without dry friction, or with none above zero."""
+        s, dry = self.specification, elastic.stated_friction(self.robot.plant_parameters())
+        if not dry:
+            return None
+        extras = tuple(dict.fromkeys((*s.extras, *(tuple(name for name in dry if name in s.extras) or dry))))
+        plant = self.robot.plant(s.measured, extras=extras, sticking=True)
+        fastest = plant.fastest_mode(*self.robot.operating_point(at, s.extras))
+        return extras, plant, max(MIN_PARTS, sub_steps(s.period, fastest, RK4_STEP))
+
     def mujoco_plant(self, at: np.ndarray) -> MuJoCoPlant:
         """The true plant in MuJoCo; its time step is at most 0.1 rad of the fastest mode's phase at a pose (n,).
 
@@ -266,7 +295,40 @@ class LoopPlants:
     def noise(self) -> np.ndarray | None:
         """Standard deviations (p,) of the measurement noise; None where the true state is fed back."""
         s = self.specification
-        return None if s.estimator == "none" else np.sqrt(noise_variances(self.model, s.measurement_noise))
+        return None if s.estimator == "none" else np.sqrt(self.noise_variances)
+
+    @cached_property
+    def noise_variances(self) -> np.ndarray:
+        """Diagonal (p,) of R^n: as stated for each measured signal, or of one number as `noise_variances` says.
+
+        Raises `SpecificationError` for another count of numbers.
+        """
+        s = self.specification
+        if isinstance(s.measurement_noise, float):
+            return noise_variances(self.model, s.measurement_noise)
+        each, signals = per_signal(self.robot, s.measured, s.measurement_noise)
+        if len(each) != len(signals):
+            raise SpecificationError(
+                "measurement_noise",
+                "The noise does not fit what is measured.",
+                f"expected one number, or one for each of {list(s.measured)} or of {list(signals)}, got {len(each)}",
+                example=",".join(f"{value:g}" for value in np.resize(each, len(signals))),
+            )
+        return np.array(each)
+
+    @cached_property
+    def position_noise(self) -> np.ndarray:
+        """Variance (n,) of a position of each joint, rad² or m², of the sensor with the least noise."""
+        level = float(np.min(self.noise_variances / noise_variances(self.model, 1.0)))
+        return noise_variances(self.robot.plant(), level)
+
+    def position_resolution(self, deviations: float = 1.0) -> float:
+        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
+        or m."""
+        names = self.model.outputs
+        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
+        positions = [step for name, step in zip(names, steps) if "position" in name]
+        return max(deviations * float(np.sqrt(self.position_noise.max())), *positions, 0.0)
 
     def estimator_at(
         self, at: np.ndarray, goal: np.ndarray, noise: EstimatorNoise, deployed: bool = False, linear: bool = False,
@@ -284,7 +346,7 @@ class LoopPlants:
 
         equilibrium = self.robot.operating_point(goal)
         a, _, _, c = model.linearise(*equilibrium)
-        process, measurement = noise.covariance(model.states), noise_variances(model, s.measurement_noise)
+        process, measurement = noise.covariance(model.states), self.noise_variances
         kind, options = s.estimator, {}
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
@@ -315,6 +377,7 @@ class LoopSetup(LoopPlants):
     linear_model: bool = False  # whether the estimator is a linear Kalman filter about the goal
     chosen_zone: np.ndarray | None = None  # (n,), where none is stated, see `design.checks`
     quiet: bool = False  # no measurement noise in runs of the nominal robot; runs of sampled robots have it
+    unlimited: bool = False  # no limits of the inputs, which would hide the peak that a law demands
 
     # Parts of the loop --------------------------------------------------------------------------------
     @property
@@ -341,26 +404,35 @@ class LoopSetup(LoopPlants):
         """The estimator, see `LoopPlants.estimator_at`. Linear metrics use it without `deployed`."""
         return self.estimator_at(at, self.goal, self.process_noise, deployed, self.linear_model)
 
-    def controller(self, at: np.ndarray, moving: bool = False, start: str | None = None) -> Controller:
+    @property
+    def supervision(self) -> Supervision:
+        """What a deployed controller watches: its workspace lies between start, goal and the poses of the laws, with a
+        margin of `WORKSPACE_MARGIN`."""
+        names, laws = self.law.plant_states, self.law.laws if isinstance(self.law, Schedule) else (self.law,)
+        places = [names.index(name) for name in self.law.tracked]
+        ends = [self.robot.operating_point(at)[0] for at in (self.start, self.goal)]
+        poses = np.array([np.asarray(end)[places] for end in (*ends, *(law.operating_point for law in laws))])
+        share, smallest = WORKSPACE_MARGIN
+        margin = max(share * float(np.ptp(poses, axis=0).max(initial=0.0)), smallest)
+        box = (poses.min(axis=0) - margin, poses.max(axis=0) + margin)
+        return Supervision(workspace=box if places else None)
+
+    def controller(
+        self, at: np.ndarray, moving: bool = False, start: str | None = None, supervised: bool = False
+    ) -> Controller:
         """A controller for a run that begins at a pose (n,); `moving`: in error coordinates about a moving reference.
 
         `start` is "zero" for integrals at zero, the default of a moving reference, or "bumpless": the first input
-        is the one that holds the model at `at`.
+        is the one that holds the model at `at`. `supervised`: with the `supervision` of the design.
         """
         return Controller(
-            self.law, self.estimator(at, deployed=True), self.specification.period, self.limits.saturated,
+            self.law, self.estimator(at, deployed=True), self.specification.period,
+            None if self.unlimited else self.limits.saturated,
             moving=moving, start=start or ("zero" if moving else "bumpless"),
             integral_dead_zone=self.dead_zone if has_integrals(self.law) else None,
             before_first=self.robot.operating_point(at)[1], latency=self.specification.known_latency,
+            supervision=self.supervision if supervised else None,
         )  # fmt: skip
-
-    def position_resolution(self, deviations: float = 1.0) -> float:
-        """Smallest measurable change of position: a multiple of the noise's standard deviation, or one sensor step, rad
-        or m."""
-        names = self.model.outputs
-        steps = np.broadcast_to(0.0 if self.quantisation is None else self.quantisation, len(names)).tolist()
-        positions = [step for name, step in zip(names, steps) if "position" in name]
-        return max(deviations * float(np.sqrt(self.specification.measurement_noise)), *positions, 0.0)
 
     @property
     def dead_zone(self) -> np.ndarray | None:
@@ -372,7 +444,7 @@ class LoopSetup(LoopPlants):
         values: Mapping[str, Any] | None = None,
     ) -> Loop:  # fmt: skip
         """A loop with the true plant and these parameters, or with another plant; with delay and quantisation."""
-        plant = _with_values(self.true_plant, values) if plant is None or values is not None else plant
+        plant = with_values(self.true_plant, values) if plant is None or values is not None else plant
         return Loop(
             plant, controller, sub_steps, quantisation=self.quantisation, delay=self.specification.unknown_delay,
         )  # fmt: skip
@@ -391,7 +463,7 @@ class LoopSetup(LoopPlants):
         The command enters through the integrals of the law; a law without integrals follows x_d(q) and u_d(q). The loop
         has the estimator or feeds back the true state; the estimator does not know changed plant parameters (`values`).
         """
-        s, law, plant = self.specification, self.linear_law, _with_values(self.smooth_plant, values)
+        s, law, plant = self.specification, self.linear_law, with_values(self.smooth_plant, values)
         return EquilibriumLoop(
             law, self.estimator(self.goal) if estimated else None, plant, s.period,
             equilibrium=self.goal_equilibrium, moving=not has_integrals(law), delay=s.unknown_samples,
@@ -470,9 +542,19 @@ class LoopSetup(LoopPlants):
 
         Arguments as for `run`.
         """
-        return self.run(
-            self.bumpless_controller, self.start, duration, values, reference=self.command, **options
-        )
+        return self.run(**self.step_arguments(duration), values=values, **options)
+
+    @property
+    def feeds_forward(self) -> bool:
+        """Whether the command of the step comes with its feedforward."""
+        return self.command is not None and self.specification.feedforward
+
+    def step_arguments(self, duration: float) -> dict[str, Any]:
+        """Arguments of `run` and `ensemble` for the step of a duration, s: as of `along`."""
+        if self.command is not None and self.feeds_forward:
+            return {**self.along(self.command), "duration": duration}
+        controller, reference = self.bumpless_controller, self.command
+        return {"controller": controller, "at": self.start, "duration": duration, "reference": reference}
 
     def load_response(self, load: np.ndarray, duration: float, sub_steps: int | None = None) -> LoadResponse:
         """Run from equilibrium at the goal, with constant torques (n,) on all links from `LOAD_START` of it on."""
@@ -498,23 +580,21 @@ class LoopSetup(LoopPlants):
             yield Response(run, self.goal, self.goal, self.joints)
 
     def move(self, plan: Plan, dwell: float | None = None, **options: Any) -> Move:
-        """A planned move with feedforward in error coordinates, then `dwell` seconds at its end (default: half its
-        duration); options as for `run`."""
+        """A planned move, then `dwell` seconds at its end (default: half its duration); options as for `run`."""
         return Move.along(plan, self.run(**self.along(plan, dwell), **options))
 
     def along(self, plan: Plan, dwell: float | None = None) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and
-        reference."""
+        reference: states and inputs of inverse dynamics, or without feedforward the positions, if the law integrates
+        their errors."""
         period, begin = self.specification.period, np.reshape(plan(0.0), -1)
         near = np.allclose(begin, self.start, rtol=0.0, atol=1e-12)
         duration = plan.duration + (0.5 * plan.duration if dwell is None else dwell)
+        forward = self.specification.feedforward or not has_integrals(self.law)
+        known = self.tracking_controller if forward else self.bumpless_controller
         return {
-            "controller": self.tracking_controller if near else self.controller(begin, moving=True),
+            "controller": known if near else self.controller(begin, moving=forward),
             "at": self.start if near else begin,
             "duration": round(duration / period) * period,
-            "reference": move_reference(self.robot, plan, self.dry_friction),
+            "reference": move_reference(self.robot, plan, self.dry_friction) if forward else plan,
         }
-
-
-def _with_values(plant: Plant, values: Mapping[str, Any] | None) -> Plant:
-    return plant if values is None else plant.with_parameters(**plant.parameters.known(values))

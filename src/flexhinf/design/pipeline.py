@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,17 +15,18 @@ from flexhinf.analysis import modes
 from flexhinf.design import certification, checks, plans, requirements as required, responses, tuning
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import DESIGN, LawFactory, LawKind, law_kind, law_names
-from flexhinf.design.loop_setup import LoopSetup, with_derived
+from flexhinf.design.loop_setup import DEVIATIONS, LoopSetup, with_derived
 from flexhinf.design.problem import presets
-from flexhinf.design.requirements import Requirement
+from flexhinf.design.requirements import Judged, Reported, Requirement
 from flexhinf.design.responses import forwarded
 from flexhinf.design.rigid import RigidComparison, compare_rigid
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification
+from flexhinf.design.specification import Specification, is_for_workspace, refuse_workspace
+from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
+from flexhinf.design.workspace import design_workspace, workspace_stages
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller
-from flexhinf.notebook import Summarised
 from flexhinf.plant import GeneralisedPlant
 from flexhinf.robot import Robot, mujoco
 from flexhinf.validation import checked_kind, value_text
@@ -37,109 +36,12 @@ Progress = Callable[[str], None]
 #: Largest number of states for which the rigid law has the design's degree; with more it has degree 2.
 RIGID_STATES = 15
 
-#: An estimation error that oscillates with a smaller damping ratio than this is a risk.
-HARDLY_DAMPED = 0.05
-
-#: Smallest extra delay, in periods, below which a late computation or a slow bus endangers the loop.
-FEW_PERIODS = 3.0
-
-#: Largest RMS input noise, as a fraction of the step's peak input: more wears the motors.
-NOISE_FRACTION = 0.05
-
-#: The room whose pages show results. It reads designs, so it is loaded when one is saved.
-PAGES = "flexhinf.pages"
-
-
-@dataclass(frozen=True)
-class Status:
-    """The first lines of a report."""
-
-    # not_met: requirements that the loop fails; not_proved: claims that were only sampled or searched
-    not_met: tuple[str, ...] = ()
-    not_proved: tuple[str, ...] = ()
-    risky: tuple[str, ...] = ()  # Dangers for the loop that no requirement covers
-    # Limits that are met only within the tolerance of the judgement, and the robots that were judged, unless these are
-    # all robots within the tolerances; else empty
-    scope: str = ""
-
-    @property
-    def line(self) -> str:
-        """The status as one line: requirements not met, claims not proved, risks."""
-        met = f"Specification met on the running loop{f' ({self.scope})' if self.scope else ''}"
-        rows = {"Not met": self.not_met, "Risky": self.risky, "Not proved": self.not_proved}
-        parts = [f"{name}: " + "; ".join(texts) for name, texts in rows.items() if texts]
-        return ". ".join(parts if self.not_met else [met, *parts]) + "."
-
-
-def _in_brackets(joints: Sequence[str], joint: str) -> str:
-    return f" ({joint})" if len(joints) > 1 and joint else ""
-
-
-def status_of(
-    lines: Sequence[Requirement], evaluation: LawEvaluation, chosen: by_step.DegreeChoice,
-    worth: certification.Attenuation, inside: bool | None, proof: certification.DesignProof,
-) -> Status:  # fmt: skip
-    """The status of a design."""
-    setup, names = evaluation.setup, [line.what for line in lines]
-    degrees = setup.specification.in_degrees and not any(setup.robot.links.slides)
-    missed: dict[str, None] = {}  # no text twice
-    for line in (line.converted(degrees) for line in lines if not line.met):
-        sign, found = "≤" if line.at_most else "≥", f"{line.found:.3g}{line.unit_text(line.found)}"
-        joint = f" in {line.joint}" if line.joint else ""
-        at = "" if line.at is None else f" at {line.at:.3g} s"
-        place = f"; {line.where}" if names.count(line.what) > 1 else ""
-        limit = f"(required {sign} {line.limit:.3g}{line.unit_text(line.limit)}{place})"
-        missed[f"{line.what} {found}{joint}{at} {limit}"] = None
-    past = f"{100.0 * TOLERANCE:g} % past its limit at most, which counts as met"
-    scope = [
-        *dict.fromkeys(f"{line.what}: {past}" for line in lines if line.within_tolerance),
-        *(["no tolerance stated: only the nominal robot was judged"] if evaluation.corners is None else []),
-    ]
-    unproved = certification.step_proof(proof, chosen, inside).missing
-    if proof.certificate is None and proof.box is None and not worth.lasts:
-        unproved = (*unproved, "the dissipation budget of the step does not last")
-    return Status(tuple(missed), unproved, tuple(_risks(lines, evaluation)), "; ".join(scope))
-
-
-def _risks(lines: Sequence[Requirement], evaluation: LawEvaluation) -> list[str]:
-    setup, margins, risks = evaluation.setup, evaluation.margins, []
-    of, period = partial(_in_brackets, setup.joints), setup.specification.period
-    slow = [m for m in evaluation.estimator_modes if m.eigenvalue.imag > 0.0 and m.damping < HARDLY_DAMPED]
-    if slow:
-        worst = min(slow, key=lambda m: m.damping)
-        risks.append(
-            f"the estimation error oscillates at {worst.frequency:.3g} Hz{of(worst.joint)} with a damping of "
-            f"{worst.damping:.2g}"
-        )
-    elif margins.damping < RINGS and not any(line.what.startswith("damping") for line in lines):
-        risks.append(
-            f"an oscillation of the running loop{of(evaluation.least_damped_joint)} is damped by "
-            f"{margins.damping:.2g} only, and no damping is required"
-        )
-    if margins.stable and margins.delay_margin_s < FEW_PERIODS * period:
-        risks.append(
-            f"the loop tolerates {1e3 * margins.delay_margin_s:.2g} ms of extra delay, "
-            f"{margins.delay_margin_s / period:.2g} periods"
-        )
-    loaded = evaluation.load_response.metrics
-    if not loaded:
-        risks.append("under a constant load on the links the loop diverges")
-    if unrecovered := [row for row in loaded if row["recovery_time_s"] is None]:
-        name = max(unrecovered, key=lambda row: row["remaining_error"])["joint"] if len(loaded) > 1 else ""
-        link = f"link {name}" if name else "link"
-        risks.append(f"under a constant load the {link} does not come back within 2 % of the step")
-    noise, peak = evaluation.input_noise, evaluation.step.peak_input
-    if margins.stable and noise > NOISE_FRACTION * peak:
-        noises = evaluation.input_noises
-        joint = "" if noises is None else of(setup.joints[int(np.argmax(noises))])
-        risks.append(
-            f"sensor noise at a motor{joint} is {100.0 * noise / peak:.2g} % of the step's peak input, rms"
-        )
-    return risks
+#: The runs that are judged.
+STEP, MUJOCO = "the step, nominal robot", "the step on MuJoCo's plant"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Design(Summarised):
+class Design(Judged):
     """A synthesised law for a robot and a specification, its evaluation in the loop, and the judgement of both."""
 
     robot: Robot
@@ -168,23 +70,18 @@ class Design(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Robot, whether the requirements are met, degree and level, and the step in numbers."""
-        step, missed = self.evaluation.step, sum(not line.met for line in self.requirements)
+        step = self.evaluation.step
         unit = self.setup.model.unit(self.setup.model.inputs[0])
-        of = partial(_in_brackets, self.setup.joints)
+        of = partial(in_brackets, self.setup.joints)
         settling = f"{step.settling.value:.3g} s" if np.isfinite(step.settling.value) else "not settled"
         return {
             "robot": self.robot.name,
-            "requirements": f"{missed} of {len(self.requirements)} not met" if missed else "met",
+            "requirements": self.judgement,
             "degree of V": str(self.chosen.degree),
             "γ": f"{self.gamma:.4g}",
             "settling": f"{settling}{of(step.settling.joint)}",
             "peak input": f"{step.peak_input:.3g} {unit}{of(step.peak.joint)}",
         }
-
-    @property
-    def met(self) -> bool:
-        """Whether every requirement is met."""
-        return all(line.met for line in self.requirements)
 
     setup = forwarded("evaluation.setup", LoopSetup, "The loop of all runs.")
     scenario = forwarded("evaluation.scenario", responses.Scenario, "The runs.")
@@ -203,11 +100,8 @@ class Design(Summarised):
 
         `at`: (n,), Pose at which it takes over; the start of the step by default.
         """
-        return self.setup.controller(self.start if at is None else np.atleast_1d(at).astype(float))
-
-    def save(self, folder: str | Path) -> Path:
-        """Write the report, its numbers, the controller and every run into a folder, which is returned."""
-        return import_module(PAGES).write_report(self, folder)
+        pose = self.start if at is None else np.atleast_1d(at).astype(float)
+        return self.setup.controller(pose, supervised=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +129,7 @@ class ComparedLaw:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Summarised):
+class Comparison(Reported):
     """Several laws, each tuned for the same criterion and evaluated in the scenario of `flexhinf.design`."""
 
     robot: Robot
@@ -273,10 +167,6 @@ class Comparison(Summarised):
         """The row of a law, by name."""
         return next(row for row in self.rows if row.name == name)
 
-    def save(self, folder: str | Path) -> Path:
-        """Write the report and its numbers into a folder, which is returned."""
-        return import_module(PAGES).write_report(self, folder)
-
     def units(self) -> dict[str, Any]:
         """Units of inputs, positions, small position errors and torques, for joints that turn, slide or both."""
         slides = tuple(bool(slide) for slide in self.robot.links.slides)
@@ -288,39 +178,50 @@ class Comparison(Summarised):
         }
 
 
-def checked_specification(robot: Robot, specification: Specification) -> Specification:
-    """The specification; refuses what is no robot, such as its file, or no specification."""
+def checked_specification(robot: Robot, specification: Specification | None) -> Specification:
+    """The specification, by default its defaults; refuses what is no robot, such as its file, or no specification."""
     checked_kind("This is no robot.", robot, Robot, "a flexhinf.Robot", "flexhinf.load_robot('arm.toml')")
+    specification = Specification() if specification is None else specification
     if not isinstance(specification, Specification):
         found = f"expected a flexhinf.Specification, got {value_text(specification)}"
         raise InvalidInput("This is no specification.", found, "flexhinf.Specification(pose='90deg')")
     return specification
 
 
-def design(robot: Robot, specification: Specification, progress: Progress | None = None) -> Design:
+def design(robot: Robot, specification: Specification | None = None, progress: Progress | None = None) -> Any:
     """Design a controller for a robot, and judge the loop in which it runs; nothing is written.
+
+    The controller is for a workspace, by default all poses within the joint ranges: one law for all of them, judged at
+    random poses and in moves between random goals. With a field that only a design of one pose reads
+    (`Specification.pose_fields_stated`), such as ``pose``, ``preset`` or ``degrees``, it is for that pose alone: a
+    nonlinear H∞ law about the goal, by default the robot's home, judged in the step to it.
 
     Parameters
     ----------
     robot : Robot
         From `load_robot`.
-    specification : Specification
+    specification : Specification, optional
         What the loop must do; a field that is not stated is chosen by the rule that its help states.
     progress : callable, optional
         Called with what comes next, about `stages` times in all.
 
     Returns
     -------
-    Design
-        Law, estimator, runs and requirements; `Design.save` writes the report, `Design.controller` is what runs.
+    WorkspaceDesign or Design
+        For a workspace, or of one pose: law, estimator, runs and requirements. Of both, ``met`` says whether the
+        requirements are met, ``save(folder)`` writes the report, and ``controller(at)`` is what runs.
 
     Raises
     ------
+    SpecificationError
+        For a workspace and a field of one pose in one specification.
     InvalidInput, InfeasibleGamma, NotStabilisable, NotDetectable, NumericalFailure
         With what to change.
 
     Examples
     --------
+    Of one pose, as a goal is stated:
+
     >>> import flexhinf as fh
     >>> quick = dict(degrees="2", draws=0, rays=0, proof_seconds=0, compare_rigid=False)
     >>> arm = fh.design(fh.load_robot("paper"), fh.Specification(pose="10deg", start="0", estimator="none", **quick))
@@ -330,6 +231,8 @@ def design(robot: Robot, specification: Specification, progress: Progress | None
     0.001
     """
     s, progress = checked_specification(robot, specification), progress or (lambda text: None)
+    if is_for_workspace(s):
+        return design_workspace(robot, s, progress)
     if s.mujoco:
         mujoco.check_expressed(s.extras)
     progress("equilibrium, and weights")
@@ -439,35 +342,57 @@ def _requirements(
     setup, target = evaluation.setup, synthesis.design_problem.target
     s, limits = setup.specification, setup.limits
     damping = None if target is None else presets.required_damping(stated.damping, target)
-    lines, step, robots = _law_requirements(evaluation)
+    resolution = setup.position_resolution(DEVIATIONS)
+    lines, step, robots = _law_requirements(evaluation, damping, limit_cycle)
     if target is not None and damping is not None:
-        lines += required.behaviour_requirements(
-            stated, target.bandwidth, damping, evaluation.margins, setup.joints, evaluation.least_damped_joint
+        lines.insert(
+            0, required.bandwidth_requirement(stated, target.bandwidth, evaluation.margins, setup.joints)
         )
         lines.append(evaluation.ring_down.requirement(s, damping))
     lines += step
     if on_mujoco is not None:
-        lines += required.step_requirements(s, limits, on_mujoco, "the step on MuJoCo's plant")
-    lines += required.move_requirements(s, limits, evaluation.move)
+        lines += required.step_requirements(s, limits, on_mujoco, MUJOCO)
+        rows = responses.motion_metrics(limits, on_mujoco, setup.command)
+        lines += required.motion_requirements(s, limits, rows, resolution, MUJOCO)
+    runs = evaluation.runs
+    errors = None if s.move is None else checks.errors_after_move(setup, runs.plan, runs.dwell)
+    lines += required.move_requirements(s, limits, evaluation.move, resolution, errors)
     if s.move is not None and synthesis.along is not None:
         lines += checks.along_requirements(s, synthesis.along)
     if limit_cycle is not None:
         lines.append(limit_cycle.requirement(limits.position_units))
     for payload in payloads:
-        lines += checks.payload_requirements(s, limits, payload, damping)
+        lines += checks.payload_requirements(s, limits, payload, damping, resolution)
     return (*lines, *robots)
 
 
-def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...]:
-    """Requirements on a law in `design` and `compare`: on margins, the nominal step, corners and sampled robots."""
+def _law_requirements(
+    evaluation: LawEvaluation, damping: float | None = None, limit_cycle: checks.LimitCycleCheck | None = None
+) -> tuple[list[Requirement], ...]:
+    """Requirements on a law in `design` and `compare`: on margins, the nominal step, corners and sampled robots.
+
+    `damping`: required damping ratio; None for the least one. `limit_cycle`: the run in which the remaining error is
+    judged; None for the step.
+    """
     setup, linear, samples = evaluation.setup, not evaluation.linear_failure, evaluation.step_samples
     s, limits, corners = setup.specification, setup.limits, evaluation.corners if linear else None
     margins = []
     if linear:
-        damped = np.nan if s.delay_margin is None else evaluation.damped_delay_margin
-        margins = required.margin_requirements(s, evaluation.margins, setup.joints, damped)
+        own, damped = evaluation.margins, evaluation.damped_margins
+        delay = np.nan if s.delay_margin_limit is None else damped.delay_margin_s
+        ringing = [
+            required.of_several(setup.joints, mode.joint if mode else "") for mode in evaluation.least_damped
+        ]
+        margins = [
+            *required.margin_requirements(s, own, setup.joints, delay),
+            *required.oscillation_requirements(s, own, damped, damping, ringing),
+        ]
     unlimited = evaluation.unlimited_step if limits.limits_peak else None
-    step = required.step_requirements(s, limits, evaluation.step, "the step, nominal robot", unlimited)
+    step = required.step_requirements(s, limits, evaluation.step, STEP, unlimited)
+    step += required.motion_requirements(
+        s, limits, evaluation.step_motion, setup.position_resolution(DEVIATIONS), STEP,
+        limit_cycle and limit_cycle.remaining,
+    )  # fmt: skip
     robots = [] if corners is None else [required.corner_requirement(corners)]
     robots += [] if samples is None else required.sample_requirements(s, limits, samples)
     return margins, step, robots
@@ -475,6 +400,8 @@ def _law_requirements(evaluation: LawEvaluation) -> tuple[list[Requirement], ...
 
 def stages(robot: Robot, specification: Specification, laws: Sequence[str] | None = None) -> int:
     """Approximate number of work steps of a design, or of a comparison of laws, for a progress bar."""
+    if laws is None and is_for_workspace(specification):
+        return workspace_stages(robot, specification)
     s, states = specification, by_step.STATES * len(robot.joint_names)
     preset, limits = presets.preset_of(robot, s), responses.joint_limits(robot, s)
     limited = preset in ("damped", "robust") and (limits.limits_peak or limits.limits_speed)
@@ -534,6 +461,7 @@ def compare(
     ['design', 'nl-hinf', 'pd']
     """
     s, kinds = checked_specification(robot, specification), [law_kind(name) for name in law_names(laws)]
+    refuse_workspace(s, "A comparison of laws")
     progress = progress or (lambda text: None)
     tuning.check_mode(tune, "tune='peak'")
     progress("equilibrium, and weights")

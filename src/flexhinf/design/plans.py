@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -15,13 +16,16 @@ from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
 from flexhinf.errors import InvalidInput
-from flexhinf.loop import JerkLimited, Moving, Waypoints
+from flexhinf.loop import Controller, JerkLimited, Moving, Waypoints
 from flexhinf.plant import Law
 from flexhinf.robot import Robot, check_reference, kinematics
 from flexhinf.robot.waypoints import WaypointError, WaypointTable
 
 #: Duration of a quintic times the bandwidth, such that the quintic keeps the limits below.
 QUINTIC_TIME = 4.7
+
+#: Moves of a workspace: share of the speed limits, speed without one (rad/s, m/s), and shortest duration, s.
+SPEED, UNLIMITED, SHORTEST = 0.5, 0.6, 0.5
 
 #: A spline through waypoints may go beyond two neighbouring ones by this fraction of the joint's way.
 BEYOND = 0.02
@@ -31,6 +35,7 @@ MOVE_SAMPLES = 10
 
 #: Most instants at which a stated move is checked.
 INSTANTS = 20_000
+
 
 #: Limits of the move's velocity, acceleration and jerk, as multiples of the travel times ω, ω², ω³ for a bandwidth ω.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
@@ -102,6 +107,13 @@ def plan_move(
     raise AssertionError("unreachable")
 
 
+def quintic_move(limits: JointLimits, start: np.ndarray, goal: np.ndarray) -> Waypoints:
+    """A quintic from pose to pose (n,) at half the speed limits: how a controller for a workspace is sent anywhere."""
+    speed = np.where(np.isfinite(limits.speed), limits.speed, UNLIMITED)
+    duration = max(SHORTEST, float(np.max(1.875 * np.abs(goal - start) / (SPEED * speed))))
+    return Waypoints([0.0, duration], [start, goal], "quintic")
+
+
 def stated_move(robot: Robot, s: Specification) -> Plan | None:
     """The move of a specification, checked against ranges, speeds and efforts of the joints; None without one."""
     if s.move is None:
@@ -138,6 +150,24 @@ def move_reference(robot: Robot, plan: Plan, dry_friction: Sequence[str]) -> Mov
     """A planned move with feedforward by inverse dynamics of the elastic robot, including these kinds of dry
     friction."""
     return Moving(plan, partial(robot.inverse_dynamics, extras=tuple(dry_friction)))
+
+
+def driven(
+    controller: Controller, robot: Robot, plan: Plan, s: Specification, dry_friction: Sequence[str]
+) -> tuple[Controller, Any]:
+    """The controller and its reference for a plan: in error coordinates with the feedforward, without it along the
+    positions if the law integrates their errors."""
+    if controller.mode.moving or s.feedforward or not has_integrals(controller.law):
+        if not controller.mode.moving:
+            controller = Controller(
+                controller.law, controller.estimator, controller.period,
+                (controller.limits.lower, controller.limits.upper), moving=True,
+                integral_dead_zone=controller.integral_dead_zone, before_first=controller.first_input.option,
+                latency=controller.mode.latency, offset_time=controller.offset_time,
+                supervision=controller.supervision and replace(controller.supervision, reactions={}),
+            )  # fmt: skip
+        return controller, move_reference(robot, plan, dry_friction)
+    return controller, plan
 
 
 def _through(robot: Robot, s: Specification, factor: float) -> Plan:

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from flexhinf.analysis.optimiser import bisected
 from flexhinf.certify import Certificate, box, cells, claim, proof, starts
 from flexhinf.certify.certificate import path_start
 from flexhinf.design.problem.presets import DesignProblem, choose, measured_problem
@@ -328,12 +329,10 @@ def _within(candidate: ProvedLaw, ranges: Any, step: float | None, limit: float)
         duration = LENGTH / float(np.min(candidate.bandwidth))
         return _peak_effort(solution, measured, path_start(statement, start, amplitude), duration)
 
-    low, largest = 0.0, abs(wanted)
+    largest = abs(wanted)
     if not peak(largest) <= limit:  # this refuses NaN too
-        for _ in range(HALVINGS if step is None else 0):
-            middle = 0.5 * (low + largest)
-            low, largest = (middle, largest) if peak(middle) <= limit else (low, middle)
-        largest = low
+        width = (1.0 if step is not None else 2.0**-HALVINGS) * largest
+        largest, _ = bisected(lambda tried: peak(tried) <= limit, 0.0, largest, width, relative=False)
     if not largest:
         raise NotWithinTolerances(f"a step of {abs(wanted):.4g} takes an input of {peak(abs(wanted)):.3g}")
     step = float(np.copysign(largest, wanted))

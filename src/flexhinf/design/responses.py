@@ -17,9 +17,10 @@ from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
-from flexhinf.design.specification import FIELDS, Specification, SpecificationError
+from flexhinf.design.specification import FIELDS, Specification, per_joint
 from flexhinf.loop import Signal, Trajectory
 from flexhinf.loop.simulation import metrics
+from flexhinf.plant import Plant
 from flexhinf.robot import Robot, elastic, kinematics, signals
 
 #: Default step: rad for a joint that turns, m for one that slides.
@@ -78,6 +79,11 @@ def start_and_goal(robot: Robot, s: Specification, move: Plan | None) -> tuple[n
     end = None if move is None else np.reshape(move(move.duration), -1)
     goal = robot.operating_point(end if s.pose is None else s.pose)[0][:n]
     return default_start(robot, goal) if s.start is None else robot.operating_point(s.start)[0][:n], goal
+
+
+def with_values(plant: Plant, values: Mapping[str, Any] | None) -> Plant:
+    """A plant with those of these parameters that it has."""
+    return plant if values is None else plant.with_parameters(**plant.parameters.known(values))
 
 
 def run_length(slowest: float) -> float:
@@ -363,8 +369,9 @@ class JointLimits:
 
     @property
     def saturated(self) -> np.ndarray | None:
-        """The saturation (n,) for a controller; None where no motor has one."""
-        return self.saturation if np.isfinite(self.saturation).any() else None
+        """Limits (n,) of a controller: those of the motors, and stated peaks below them; None where there is none."""
+        limits = self.saturation if self.peak_source == ROBOT else self.effort
+        return limits if np.isfinite(limits).any() else None
 
     limits_peak = _limited("peak", "Whether the peak input of any joint has a limit.")
     limits_effort = _limited("effort", "Whether any input has a limit, required or by saturation.")
@@ -377,6 +384,12 @@ class JointLimits:
         limits = self.peak if self.limits_peak else self.saturation
         finite = limits[np.isfinite(limits)]
         return float(finite.max()) if finite.size else np.inf
+
+    @property
+    def span(self) -> np.ndarray:
+        """Length of the range of each joint (n,), rad or m; one turn, or infinite, where there is none."""
+        turn = np.where(np.array(self.position_units) == "rad", 2.0 * np.pi, np.inf)
+        return np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, turn)
 
     def equivalent_peak(self, response: Response) -> float:
         """Peak input of a run as one number, V or N·m: its largest limit use times the limit of the `strongest`
@@ -406,6 +419,46 @@ class JointLimits:
         )
 
 
+#: Points of a path from which distances are measured, and a travel that is rounding, rad or m.
+PATH_POINTS, STILL = 400, 1e-9
+
+
+def motion_metrics(limits: JointLimits, run: Response, plan: Plan | None = None) -> list[dict[str, Any]]:
+    """Metrics of the motion of each joint along a plan, by default the straight one of a step; an empty list where the
+    run diverged.
+
+    Keys: joint, travel (rad or m), wrong_way_percent (of a joint that moves), excursion_percent (of one that should
+    rest; None where no travel compares with it), path_distance and remaining_error (rad or m), ripple_percent (of a
+    motor with a limit). The last two are those of joints at rest, so a run that ends too soon after its plan has none.
+    """
+    if run.diverged_at is not None:
+        return []
+    time, planned = run.run.time, run.goal[None]
+    path = np.array([run.start, run.goal])
+    if plan is not None:
+        instants = np.linspace(0.0, plan.duration, PATH_POINTS), time
+        path, planned = (np.reshape(plan(t), (len(t), -1)) for t in instants)
+    travel, slides = np.ptp(path, axis=0), np.array(limits.position_units) == "m"
+    largest = metrics.largest_travel(travel, slides, limits.span)
+    counted = np.maximum(travel, metrics.MIN_TRAVEL * largest)
+    distances = metrics.path_distance(run.positions, path, np.where(counted > STILL, counted, 1.0))
+    ripples, rows = metrics.ripple(time, run.inputs, limits.effort), []
+    errors = metrics.remaining_error(time, run.positions, planned)
+    rests = plan is None or time[-1] - plan.duration >= metrics.WINDOW
+    for k, (joint, q) in enumerate(zip(run.joints, run.positions.T)):
+        if travel[k] > STILL:
+            own: dict[str, Any] = {"wrong_way_percent": metrics.wrong_way(q, path[:, k], counted[k])}
+        else:
+            away = metrics.excursion(q, path[0, k], largest[k]) if largest[k] > STILL else None
+            own = {"excursion_percent": away}
+        own |= {"travel": float(travel[k]), "path_distance": float(distances[k])}
+        if rests:
+            own["remaining_error"] = float(errors[k])
+            own |= {"ripple_percent": float(ripples[k])} if np.isfinite(limits.effort[k]) else {}
+        rows.append({"joint": joint, **own})
+    return rows
+
+
 def joint_limits(robot: Robot, s: Specification) -> JointLimits:
     """The limits of a specification, and those of the robot where it states none."""
     joints, effort = robot.joint_names, robot.effort_limits
@@ -425,16 +478,3 @@ def integral_dead_zone(joints: Sequence[str], stated: Any, chosen: np.ndarray | 
     """Errors (n,) that are not integrated, rad or m: as stated, or `chosen`; None without any."""
     zone = chosen if stated is None else stated
     return per_joint(joints, "integral_dead_zone", zone) if zone is not None and np.any(zone) else None
-
-
-def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
-    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
-    limits = np.asarray(value, dtype=float)
-    if limits.shape not in ((), (1,), (len(joints),)):
-        raise SpecificationError(
-            name,
-            f"The {name.replace('_', ' ')} does not fit the joints.",
-            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
-            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
-        )
-    return np.array(np.broadcast_to(limits, (len(joints),)))

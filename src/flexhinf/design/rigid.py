@@ -162,18 +162,20 @@ def compare_rigid(
     """Design the same specification on the rigid model, and close the loop round the elastic robot.
 
     `evaluation`: of the design's own law, for its loop and its step. The rigid law gets the true state of one side,
-    without estimator or noise, which favours it. Returns None if there is no `rigid_problem`.
+    without estimator or noise, which favours it; its input is as late as that of the design, though nothing predicts.
+    Returns None if there is no `rigid_problem`.
     """
     rigid, setup, scenario = rigid_problem(problem), evaluation.setup, evaluation.scenario
     if rigid is None or scenario is None:
         return None
     s, goal, loops = setup.specification, setup.goal, []
+    late = s.known_latency + s.unknown_samples
     solution = solve_hji(rigid, gamma=s.gamma_ratio * smallest_gamma(rigid), degree=degree)
     x, u = setup.equilibrium(setup.start)
     for side in FEEDBACK_SIDES:
         law = RigidLaw(solution, problem, side)
         controller = Controller(law, None, s.period, setup.limits.saturated, start="bumpless")
-        run = Loop(setup.true_plant, controller).run(
+        run = Loop(setup.true_plant, controller, delay=s.period * late).run(
             duration=scenario.step_duration, initial_state=x, initial_input=u, seed=s.seed
         )
         response = Response(run, goal, x[: len(goal)], setup.joints)

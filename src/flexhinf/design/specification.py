@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, ValidationError, WithJsonSchema
 
 from flexhinf import options
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.options import (
     ADVANCED,
     HARDWARE,
@@ -30,7 +33,7 @@ from flexhinf.options import (
     refused,
     with_parameters,
 )
-from flexhinf.robot.waypoints import WaypointError, waypoints
+from flexhinf.robot.waypoints import WaypointError, stated_workspace, waypoints
 from flexhinf.validation import nearest, value_text
 
 MoveTable = Annotated[
@@ -39,10 +42,27 @@ MoveTable = Annotated[
 ]  # fmt: skip
 
 
+Range = Annotated[
+    Any, BeforeValidator(stated_workspace),
+    Allowed("limits, one (low, high) per joint, a box in space, or waypoints"),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "array"}, {"type": "object"}]}),
+]  # fmt: skip
+
 PresetName = Annotated[Literal["paper", "damped", "robust", "proved"], options.CHOICE]
 EstimatorName = Annotated[Literal["ukf", "ekf", "observer", "none"], options.CHOICE]
 ShapingName = Annotated[Literal["jump", "quintic", "jerk-limited"], options.CHOICE]
 AngleUnit = Annotated[Literal["rad", "deg"], options.CHOICE]
+
+#: Fields that a design for a workspace reads. With any other field a design is of one pose.
+OF_WORKSPACE = (
+    "workspace", "damping", "damped_below", "peak_effort", "peak_speed", "undershoot", "path_distance",
+    "remaining_error", "ripple", "gain_margin", "delay_margin", "measured", "estimator", "period", "process_noise",
+    "torque_noise", "measurement_noise", "saturation", "extras", "latency", "unknown_delay", "quantisation", "draws",
+    "seed", "angle_unit",
+)  # fmt: skip
+
+#: Estimators of a design of one pose alone.
+OF_POSE = ("ekf", "observer")
 
 #: Default variance of the velocities per sample. With the default R^n the estimator is so fast that a load deflects the
 #: link little more than with the true state fed back, see docs/design.md.
@@ -52,12 +72,25 @@ TORQUE_NOISE = 1e-7
 #: only the link is measured.
 PEAK_SENSITIVITY, GAIN_MARGIN, OVERSHOOT = 2.5, 1.8, 5.0
 
+#: Default of the least extra delay that a loop with an estimator tolerates, samples.
+DELAY_MARGIN = 1.0
+
+#: Default limits: motion the wrong way, per cent, ripple of a motor's input, per cent, and remaining error, rad or m.
+UNDERSHOOT, RIPPLE, REMAINING_ERROR = 5.0, 5.0, 1e-3
+
 #: Default latency of a loop with an estimator, samples.
-LATENCY = 0
+LATENCY = 1
 
 
 #: An oscillation with a smaller damping ratio than this rings: it takes more than three periods to fall to a tenth.
 RINGS = 0.1
+
+#: No design meets its specification with a smaller damping ratio of an oscillation below `damped_below`, rad/s.
+#: Faster ones have hardly any amplitude; the models of springs and motors do not hold there.
+MIN_DAMPING, DAMPED_BELOW = 0.05, 350.0
+
+#: Largest `damped_below`, as a fraction of half the sampling frequency.
+OF_NYQUIST = 1.0 / 3.0
 
 #: Relative tolerance of every limit, which is also the accuracy of the searches.
 TOLERANCE = 0.02
@@ -70,6 +103,7 @@ MOST = {
     "draws": (100_000, "more take hours, and the memory of every run"),
     "rays": (100_000, "ascent finds what so many directions miss; more take hours"),
     "latency": (10, "each beyond the first costs a step one more time update of the estimator"),
+    "delay_margin": (200, "a linear loop has at most so many samples of delay"),
     "gamma_ratio": (1e6, "from there on the disturbance has no weight in the law, and it no longer changes"),
     "checked_gamma_ratio": (1e6, "from there on the disturbance has no weight in the inequality"),
 }
@@ -101,6 +135,10 @@ class SpecificationError(InvalidInput):
 class Specification:
     """The requirements on a design. A field that is None is chosen by the rule in its help.
 
+    With fields of `OF_WORKSPACE` alone a design is for a workspace, with any other field of one pose. ``workspace`` is
+    text as at the command line, one (low, high) in rad or m for each joint, a file of waypoints, or their columns as a
+    mapping or a table.
+
     Every field takes numbers in SI units, or the text that the command line takes: ``pose="90deg"``,
     ``unknown_delay="5ms"``.
 
@@ -114,6 +152,10 @@ class Specification:
     pose: options.Pose | None = option(None, WAY,
         "Goal, one position per joint: 0.3,-0.5 (rad, m), 30deg,-10deg or 30°,-10°.", "0.3,-0.5", "rad, m",
         default="the robot's home")
+    workspace: Range | None = option(None, WAY,
+        "Where one controller is for: limits (the joint ranges), one LOW:HIGH per joint (-90deg:90deg,0:1.2), "
+        "x=0.2:0.5,z=0:0.4 (m, the point of --tool), or a CSV file of waypoints.", "limits", "rad, m",
+        default="limits; the pose alone with an option that only a design of one pose reads, such as --pose")
     start: options.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")
     via: options.Poses = option((), WAY,
@@ -123,6 +165,9 @@ class Specification:
         "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
         "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
         "with jump.", "jerk-limited")
+    feedforward: options.Flag = option(True, WAY,
+        "Whether a move and a shaped command come with the feedforward of the inverse dynamics. Without it a law with "
+        "integrals follows the positions alone.")
     move: MoveTable | None = option(None, WAY,
         "A move that the loop is judged by: a CSV file with columns time and the joints, 'time [s],elbow [deg]'. "
         "The goal is by default its last waypoint.", "waypoints.csv", "s; rad, m",
@@ -143,30 +188,52 @@ class Specification:
         "judged on the running loop of the nominal robot.", "4", "rad/s",
         default="0.3 of the lowest vibration with held motors, less where margins of the loop ask for it")
     damping: options.Ratio | None = option(None, LOOP,
-        "Least damping ratio of every oscillation; searched for and judged as the bandwidth is.", "0.3",
-        default="0.2 where weights are searched, down to 0.1 where noise at the motors asks for it")
+        "Least damping ratio of every oscillation below --damped-below, at least 0.05; searched for and judged as the "
+        "bandwidth is.", "0.3",
+        default="0.2 for a workspace; where weights are searched, 0.2 down to 0.1 where noise at the motors asks for "
+        "it; 0.05 otherwise")
+    damped_below: options.Frequency | None = option(None, LOOP,
+        "Frequency below which every oscillation has to be damped: 350 (rad/s) or 55Hz, at most a third of half the "
+        "sampling frequency. Faster oscillations have to be stable.", "350", "rad/s",
+        default="350 rad/s, or that third")
     peak_effort: options.PerJoint | None = option(None, LIMITS,
-        "Largest input of every motor in the step: 60, or one per joint 87,87,12.", "60",
+        "Largest input of every motor, which limits the controller too: 60, or one per joint 87,87,12.", "60",
         "V, A, N·m or N", zero=NO_LIMIT, default="the robot's effort limits, or none")
     peak_speed: options.PerJointSpeed | None = option(None, LIMITS,
         "Largest speed of every link: 2 (rad/s, m/s), one per joint 2.2,2.6, or with a unit 120deg/s.", "2",
         "rad/s or m/s", zero=NO_LIMIT, default="the robot's speed limits, or none")
     overshoot: options.Positive | None = option(None, LOOP,
         "Largest overshoot of every link position, in per cent of the step.", "5", "%", default=f"{OVERSHOOT:g}")
+    undershoot: options.Positive | None = option(None, LOOP,
+        "Largest motion of a link the wrong way, in per cent of its travel in the step or the move, or of 5 % of the "
+        "largest travel.", "2", "%", default=f"{UNDERSHOOT:g}")
+    path_distance: options.Tolerances | None = option(None, LOOP,
+        "Largest distance of a link from the path of the step or the move, whenever it is there: 1deg (0.01 rad, m), "
+        "or one per joint 1deg,2mm.", "1deg", "rad, m", default="no requirement")
+    remaining_error: options.Tolerances | None = option(None, LOOP,
+        "Largest error of a link in the last 0.3 s, with the dry friction that the robot states and the dead zone of "
+        "the integrals: 0.5e-3 (rad, m), or one per joint 0.05deg,1mm.", "1e-3", "rad, m",
+        default="1e-3 rad, m, or what the sensors resolve; without dry friction 0.5 % of the travel if that is more")
+    ripple: options.Positive | None = option(None, LOOP,
+        "Largest standard deviation of a motor's input in the last 0.3 s, in per cent of its limit, with the stated "
+        "noise and quantisation. Searched noise levels of the estimator keep a stated one.", "1", "%",
+        default=f"{RIPPLE:g}")
     peak_sensitivity: options.AboveOne | None = option(None, LOOP,
         "Largest peak of |S| of the running loop, with estimator, sampling and delay.", "2",
         default=f"{PEAK_SENSITIVITY:g}")
     gain_margin: options.AboveOne | None = option(None, LOOP,
         "Least factor by which the gain of the running loop may grow or shrink.", "2",
-        default=f"{GAIN_MARGIN:g}")
+        default=f"{GAIN_MARGIN:g}; 2 for a workspace")
     delay_margin: options.Positive | None = option(None, LOOP,
         "Least extra delay, in samples on top of the latency, that the running loop tolerates.", "1", "samples",
-        default="no requirement")
+        default=f"{DELAY_MARGIN:g}, or no requirement where the true state is fed back")
     penalty: options.Weights | None = option(None, ADVANCED,
         "Weights of h(x): link_position=60,link_position_integral=300, or one per state (integrals last).",
         "link_position=60,link_position_integral=300", default="by the preset")
-    effort: options.Positive | None = option(None, ADVANCED, "R2, the weight of the input.", "10", zero="the default",
-        default="the robot's own, or 1")
+    effort: options.Efforts | None = option(None, ADVANCED,
+        "R2, the weight of the inputs, one number or one per joint 0.1,0.1,1. A motor's input counts in units of its "
+        "limit (--saturation, or the robot's) relative to the largest limit, one without a limit as the strongest.",
+        "10", zero="the default", default="the robot's own, or 1")
     gamma_ratio: options.AboveOne = option(1.5, ADVANCED,
         "γ/γ* of the design, at most 1e6; preset proved takes the best of 1.3, 1.5 and 2 for 1.5.", "1.5")
     checked_gamma_ratio: options.Positive = option(1.6, ADVANCED,
@@ -187,7 +254,8 @@ class Specification:
         "link_position, motor_position, joint_torque, link_velocity, motor_velocity; NAME_JOINT for single ones.",
         "motor_position")
     estimator: EstimatorName = option("ukf", HARDWARE,
-        "ukf, ekf, observer (output injection), or none (feeds back the true state).",
+        "ukf, ekf, observer (output injection), or none (feeds back the true state). For a workspace it is a Kalman "
+        "filter with the gains of the pose, or none.",
         "ukf")
     period: options.Period = option(1e-3, HARDWARE, "Sampling period of estimator and law: 0.001 (s) or 1ms.", "1ms",
         "s")
@@ -196,8 +264,10 @@ class Specification:
     torque_noise: options.NotNegative | None = option(None, ADVANCED,
         "Variance added to the velocities alone per sample, where unknown torques act.", "1e-7",
         default=f"searched on the running loop with a Kalman filter; {TORQUE_NOISE:g} with the observer")
-    measurement_noise: options.Positive = option(1e-8, ADVANCED,
-        "R^n, the variance of a measured position; the simulated noise has it too.", "1e-8", "rad², m²")
+    measurement_noise: options.Variances = option(1e-8, ADVANCED,
+        "R^n, the variance of a measured angle, and of the simulated noise; a length has 0.01 m² of it, a velocity "
+        "1e4 times and a torque stiffness² times that of its position. Or one per name of --measured, or per measured "
+        "signal, each in its own unit: 1e-8,0.01.", "1e-8", "rad²")
     saturation: options.PerJoint | None = option(None, LIMITS,
         "Limit ± of every input, or one per joint 87,87,12.", "24", "V, A, N·m or N", zero=NO_LIMIT,
         default="the robot's effort limits, or none")
@@ -220,8 +290,8 @@ class Specification:
     load: options.Number | None = option(None, TRIED, "Torque on every link in the load response.", "1", "N·m or N",
         default="a tenth of what the motors give at the peak input of the step")
     draws: options.Count | None = option(None, TRIED,
-        "Robots within their tolerances that make the step (Monte Carlo samples), at most 100,000; 0: none.", "200",
-        default="by the number of states")
+        "Robots within their tolerances that make the step, or a move in the workspace each (Monte Carlo samples), at "
+        "most 100,000; 0: none.", "200", default="by the number of states; one for each move in the workspace")
     rays: options.Count | None = option(None, ADVANCED,
         "Directions along which the region is sampled, at most 100,000; 0: none.", "1000",
         default="by the number of states")
@@ -230,7 +300,8 @@ class Specification:
         "0: no proof.", "60", "s")
     duration: options.Duration | None = option(None, TRIED, "Length of the step response.", "5", "s",
         zero="the default", default="by the slowest mode")
-    seed: options.Seed = option(0, ADVANCED, "Seed of directions, noise and sampled robots.", "0")
+    seed: options.Seed = option(0, ADVANCED,
+        "Seed of directions, noise, sampled robots, and poses and moves in the workspace.", "0")
     compare_rigid: options.Flag = option(True, TRIED,
         "Whether the same is designed on the rigid model too, and run on the elastic robot.")
     mujoco: options.Flag = option(False, TRIED,
@@ -261,6 +332,10 @@ class Specification:
                 found = f"expected a multiple of {self.period:g} s, got {self.unknown_delay:g} s"
                 raise _refusal("unknown_delay", found)
         self._check_length("duration", RUN_SAMPLES)
+        most = OF_NYQUIST * np.pi / self.period
+        if self.damped_below is not None and self.damped_below > most:
+            found = f"expected at most {most:.4g} rad/s, a third of half the sampling rate, got {self.damped_below:g}"
+            raise _refusal("damped_below", found, f"{math.floor(most)}")
 
     def _check_length(self, name: str, most: int, rounding: float = 1.0) -> None:
         time = getattr(self, name) or 0.0
@@ -269,6 +344,17 @@ class Specification:
                 f"{most * self.period:g} s, {most} samples: {time:g} s are {time / self.period:.0f} samples"
             )
             raise _refusal(name, f"expected at most {limit}", f"{time:g}ms")
+
+    @property
+    def pose_fields_stated(self) -> tuple[str, ...]:
+        """Fields other than their defaults that only a design of one pose reads; without any, a design is for a
+        workspace."""
+        both = OF_WORKSPACE if self.estimator not in OF_POSE else {*OF_WORKSPACE} - {"estimator"}
+        values = ((name, getattr(self, name), field.default) for name, field in FIELDS.items())
+        return tuple(
+            name for name, value, default in values
+            if name not in both and value is not default and (default is None or value != default)
+        )  # fmt: skip
 
     @property
     def peak_sensitivity_limit(self) -> float:
@@ -284,6 +370,18 @@ class Specification:
     def overshoot_limit(self) -> float:
         """Largest overshoot that is allowed, per cent of the step: as stated, or `OVERSHOOT`."""
         return OVERSHOOT if self.overshoot is None else self.overshoot
+
+    @property
+    def delay_margin_limit(self) -> float | None:
+        """Least delay margin, samples: as stated, or `DELAY_MARGIN` with an estimator; None where none is required."""
+        default = None if self.estimator == "none" else DELAY_MARGIN
+        return default if self.delay_margin is None else self.delay_margin
+
+    @property
+    def damped_below_limit(self) -> float:
+        """Frequency below which oscillations have to be damped, rad/s: as stated, or `DAMPED_BELOW`."""
+        most = OF_NYQUIST * np.pi / self.period
+        return min(DAMPED_BELOW, most) if self.damped_below is None else self.damped_below
 
     @property
     def known_latency(self) -> int:
@@ -312,6 +410,45 @@ FIELDS = declared(Specification)
 Specification.__doc__ = with_parameters(Specification)
 
 
+def per_joint(joints: Sequence[str], name: str, value: Any) -> np.ndarray:
+    """A number of a field for each joint (n,); SpecificationError for another count of numbers."""
+    limits = np.asarray(value, dtype=float)
+    if limits.shape not in ((), (1,), (len(joints),)):
+        raise SpecificationError(
+            name,
+            f"The {name.replace('_', ' ')} does not fit the joints.",
+            f"expected one number, or one for each of {list(joints)}, got {limits.size}",
+            example=",".join(f"{limit:g}" for limit in np.resize(limits, len(joints))),
+        )
+    return np.array(np.broadcast_to(limits, (len(joints),)))
+
+
+# A workspace, or one pose ------------------------------------------------------------------------------
+def is_for_workspace(s: Specification) -> bool:
+    """Whether a design is for a workspace: no field is stated that only a design of one pose reads.
+
+    Raises SpecificationError where such a field and a workspace are stated.
+    """
+    stated = s.pose_fields_stated
+    if stated and s.workspace is not None:
+        raise SpecificationError(
+            stated[0], "A controller for a workspace is not designed at one pose.",
+            f"expected `workspace` alone, or fields of one pose, got both: {', '.join(f'`{name}`' for name in stated)}",
+            f"leave out `workspace`, or {', '.join(f'`{name}`' for name in stated)}",
+        )  # fmt: skip
+    return not stated
+
+
+def refuse_workspace(s: Specification, what: str, advice: str = "") -> None:
+    """Refuse a workspace where only one pose is looked at; `what` that is, and what to try first."""
+    refuse_if(
+        s.workspace is not None,
+        f"{what} is of one pose.",
+        f"expected no workspace, got {value_text(s.workspace, 60)}",
+        f"{advice}the goal as `pose`, in the place of the workspace",
+    )
+
+
 # Errors ---------------------------------------------------------------------------------------------
 def _checked(make: Any) -> Any:
     """`Specification.__init__` that refuses unknown fields and takes the unit of angles from their texts."""
@@ -325,7 +462,7 @@ def _checked(make: Any) -> Any:
                     f"expected fields out of {list(FIELDS)}, got {name!r}", nearest(name, FIELDS),
                 )  # fmt: skip
         if fields.get("angle_unit") is None:
-            texts = (fields.get(name) for name in ("pose", "start", "via", "tracking_error"))
+            texts = (fields.get(name) for name in ("pose", "start", "via", "tracking_error", "workspace"))
             fields["angle_unit"] = options.angle_unit_of(*texts)
         make(self, **fields)
 

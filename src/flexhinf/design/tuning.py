@@ -6,9 +6,9 @@ nominal robot without measurement noise, so that it depends on no seed. Each lim
 design's own value, whichever is wider. A candidate is infeasible if its loop cannot be linearised, diverges or does not
 settle.
 
-Round 1 tunes each law by itself. Round 2 starts from its best candidate and from the laws that it contains, in the
-order of their number of parameters. Round 3 starts from the best other laws' values of the shared parameters. The cost
-has several local minima: without round 3 the order of the laws was a matter of luck.
+Round 1 tunes each law by itself. Two further rounds, in the order of the number of parameters, start from its best
+candidate, from the laws that it contains, and from the best other laws' values of the shared parameters. The cost has
+several local minima: without the last round the order of the laws was a matter of luck.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexhinf.baselines import Candidate, Judgement, Tuning, excess, tune
+from flexhinf.analysis import Candidate, Judgement, Optimum, excess, minimise
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.laws import (
     CONTAINED,
@@ -76,6 +76,7 @@ class LawMetrics:
     load_deviation: float = math.nan  # rad or m
     move_error: float = math.nan  # largest error behind the jerk-limited reference, rad or m
     remaining_error: float = math.nan  # largest in the last tenth of step, load response or move, rad or m
+    delay_margin: float = math.nan  # samples, at most the required ones; NaN where none are required
 
 
 def unstable_corners(evaluation: LawEvaluation) -> int:
@@ -104,6 +105,9 @@ def metrics_of(
             margins.peak_sensitivity, margins.gain_margin, margins.damping, evaluation.input_noise,
             margins.slowest_bandwidth,
         )  # fmt: skip
+        if (least := evaluation.setup.specification.delay_margin_limit) is not None:
+            period = evaluation.setup.specification.period
+            metrics = replace(metrics, delay_margin=margins.delay_margin_within(least * period) / period)
     if criterion is not None and criterion.is_far(metrics):
         return metrics
     quiet, limits = evaluation.quiet, evaluation.setup.limits
@@ -235,16 +239,15 @@ class Criterion:
     def judge(self, metrics: LawMetrics) -> Judgement:
         """Judgement of metrics: the cost, and the excess over each limit."""
         beyond = {
-            f"{limit.text}, found {value:.3g}": limit.excess(metrics)
+            f"not kept: {limit.text}, found {value:.3g}": limit.excess(metrics)
             for limit in self.limits
             if not math.isnan(value := getattr(metrics, limit.metric))
         }
         if math.isinf(metrics.settling):
-            beyond[f"the step settles within {self.length:g} s"] = 1.0
+            beyond[f"not kept: the step settles within {self.length:g} s"] = 1.0
         if math.isinf(metrics.peak_input) or math.isinf(metrics.load_deviation):
-            beyond["no run diverges"] = math.inf
-        reason = "; ".join(f"not kept: {text}" for text, value in beyond.items() if value > 0.0)
-        return Judgement(self.cost(metrics), sum(beyond.values()), reason, metrics)
+            beyond["not kept: no run diverges"] = math.inf
+        return Judgement(self.cost(metrics), beyond, metrics)
 
 
 def criterion_for(
@@ -284,6 +287,11 @@ def criterion_for(
     linear = (
         *wider("peak_sensitivity", "peak sensitivity", ""),
         *wider("gain_margin", "gain margin, up and down, a factor of", "", at_least=True),
+        *(
+            wider("delay_margin", "delay margin in samples", "", at_least=True)
+            if "delay_margin" in limits
+            else ()
+        ),
         *wider("damping", "damping ratio of every oscillation", "", at_least=True),
         *wider("input_noise", "noise at the motor, rms,", unit),
     )
@@ -303,6 +311,7 @@ def stated_limits(s: Specification, joints: JointLimits, unit: str) -> dict[str,
     limits = {
         "peak_sensitivity": (s.peak_sensitivity_limit, s.peak_sensitivity and "--peak-sensitivity"),
         "gain_margin": (s.gain_margin_limit, s.gain_margin and "--gain-margin"),
+        "delay_margin": s.delay_margin_limit and (s.delay_margin_limit, s.delay_margin and "--delay-margin"),
         "peak_input": (joints.strongest, peak) if joints.limits_effort else None,
         "damping": (s.damping, "--damping") if s.damping else None,
         "bandwidth": None if s.bandwidth is None else (float(np.min(s.bandwidth)), "--bandwidth"),
@@ -323,8 +332,11 @@ def pareto_front(metrics: Sequence[LawMetrics], criterion: Criterion) -> tuple[L
     return tuple(front)
 
 
-#: Candidates per parameter: (largest number of states, samples of the first round, samples and simplex of the second).
-BUDGET = ((15, 16, 12, 4), (10_000, 3, 1, 1))
+#: Candidates per parameter: (largest number of states, in the first round, in each of the two later ones).
+BUDGET = ((15, 16, 10), (10_000, 3, 2))
+
+#: One candidate of the first round in so many is scattered about the start.
+SCATTERED = 4
 
 #: Number of the cheapest other laws whose parameters a law tries in the last round.
 EXCHANGED = 4
@@ -348,7 +360,7 @@ class TunedLaw:
     feasible: bool  # whether every limit is kept
     reason: str = ""  # limits that are not kept
     tried: tuple[LawMetrics, ...] = ()  # of all candidates that were run
-    search: Tuning | None = None  # all candidates, run or not; None for the design's own law
+    search: Optimum | None = None  # all candidates, run or not; None for the design's own law
 
     @property
     def candidates(self) -> int:
@@ -410,13 +422,13 @@ class Tuner:
                     ) from error
                 tuned[kind.name] = text
         # Laws that contain others last.
-        for what, exchange in (("tune from the others", False), ("tune from the best", True)):
+        for what in ("tune from the others", "tune from the best"):
             for kind in sorted(kinds, key=lambda kind: (len(kind.parameters), kind.name)):
                 law = tuned[kind.name]
                 if isinstance(law, TunedLaw):
                     progress(f"{kind.name}: {what}")
                     others = [x for x in tuned.values() if isinstance(x, TunedLaw)]
-                    tuned[kind.name] = self.again(law, others, exchange)
+                    tuned[kind.name] = self.again(law, others)
         return tuned
 
     def tune(self, kind: LawKind) -> TunedLaw:
@@ -432,25 +444,20 @@ class Tuner:
         laws = (self._search(kind, sensors) for sensors in sets)
         return min(laws, key=lambda law: (not law.feasible, law.cost))
 
-    def again(self, law: TunedLaw, others: Sequence[TunedLaw], exchange: bool = False) -> TunedLaw:
-        """A later round: the search continues from the law's best candidate and from the laws that it contains.
-
-        `exchange` marks the last round, which also starts from the cheapest other laws' values of the shared
-        parameters.
-        """
+    def again(self, law: TunedLaw, others: Sequence[TunedLaw]) -> TunedLaw:
+        """A later round: the search continues from the law's best candidate, from the laws that it contains, and from
+        the cheapest other laws' values of the shared parameters."""
         if law.kind.name == DESIGN:
             return law
         others = [other for other in others if other.parameters and other is not law]
-        return self._search(law.kind, tuple(law.setup.specification.measured), law.search, others, exchange)
+        return self._search(law.kind, tuple(law.setup.specification.measured), law.search, others)
 
     @property
-    def _budget(self) -> tuple[int, int, int, int | None]:
-        """Samples of the first round; samples and simplex of the second; degree of V in the search, None: its own."""
-        states = len(self.factory.synthesis.problem.state_names)
-        first, samples, simplex = next(counts for most, *counts in BUDGET if states <= most)
-        return first, samples, simplex, 2 if states > MANY_STATES else None
+    def _degree(self) -> int | None:
+        """Degree of V in the search; None: the law's own."""
+        return 2 if self.factory.states > MANY_STATES else None
 
-    def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], tuning: Tuning) -> Candidate:
+    def _robust_best(self, kind: LawKind, sensors: tuple[str, ...], tuning: Optimum) -> Candidate:
         """The cheapest feasible candidate that has no more unstable corners than the design, so that corners exclude no
         law that has such a candidate. Without one among the `LOOKED_AT` cheapest: the design's own parameters, if the
         design has a law of this kind and it is feasible, else the cheapest candidate."""
@@ -459,10 +466,8 @@ class Tuner:
         allowed = unstable_corners(self.own)
         feasible = sorted((c for c in tuning.candidates if c.feasible), key=lambda c: c.order)
         for candidate in feasible[:LOOKED_AT]:
-            if (
-                unstable_corners(self.evaluation(kind, sensors, candidate.parameters, self._budget[3]))
-                <= allowed
-            ):
+            evaluation = self.evaluation(kind, sensors, candidate.parameters, self._degree)
+            if unstable_corners(evaluation) <= allowed:
                 return candidate
         return next((own for own in self._own_candidate(kind) if own.feasible), tuning.best)
 
@@ -476,39 +481,47 @@ class Tuner:
         """The tuned parameters with their initial values: R^v only with an estimator, the degree only where it is
         searched."""
         unused = [ESTIMATOR_NOISE, MOTOR_NOISE] if self.own.setup.specification.estimator == "none" else []
-        unused += [] if self._budget[3] is None else [DEGREE]
+        unused += [] if self._degree is None else [DEGREE]
         return {name: x for name, x in self.factory.start(kind).items() if name not in unused}
 
     def _search(
-        self, kind: LawKind, sensors: tuple[str, ...], before: Tuning | None = None, others: Sequence[TunedLaw] = (),
-        exchange: bool = False,
+        self, kind: LawKind, sensors: tuple[str, ...], before: Optimum | None = None, others: Sequence[TunedLaw] = (),
     ) -> TunedLaw:  # fmt: skip
-        start, limits = self._free(kind), self.factory.bounds(kind)
-        first, samples, simplex, degree = self._budget
-        begin = start if before is None else dict(before.best.parameters)
-        starts = []
+        from scipy.stats import qmc
+
+        start, limits, degree = self._free(kind), self.factory.bounds(kind), self._degree
+        begin, starts = start if before is None else dict(before.best.parameters), []
         for law in others:  # the law that this one equals where the further parameters have no effect
             if law.parameters.keys() <= start.keys():
                 neutral = {**CONTAINED, DEGREE: float(self.factory.degree(law.kind)), **law.parameters}
                 starts.append({name: neutral.get(name, value) for name, value in start.items()})
-        if exchange:
-            # Own parameters with the values of the cheapest other laws where both have the parameter, except R^v.
-            cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
-            shared = [{name: x for name, x in law.parameters.items() if name in begin} for law in cheapest]
-            shared = [both for both in shared if both.keys() - {ESTIMATOR_NOISE, MOTOR_NOISE}]
-            starts += [{**begin, **both} for both in shared[:EXCHANGED]]
+        # Own parameters with the values of the cheapest other laws where both have the parameter, except R^v.
+        cheapest = sorted((law for law in others if law.feasible), key=lambda law: law.cost)
+        shared = [{name: x for name, x in law.parameters.items() if name in begin} for law in cheapest]
+        shared = [both for both in shared if both.keys() - {ESTIMATOR_NOISE, MOTOR_NOISE}]
+        starts += [{**begin, **both} for both in shared[:EXCHANGED]]
 
         def judge(values: Mapping[str, float]) -> Judgement:
             return self.criterion.judge(
                 metrics_of(self.evaluation(kind, sensors, values, degree), self.criterion)
             )
 
-        bounds, count = {name: limits[name] for name in start}, len(start)
-        samples, simplex = (first, 0) if before is None else (0 if exchange else samples, simplex)
-        tuning = tune(judge, begin, bounds, samples * count, simplex * count, others=starts)
-        known = self._own_candidate(kind) if before is None else before.candidates
-        candidates = (*known, *tuning.candidates)
-        tuning = Tuning(min(candidates, key=lambda candidate: candidate.order), candidates)
+        first, later = next(counts for most, *counts in BUDGET if self.factory.states <= most)
+        budget = len(start) * (first if before is None else later)
+        bounds = {name: limits[name] for name in start}
+        if before is None and budget >= SCATTERED:  # also from a Latin hypercube about the start
+            cube = qmc.LatinHypercube(len(start), rng=np.random.default_rng(0)).random(budget // SCATTERED)
+            low, high = (
+                0.5 * np.log([(x * bounds[name][0], x * bounds[name][1]) for name, x in start.items()]).T
+            )
+            starts += [dict(zip(start, row)) for row in np.exp(low + cube * (high - low)).tolist()]
+            budget -= len(cube)
+        search = minimise(judge, begin, bounds, budget, starts)
+        candidates = (
+            *(self._own_candidate(kind) if before is None else before.candidates),
+            *search.candidates,
+        )
+        tuning = Optimum(candidates)
         best = self._robust_best(kind, sensors, tuning)
         if not best.feasible or (degree is not None and self.factory.degree(kind) > degree):
             with contextlib.suppress(FlexhinfError):  # the law itself, with all its runs

@@ -58,6 +58,7 @@ def compile_controller(
         "commanded": c.commanded, "inputs": c.law.input_names, "states": c.states, "units": code.units,
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
+        "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
     }  # fmt: skip
     # strings, each the name of a set that the compiler may use, with a space before it
     sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
@@ -221,6 +222,7 @@ class CompiledController:
             tuple(about[kind]) for kind in ("measured", "commanded", "inputs", "states")
         )
         self.digest = str(about["digest"])
+        self._status_places: list[int | None] = about["status"]
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -272,6 +274,18 @@ class CompiledController:
                 f"The {what} does not fit.", f"expected a number for each of {list(names)}, got {value_text(numbers)}",
                 "an array of this length, or a plain number for one signal",
             ) from None  # fmt: skip
+
+    @property
+    def status(self) -> int:
+        """The bits of `Controller.status`: the memory is the first part of the state."""
+        place = self._status_places[0]
+        return 0 if place is None else int(self._state[place : place + 4] @ [1.0, 2.0, 4.0, 8.0])
+
+    @property
+    def path_rate(self) -> float:
+        """As `Controller.path_rate`."""
+        place = self._status_places[1]
+        return 1.0 if place is None else float(self._state[place + 2])
 
     def reset(self, state: Any = None, input: Any = None) -> None:
         """Forget; the estimate starts at `state` (n,) and the input before the first sample is `input` (m,), if given.

@@ -23,7 +23,7 @@ from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Repeat, 
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.loop import Controller
+from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
 from flexhinf.validation import unknown_name, value_text
@@ -205,6 +205,7 @@ class ControllerCode:
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
+            STATUS=enumeration([(self.upper(str(bit.name)), bit.value, text) for bit, text in zip(Status, STATUS)]),
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
@@ -229,8 +230,9 @@ class ControllerCode:
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
-            ZERO=constant(0.0, self.real),
-            F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
+            STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
+            PATH_RATE=f"state->memory[{memory['stop'].stop - 1}]" if "stop" in memory else constant(1.0, self.real),
+            ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
         )  # fmt: skip
 
     @property
@@ -298,6 +300,20 @@ HOLD = """
                 limit(param, held, state->start + @U@);
             }
         }"""
+
+#: Bits of the status, whose four numbers are a part of the memory.
+STATUS_BITS = """
+    for (int i = 0; i < 4; ++i) {{
+        output->status |= (state->memory[{} + i] > 0) << i;
+    }}"""
+
+#: What these bits say.
+STATUS = (
+    "the command is outside of the positions that the design is for",
+    "an input swings to and fro while the command rests",
+    "an input has been at a limit for long",
+    "the command is replaced, or the path rate falls",
+)
 
 #: The step without a measurement, where a finite result has a code of its own.
 PREDICTION = """

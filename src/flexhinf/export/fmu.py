@@ -104,6 +104,13 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
             about="samples without a measurement until the output is held",
         ),
         Variable("code", "output", 0, kind="Integer", about="what the last step returned, 0: all is well"),
+        Variable(
+            "status",
+            "output",
+            0,
+            kind="Integer",
+            about="bits: outside workspace, limit cycle, saturation, reacting",
+        ),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
     model = fill(

@@ -26,6 +26,7 @@ from flexhinf.export.compiled import build, cortex_m4_bytes
 from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
+from flexhinf.loop.controller.options import equilibrium_line
 from flexhinf.validation import checked_path, value_text
 
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
@@ -342,6 +343,10 @@ PARTS = {
     "command_lower": "least command",
     "command_upper": "largest command",
     "command_rate": "largest change of the command, per s",
+    "workspace": "least and largest commanded positions that the design is for",
+    "swings": "of each input: how near to a limit counts as at it, the smallest swing, and how many make a limit cycle",
+    "watching": "samples of the longest swing and of a saturation that lasts; fraction of the braking per sample",
+    "offset_decay": "factor per sample of the offsets of the first measurement",
     "integral_dead_zone": "errors up to this size are not integrated",
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
     "windup_spread": "how much more they push, likewise",
@@ -393,19 +398,23 @@ def record(
     The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
     be seen. The plant starts where the estimator believes it, as the design's own step does: started elsewhere, the
     estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The commands swing
-    about the operating point; without an estimator there is no plant, and the states swing too.
+    about the operating point, a moving reference along its equilibria; without an estimator there is no plant, and the
+    states swing too.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
     """
     time = np.arange(samples)[:, None]
     operating_reference = controller.operating_reference
-    j = np.arange(len(operating_reference))
-    r = np.tile(operating_reference, (samples, 1))
-    if not controller.mode.moving:
-        r = operating_reference + SWING * (
-            np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j)
-        )
+    j = np.arange(len(controller.tracked if controller.mode.moving else operating_reference))
+    swing = (
+        SWING
+        * _room(controller, len(j))
+        * (np.sin(2.0 * np.pi * time / np.take(PERIODS, j % 2) + j) - np.sin(j))
+    )
+    if controller.mode.moving:
+        swing = swing @ _standstills(controller).T
+    r = operating_reference + swing
     if controller.estimator is None:
         point = np.asarray(controller.law.operating_point)[: len(controller.states)]
         y = point + 0.01 * np.sin(2.0 * np.pi * time / (40 + 7 * np.arange(len(point))))
@@ -424,6 +433,28 @@ def record(
         if controller.estimator is not None:
             kinds[samples // 2 : samples // 2 + 5] = MISSING
     return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
+
+
+def _room(controller: Controller, count: int) -> np.ndarray:
+    """Share (k,) of the swing for which each tracked state has room in its limits, about the operating point."""
+    if not controller.mode.moving or controller.estimator is None:
+        return np.ones(count)
+    plant, share = controller.estimator.plant, []
+    for name in controller.tracked:
+        low, high = plant.limits.get(name, (-np.inf, np.inf))
+        at = controller.law.operating_point[plant.index(name)]
+        share.append(np.clip(min(at - low, high - at) / (2.0 * SWING), 0.0, 1.0))
+    return np.array(share)
+
+
+def _standstills(controller: Controller) -> np.ndarray:
+    """Slope (n + m, k) of a moving reference along its tracked positions, at rest; zero where no model tells it."""
+    n, places = len(controller.states), [controller.states.index(name) for name in controller.tracked]
+    slope: Any = (None,)
+    if controller.estimator is not None and places:
+        r = controller.operating_reference
+        slope = equilibrium_line(controller.estimator.plant, r[:n], r[n:], places)
+    return np.zeros((len(controller.commanded), len(places))) if slope[0] is None else np.vstack(slope)
 
 
 def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:

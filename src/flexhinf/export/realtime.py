@@ -154,6 +154,8 @@ class RealTimeRun:
         Of the same samples.
     codes : (N,) array of int
         How each step ended; 0 is "OK".
+    status : (N,) array of int
+        Bits of `Controller.status` after each step.
     began : int
         When the first sample was due, ns since 1970.
     input_range : ((m,), (m,))
@@ -167,6 +169,7 @@ class RealTimeRun:
     trajectory: Trajectory
     timing: Timing
     codes: np.ndarray
+    status: np.ndarray
     code_names: dict[int, str]
     began: int
     input_range: tuple[np.ndarray, np.ndarray]
@@ -255,7 +258,7 @@ def run_realtime(
     run = replace(run, settings={**run.settings, "real_time": real_time, "stepped": clock.name})
     count = len(run.time)
     return RealTimeRun(
-        run, clock.timing(run.time), clock.codes[:count], clock.code_names, clock.began,
+        run, clock.timing(run.time), clock.codes[:count], clock.status[:count], clock.code_names, clock.began,
         (loop.controller.limits.lower, loop.controller.limits.upper),
         clock.stopped if count < samples and not run.message else None, scheduling,
     )  # fmt: skip
@@ -289,13 +292,8 @@ class _Clock:
     """Paces the samples, steps a controller with its own memory or a compiled library, and records all times."""
 
     def __init__(
-        self,
-        loop: Loop,
-        library: CompiledController | None,
-        start: dict[str, Any],
-        samples: int,
-        real_time: bool,
-    ) -> None:
+        self, loop: Loop, library: CompiledController | None, start: dict[str, Any], samples: int, real_time: bool,
+    ) -> None:  # fmt: skip
         self._period, self._start, self._real_time = loop.controller.period, start, real_time
         self.code_names, self.name = {0: "OK"}, "Controller.step"
         self._stepped: Any = loop.controller.fresh()
@@ -308,7 +306,7 @@ class _Clock:
         self._step, self._k, self._first = self._stepped.step, 0, 0
         # filled, so that no page of memory is missing when it is first written
         self._due, self._woken, self._computed, self._ready, self._over = np.full((5, samples), 0)
-        self.codes = np.full(samples, 0)
+        self.codes, self.status = np.full((2, samples), 0)
         self.request: list[int] = []
         self.began, self.stopped = 0, None
         self.reset()
@@ -341,6 +339,7 @@ class _Clock:
         self._computed[k], self._ready[k] = end - start, end
         if self._numbers is not None:
             self.codes[k] = self._numbers[self._stepped.code]
+        self.status[k] = int(self._stepped.status)
         return u
 
     def end(self, k: int) -> None:
@@ -467,6 +466,7 @@ def log_columns(run: RealTimeRun) -> list[LogColumn]:
         limited = (u <= low + AT_LIMIT * np.abs(low)) | (u >= high - AT_LIMIT * np.abs(high))
     flags = {
         "missed_deadline": timing.missed, "overrun": timing.overrun, "at_limit": limited.any(axis=1), "code": run.codes,
+        "status": run.status,
     }  # fmt: skip
     times = {
         "lateness": timing.woken, "step_time": timing.computed, "input_ready": timing.ready, "over": timing.over,

@@ -30,6 +30,7 @@ from .files import (
     comparison_files as comparison_files,
     design_files as design_files,
     design_text as design_text,
+    terminal_blocks as terminal_blocks,
     write_report as write_report,
 )
 from .page import (
@@ -47,3 +48,4 @@ from .run import (
     run_verdict as run_verdict,
     write_film as write_film,
 )
+from .workspace import workspace_tables as workspace_tables, workspace_verdict as workspace_verdict

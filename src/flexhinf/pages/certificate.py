@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.certify import Certificate
-from flexhinf.certify.certificate import AUTHOR, common_unit, persistent_bound, theorem_parts
+from flexhinf.certify.certificate import AUTHOR, NO_LATENCY, common_unit, persistent_bound, theorem_parts
 from flexhinf.certify.starts import Slice
 from flexhinf.design.certification import CertifiedDegree, Evidence
 from flexhinf.design.specification import Specification
@@ -120,6 +120,7 @@ def certificate_page(
         Settings({"Certificate": [
             Setting("degree of V", claim.degree), Setting("feedback", claim.feedback),
             Setting("decay α", claim.decay, "1/s"), Setting("reach in z", claim.reach),
+            Setting("latency covered", 0, "samples"),
             *(
                 Setting(
                     p.name.replace("_", " "),
@@ -130,7 +131,7 @@ def certificate_page(
             *(Setting(name, value) for name, value in claim.provenance.items()),
         ]}), Provenance(shlex.join(command), s.seed), _numbers(law, claim),
         [Status("proved", "By arithmetic that cannot round the wrong way."),
-         Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}.")],
+         Status("not proved", f"Estimator, sampling, hold, delay, limits and noise{beyond}. {NO_LATENCY}")],
     )  # fmt: skip
 
 

@@ -15,18 +15,19 @@ import tomlkit
 
 from flexhinf.analysis import Margins
 from flexhinf.design import design_file
-from flexhinf.design.loop_setup import noise_variances
 from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
+from flexhinf.design.workspace import WorkspaceDesign
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows
 from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
-from flexhinf.pages.page import design_page, input_rows, notes, verdict
+from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
+from flexhinf.pages.workspace import workspace_numbers, workspace_page, workspace_tables, workspace_verdict
 from flexhinf.report import finite, to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
@@ -34,13 +35,18 @@ ENDING = "nc"
 
 
 def design_files(
-    design: Design, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
+    design: Design | WorkspaceDesign,
+    command: Sequence[str],
+    warnings: Sequence[str] = (),
+    beside: Sequence[str] = (),
 ) -> dict[str, str | bytes]:
     """Files of a report: index.html, design.json, controller, runs of the nominal robot, proof as certificate.json.
 
     `command` makes the report again (none for one that is written from Python), `warnings` are about the robot's file,
     and `beside` names files that the caller writes into the same folder: the page lists them.
     """
+    if isinstance(design, WorkspaceDesign):
+        return _workspace_files(design, command, warnings, beside)
     e, proof = design.evaluation, design.proof
     runs = {
         **_picked(e, RUNS),
@@ -60,6 +66,17 @@ def design_files(
     return {"index.html": design_page(design, command, warnings, (*files, *beside)).html(), **files}
 
 
+def _workspace_files(
+    design: WorkspaceDesign, command: Sequence[str], warnings: Sequence[str], beside: Sequence[str]
+) -> dict[str, str | bytes]:
+    saved = {f"runs/move-{k}.{ENDING}": move.response.run.save for k, move in enumerate(design.moves, 1)}
+    files = {
+        "design.json": to_json(workspace_numbers(design)),
+        **_saved({"controller": design.controller().save, **saved}),
+    }
+    return {"index.html": workspace_page(design, command, warnings, (*files, *beside)).html(), **files}
+
+
 def comparison_files(
     comparison: Comparison, command: Sequence[str], warnings: Sequence[str] = (), beside: Sequence[str] = ()
 ) -> dict[str, str | bytes]:
@@ -74,11 +91,18 @@ def comparison_files(
     return {"index.html": comparison_page(comparison, command, warnings, (*files, *beside)).html(), **files}
 
 
-def write_report(result: Design | Comparison, folder: str | Path) -> Path:
+def write_report(result: Design | WorkspaceDesign | Comparison, folder: str | Path) -> Path:
     """Write the report of a design or a comparison into a folder, which is returned; raises as `report.write`."""
     return write(
-        folder, design_files(result, ()) if isinstance(result, Design) else comparison_files(result, ())
+        folder, comparison_files(result, ()) if isinstance(result, Comparison) else design_files(result, ())
     )
+
+
+def terminal_blocks(design: Design | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
+    """Tables, notes and verdict of a design for a terminal."""
+    if isinstance(design, WorkspaceDesign):
+        return workspace_tables(design), [], workspace_verdict(design)
+    return design_tables(design), notes(design), verdict(design)
 
 
 def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | bytes]:
@@ -93,7 +117,9 @@ def _saved(files: Mapping[str, Callable[[Path], object]]) -> dict[str, str | byt
     return contents
 
 
-def design_text(design: Design, request: design_file.DesignRequest, folder: str | Path = ".") -> str:
+def design_text(
+    design: Design | WorkspaceDesign, request: design_file.DesignRequest, folder: str | Path = "."
+) -> str:
     """Text of the design file of a design: the request, and the result.
 
     `request`: where the robot came from, and its payload.
@@ -111,6 +137,23 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     )
     document.add(tomlkit.nl())
     document.add(tomlkit.comment("What came of it. This part is not read: changing it changes nothing."))
+    own = isinstance(design, WorkspaceDesign)
+    table = {"verdict": workspace_verdict(design), "met": design.met} if own else _result(design)
+    table["specification"] = [
+        {
+            **_picked(line, "what"),
+            "limit": "at most" if line.at_most else "at least",
+            **_picked(line, "asked=limit found unit holds=met within_tolerance where"),
+            "by_default": line.stated_by == "default",
+        }
+        for line in design.requirements
+    ]
+    document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
+    return tomlkit.dumps(document)
+
+
+# Numbers ------------------------------------------------------------------------------------------------
+def _result(design: Design) -> dict[str, Any]:
     problem, evaluation = design.design_problem, design.evaluation
     samples, margins = evaluation.step_samples, evaluation.margins
     weights = (
@@ -119,7 +162,7 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
     if isinstance(weights, list):  # by name
         rows = bool(weights) and isinstance(weights[0], list)
         weights = {"rows": weights} if rows else dict(zip(design.problem.state_names, weights))
-    table: dict[str, Any] = {
+    return {
         "verdict": verdict(design),
         **_picked(design, "met preset=design_problem.preset goal start gamma_star gamma"),
         "degrees": [choice.degree for choice in design.choices],
@@ -137,21 +180,9 @@ def design_text(design: Design, request: design_file.DesignRequest, folder: str 
             design.setup.process_noise, "all_states link_velocities motor_velocities from=source"
         ),
         "margins": _picked(margins, "delay_margin=delay_margin_s peak_sensitivity gain_margin"),
-        "specification": [
-            {
-                **_picked(line, "what"),
-                "limit": "at most" if line.at_most else "at least",
-                **_picked(line, "asked=limit found unit holds=met within_tolerance where"),
-                "by_default": line.stated_by == "default",
-            }
-            for line in design.requirements
-        ],
     }
-    document.add("result", design_file.toml_table({k: v for k, v in table.items() if v is not None}))
-    return tomlkit.dumps(document)
 
 
-# Numbers ------------------------------------------------------------------------------------------------
 def _picked(value: Any, keys: str) -> dict[str, Any]:
     """Collect attributes of an object by the names in `keys`; ``key=path`` for another key or a nested attribute."""
     return {
@@ -222,7 +253,11 @@ def design_numbers(design: Design) -> dict[str, Any]:
         ],
         "starts_inside": design.inside,
         "proof": proof_numbers(design),
-        "step": {**_picked(design, "start goal duration_s=scenario.step_duration"), **_picked(e.step, RUN)},
+        "step": {
+            **_picked(design, "start goal duration_s=scenario.step_duration"),
+            **_picked(e.step, RUN),
+            "motion": e.step_motion,
+        },
         "mujoco": None if design.mujoco is None else design.mujoco.metrics,
         "draws": None
         if samples is None or not len(samples)
@@ -239,7 +274,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "joints": ring_down_rows(ring_down),
         },
         "load": _picked(e.load_response, f"at_s=at {LOADED_RUN}"),
-        "move": _picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"),
+        "move": {**_picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"), "motion": e.move_motion},
         "payload": [
             {
                 "masses_kg": dict(payload.masses),
@@ -275,7 +310,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
             }
             for loop in (design.rigid.loops if design.rigid else ())
         ],
-        "noise_variances": noise_variances(design.problem.plant, s.measurement_noise),
+        "noise_variances": design.setup.noise_variances,
         "initial_variance": None if estimator is None else np.diag(estimator.initial.covariance),
     }
     return finite(numbers)

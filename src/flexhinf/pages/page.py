@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.loop_setup import INITIAL_VARIANCE, noise_variances
+from flexhinf.design.loop_setup import INITIAL_VARIANCE
 from flexhinf.design.pipeline import Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT, Response
-from flexhinf.design.specification import TOLERANCE, Specification
+from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
 from flexhinf.design.synthesis.steps import Synthesis
 from flexhinf.estimation import MODEL_STEP
 from flexhinf.loop.simulation.metrics import peak_of
@@ -67,7 +67,9 @@ def requirements(design: Design) -> Blocks:
         f"{design.robot.name}: requirements (* our default; a miss of {100.0 * TOLERANCE:g} % counts as met)",
     )
     if design.design_problem.target is None:
-        yield Paragraph("No bandwidth or damping is required: they result from the weights, which are given.")
+        yield Paragraph(
+            "No bandwidth is required, and of damping only what every loop needs: they result from the given weights."
+        )
     limits, rows = design.setup.limits, []
     several, limited = len(design.setup.joints) > 1, limits.limits_effort
     for row in input_rows(design):
@@ -147,7 +149,7 @@ def input_rows(design: Design) -> list[dict[str, Any]]:
             samples.inputs if samples is not None and len(samples) else None,
         ),
         ("step on MuJoCo's plant", design.mujoco),
-        ("planned move with feedforward", e.move.response),
+        (f"planned move{' with feedforward' * e.setup.specification.feedforward}", e.move.response),
         ("load response: torques on the links", e.load_response.response),
         ("sensor noise in equilibrium (rms)", e.input_noises),
     )
@@ -176,7 +178,7 @@ PARTS: tuple[tuple[str, str, Callable[[Design], Blocks]], ...] = (
     ("load", "Load response", runs.load),
     ("payload", "Payload", runs.payload),
     ("ring-down", "Ring-down after an impulse", runs.ring_down),
-    ("move", "Planned move with feedforward", runs.move),
+    ("move", "Planned move", runs.move),
     ("rest", "Long run at rest with dry friction", runs.long_run),
     ("along", "Margins along the move", runs.margins_along),
     ("margins", "Margins of the running loop", lambda design: frequency.margins(design.evaluation)),
@@ -217,8 +219,8 @@ def design_page(
     status, lines = design.status, design.requirements
     defaults = "" if any(line.stated_by != "default" for line in lines) else ", all of them our defaults"
     met = [f"{len(lines)} of {len(lines)} requirements{defaults}"]
-    if not any(line.what.startswith("damping") for line in lines):
-        met.append("neither bandwidth nor damping is required")
+    if not any(line.what == "bandwidth" for line in lines):
+        met.append("no bandwidth is required")
     kinds = {
         "met": [] if status.not_met else [*met, *filter(None, [status.scope])],
         "not met": status.not_met,
@@ -229,7 +231,7 @@ def design_page(
     return Page(
         title_of(design),
         f"{about}{joint_count(len(robot.joint_names)).capitalize()}, {robot.drive} driven. Measured: {measured}."
-        f"{extras} Step from {start} to {goal}.",
+        f"{extras} Step from {start} to {goal}. {reason_text(design)}".rstrip(),
         _headline(design),
         (*sections, *([files_section(files)] if files else [])),
         Settings(design_settings(design.synthesis, design.evaluation)),
@@ -263,13 +265,20 @@ def verdict(design: Design) -> str:
         status = replace(
             status, not_proved=tuple(text for text in status.not_proved if text not in step_proof.missing)
         )
-    parts = [status.line, _headline(design)]
+    parts = [status.line, reason_text(design), _headline(design)]
     if design.mujoco is not None:
         parts.append(f"On MuJoCo's plant: {step.difference_text(e.step, design.mujoco, units_of(e))}.")
     if design.rigid is not None:
         loops = (f"fed from the {loop.side} side it is {law.loop_text(loop)}" for loop in design.rigid.loops)
         parts.append(f"The rigid design on the same robot: {'; '.join(loops)}.")
-    return " ".join(parts)
+    return " ".join(filter(None, parts))
+
+
+def reason_text(design: Design) -> str:
+    """Why a design is of one pose, and not for the workspace: the first option that says so."""
+    fields = design.specification.pose_fields_stated
+    names = [FIELDS[name].option.split("/")[getattr(design.specification, name) is False] for name in fields]
+    return f"This is a design of one pose, because {names[0]} is stated." if names else ""
 
 
 def title_of(design: Design) -> str:
@@ -507,7 +516,7 @@ def _estimator(e: LawEvaluation) -> Rows:
                 f"({plant.unit(name)})²",
                 _source(s, "measurement_noise"),
             )
-            for name, value in zip(plant.outputs, noise_variances(plant, s.measurement_noise))
+            for name, value in zip(plant.outputs, e.setup.noise_variances)
         ),
         ("simulated noise", "white, of these variances", "", "ours"),
         ("Rᵛ on every state", noise.all_states, "per sample", noise.source),
@@ -524,7 +533,12 @@ def _simulation(e: LawEvaluation) -> Rows:
     s, runs, filter, limits = e.setup.specification, e.scenario, e.loop.filter, e.setup.limits
     assert runs is not None
     extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
-    bounds, sources = (limits.saturation, limits.speed), (limits.saturation_source, limits.speed_source)
+    bounds = (
+        np.broadcast_to(np.inf if limits.saturated is None else limits.saturated, limits.speed.shape),
+        limits.speed,
+    )
+    peaked = not np.array_equal(bounds[0], limits.saturation)
+    sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
     inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
     stated = [source if source == ROBOT else f"option {source}" for source in sources]
     quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()

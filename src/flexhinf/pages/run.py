@@ -22,6 +22,7 @@ from flexhinf.design.responses import Move
 from flexhinf.errors import refuse_if
 from flexhinf.export.realtime import PERCENTILES, RealTimeRun, Timing, check_place, percentiles
 from flexhinf.files import write_file
+from flexhinf.loop import Status
 from flexhinf.loop.simulation.metrics import peak_of
 from flexhinf.pages.design.step import viewing_plane
 from flexhinf.pages.drawing import (
@@ -159,6 +160,15 @@ def _real_time(timing: Timing) -> str:
     )
 
 
+#: What the bits of a controller's status say.
+STATUS_SENTENCES = {
+    Status.OUTSIDE_WORKSPACE: "The command lay outside of the workspace that the controller is designed for",
+    Status.LIMIT_CYCLE: "An input swung to and fro while the command rested (limit cycle)",
+    Status.SATURATION: "An input had been at a limit for long",
+    Status.REACTING: "The controller reacted to its status",
+}
+
+
 def run_notes(run: RealTimeRun) -> list[str]:
     """Notes on missed deadlines, on values that the controller refused, and on what the operating system permitted."""
     notes, spans = list(run.scheduling), run.timing.missed_spans() if run.timing.real_time else []
@@ -172,6 +182,10 @@ def run_notes(run: RealTimeRun) -> list[str]:
         notes.append(f"Missed deadlines: {', '.join(places)}{more}.")
     if spans and not run.scheduling:
         notes.append("A real-time priority and an own core keep other programs off: --priority 80 --core 1.")
+    for bit in Status:
+        samples = int(np.sum(run.status & bit > 0))
+        if samples:
+            notes.append(f"{STATUS_SENTENCES[bit]} in {count_text(samples, 'sample')}.")
     return notes + [
         f"The controller's step ended with {run.code_names[int(code)]} in {int(np.sum(run.codes == code))} samples."
         for code in np.unique(run.codes)

@@ -68,7 +68,7 @@ def growth_with(
             raise CancelledError
 
     filter = setup.estimator() if estimated else None
-    loops = {goal: EquilibriumLoop(law, filter, coil, period, goal) for goal in goals}
+    loops = {goal: EquilibriumLoop(law, filter, coil, period, goal, latency=0) for goal in goals}
     with ThreadPoolExecutor(2) as pool:  # eigenvalues of many plants at once let the other thread go on
         try:
             rates = pool.map(
@@ -240,7 +240,7 @@ def _coil_is_negligible(setup: PaperSetup) -> Finding:
                 run = setup.run(
                     law, Step(goal), STEP_DURATION, estimator=filter, noise=False, inductance=coil
                 )
-                loop = EquilibriumLoop(law, filter, plant, setup.settings.period, goal)
+                loop = EquilibriumLoop(law, filter, plant, setup.settings.period, goal, latency=0)
                 slowest = loop.modes([setup.arm.nominal]).slowest(5)[0]
                 values = [
                     run.metrics()[key] for key in ("overshoot_percent", "settling_time_s", "peak_input")

@@ -35,7 +35,7 @@ def peak_of(robot: Any, s: Specification, bandwidth: float) -> float:
     """Largest input of the step of the nominal robot, for a bandwidth."""
     game = choose(robot, GOAL, START, asked(bandwidth=bandwidth))
     law = fh.solve_hji(game.problem, game.gamma, 2)
-    run = LoopSetup(robot, s, law, GOAL, START).step(6.0).run
+    run = LoopSetup(robot, s, law, GOAL, START, unlimited=True).step(6.0).run
     return float(np.abs(run.signals["input"]).max())
 
 

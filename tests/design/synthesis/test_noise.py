@@ -72,6 +72,18 @@ def test_a_stricter_limit_costs_more_noise_at_the_motor(
     assert strict.noise_search.chosen.input_noise > 1.2 * synthesis.noise_search.chosen.input_noise
 
 
+def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., LoopSetup]) -> None:
+    options = {"measured": ("motor_position",), "preset": "damped"}
+    chosen = []
+    for samples in (1.0, 30.0):
+        setup = setup_of("planar-two-link", None, None, 2, options, delay_margin=samples, **options)
+        found = search_noise(setup)
+        assert found is not None
+        loop = replace(setup, estimator_noise=found.chosen.levels).equilibrium_loop()
+        chosen.append(margins(loop).delay_margin_s / setup.specification.period)
+    assert 1.0 <= chosen[0] < 0.98 * 30.0 <= chosen[1]
+
+
 def test_a_limit_that_no_levels_reach_is_left_out(
     robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
 ) -> None:
@@ -148,3 +160,17 @@ def _swing(setup: LoopSetup, estimated: bool, frequency: float) -> float:
     position = response.run.signal("state", "link_position")
     late = position[-4000:] - setup.goal[0]
     return float(late.max() - late.min()) / 2e-3
+
+
+def test_a_stated_ripple_is_a_limit_of_the_noise(
+    robot_of: Callable[[str], Any], only_uncertain: Callable[..., Any], searched: Any
+) -> None:
+    s, synthesis = searched
+    robot = only_uncertain(robot_of("paper"), "stiffness")
+    free = search_noise(synthesis.setup(robot, s), damping=0.2)
+    assert free is not None
+    noise = free.chosen.input_noise
+    kept = replace(s, saturation=100.0, ripple=0.7 * noise)  # per cent of 100 V
+    found = search_noise(synthesis.setup(robot, kept), damping=0.2)
+    assert found is not None
+    assert found.chosen.input_noise <= 0.7 * noise * 1.01

@@ -14,7 +14,7 @@ from tests.refusals import refused_with, unnamed
 from flexhinf.analysis import ToleranceBox
 from flexhinf.design import Design, Specification
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.requirements import sampled_runs
+from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.synthesis import steps
 from flexhinf.design.synthesis.steps import MIN_FRACTION, NOISE, Synthesis, synthesise
 from flexhinf.errors import InvalidInput

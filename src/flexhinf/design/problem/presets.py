@@ -47,7 +47,7 @@ from flexhinf.design.problem.weights import (
     required_bandwidth,
     search,
 )
-from flexhinf.design.specification import RINGS, Specification
+from flexhinf.design.specification import RINGS, Specification, per_joint
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.hinf import HJISolution, linear_law, smallest_gamma
 from flexhinf.plant import GeneralisedPlant, Penalty, Plant
@@ -255,7 +255,9 @@ class ToleranceChannels:
         """The linear problem of the weights for ω (n,) and ζ (n,), with a fraction of the largest possible
         tolerances."""
         rows = self.scales.rows(target_frequency, damping)
-        nominal = LinearProblem.of(self.family, rows, command_of(self.s) is not None, self.torques)
+        nominal = LinearProblem.of(
+            self.family, rows, command_of(self.s) is not None, self.torques, self.scales.r2
+        )
         return replace(self.first, nominal=nominal, fraction=fraction * self.enlarged * self.first.fraction)
 
     def problem(
@@ -352,6 +354,20 @@ def choose(
     return _without_channels(robot, goal, s, preset, _stated(robot, goal, s))
 
 
+def input_units(robot: Robot, s: Specification) -> np.ndarray:
+    """The unit (n,) in which each input is weighed: its limit relative to the largest one, 1 where it has none."""
+    stated = robot.effort_limits if s.saturation is None else s.saturation
+    limits = per_joint(robot.joint_names, "saturation", stated)
+    largest = limits[np.isfinite(limits)].max(initial=0.0)
+    return np.divide(limits, largest, out=np.ones(len(limits)), where=np.isfinite(limits))
+
+
+def joint_scales(robot: Robot, goal: np.ndarray, s: Specification) -> modes.JointScales:
+    """Scales of a robot at a goal (n,) with its `input_units`."""
+    scales, unit = modes.JointScales.of(robot.plant(), robot.operating_point(goal)), input_units(robot, s)
+    return scales if np.all(unit == 1.0) else replace(scales, unit=unit)
+
+
 def measured_problem(robot: Robot, goal: np.ndarray, s: Specification) -> GeneralisedPlant:
     """The problem whose gain is proved for all tolerances; it is the same for all laws.
 
@@ -376,22 +392,26 @@ def _stated(robot: Robot, goal: np.ndarray, s: Specification) -> tuple[Penalty, 
         priced = source if whole else "ours" if own is None else priced
         penalty = penalty if whole or own is None else replace(penalty, effort=own.effort)
     elif penalty is None:
-        scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
+        scales = joint_scales(robot, goal, s)
         weights: Any = scales.penalty(
             np.full(len(goal), BANDWIDTH_FRACTION * scales.antiresonance), 0.0
         ).states
         penalty = Penalty({name: weights[name] for name in ("link_position", "link_position_integral")}, 1.0)
         source, priced = "ours: the form of Eq. (11), scaled to the robot", "ours"
     if s.effort is not None:
-        penalty, priced = replace(penalty, effort=s.effort), "option --effort"
-    return penalty, source, priced
+        effort = per_joint(robot.joint_names, "effort", s.effort) if np.ndim(s.effort) else s.effort
+        penalty, priced = replace(penalty, effort=effort), "option --effort"
+    unit = input_units(robot, s)
+    if np.all(unit == 1.0):
+        return penalty, source, priced
+    return replace(penalty, effort=penalty.r2(len(unit)) / np.outer(unit, unit)), source, priced
 
 
 def _searched(
     few: LinearFamily, start: np.ndarray, s: Specification, preset: str, near: SearchResult | None
 ) -> DesignProblem:
     robot, goal = few.robot, few.goal
-    scales = modes.JointScales.of(robot.plant(), robot.operating_point(goal))
+    scales = joint_scales(robot, goal, s)
     target = TargetBehaviour(required_bandwidth(s.bandwidth, scales, len(goal)), required_damping(s.damping))
     torques, base = None, partial(nominal_problem, robot, goal, s, scales.penalty(target.bandwidth, 0.0))
     if s.disturbances is not None:
@@ -399,7 +419,7 @@ def _searched(
         torques = np.eye(len(every))[:, [every.index(name) for name in base().disturbances or ()]]
 
     def nominal(*weights: np.ndarray) -> LinearProblem:
-        return LinearProblem.of(few, scales.rows(*weights), command_of(s) is not None, torques)
+        return LinearProblem.of(few, scales.rows(*weights), command_of(s) is not None, torques, scales.r2)
 
     def widened(
         family: LinearFamily, problem_of: Callable[..., LinearProblem | RobustProblem], begun: SearchResult | None,

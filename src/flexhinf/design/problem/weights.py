@@ -11,8 +11,7 @@ the nominal robot and corners of its tolerances.
 The preset `robust` covers tolerances with constant scalings s_i, by the inequality of docs/design.md [shen1995].
 Channel i has the input matrix g_i/s_i and the output s_i z_i. The channels do not scale with γ: in a problem of level γ
 they enter with γ g_i/s_i. The s_i, one for each channel, are found on the linear part: they balance input and output of
-the channel, first in the nominal loop, then a few times in the resulting loop. At the end a simplex search changes one
-factor for each quantity (all stiffnesses share one).
+the channel, first in the nominal loop, then a few times in the resulting loop.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ import numpy as np
 
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.analysis.modes import JointScales, modes_of, sampled_modes, stiffness_and_inertia
-from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, NumericalFailure, refuse_if
+from flexhinf.analysis.optimiser import bisected
+from flexhinf.errors import FlexhinfError, InvalidInput, NoFeasibleGamma, refuse_if
 from flexhinf.hinf import HJISolution, linear_law
 from flexhinf.hinf.linear_part import LinearPart, is_feasible, linear_smallest_gamma
 from flexhinf.loop.simulation.metrics import LASTING
@@ -163,14 +163,15 @@ class LinearProblem:
 
     @staticmethod
     def of(
-        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None
-    ) -> LinearProblem:
-        """Problem with h(x) = C x, R2 = I, `rows` (s, n) = C; disturbances are the command, by ė = q − d, and `torques`
-        (2 joints, k) at links and motors."""
+        family: LinearFamily, rows: np.ndarray, command: bool, torques: np.ndarray | None = None,
+        r2: np.ndarray | None = None,
+    ) -> LinearProblem:  # fmt: skip
+        """Problem with h(x) = C x, `rows` (s, n) = C, and R2 (m, m), by default I; disturbances are the command, by
+        ė = q − d, and `torques` (2 joints, k) at links and motors."""
         a, b2, joints = family.a[0], family.b[0], len(family.robot.joint_names)
         parts = [0.0 - np.eye(len(a), joints, joints - len(a))] if command else []
         parts += [] if torques is None else [family.torques @ torques]
-        return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]))
+        return LinearProblem(a, np.hstack(parts), b2, rows, np.eye(b2.shape[1]) if r2 is None else r2)
 
     def linear_part(self) -> LinearPart:
         """The problem in the form of the synthesis, its input scaled so that R2 = I."""
@@ -201,7 +202,7 @@ class LinearProblem:
 class Channel:
     """A rank-one part of the effect of a tolerance; its signal comes from either the state or the input."""
 
-    #: The parameter without its joint, and "state" or "input"; a group shares a scaling.
+    #: The parameter without its joint, and "state" or "input".
     group: tuple[str, str]
     torque: np.ndarray  # (2 joints,), t at links and motors
     by_state: np.ndarray  # (n,), c on the plant's states
@@ -218,8 +219,8 @@ LARGEST_LEVEL = 1e4
 #: Accuracy of a fraction of the tolerances, and the smallest fraction that counts.
 FRACTION_WIDTH, MIN_FRACTION = 0.02, 0.02
 
-#: Number of balances after the first; evaluations of the simplex search per factor, and its largest number of states.
-BALANCES, EVALUATIONS, MOST_STATES = 6, 20, 15
+#: Number of balances after the first.
+BALANCES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,10 +277,12 @@ class RobustProblem:
                 f"no solution even at gamma = {high:.3g}, with {100 * self.fraction:.3g} % of the tolerances",
                 "tighter tolerances in the robot's file, or the preset damped",
             )
-        while high > (1.0 + relative) * low:
-            middle = float(np.sqrt(low * high))
-            low, high = (low, middle) if self.feasible(middle) else (middle, high)
-        return high
+        return bisected(self.feasible, high, low, relative)[0]
+
+    @property
+    def order(self) -> tuple[float, float]:
+        """Sort key: the largest fraction of the tolerances first; for all of them, the smallest level."""
+        return -self.fraction, self.gamma_star if self.fraction == 1.0 else 0.0
 
     def design(self, gamma: float) -> HJISolution:
         """The gain at a level."""
@@ -288,13 +291,13 @@ class RobustProblem:
     def with_largest_fraction(self) -> RobustProblem:
         """The problem with the largest fraction of the tolerances for which some level has a solution, to
         `FRACTION_WIDTH`."""
-        level, low, high = LARGEST_LEVEL * self.nominal.gamma_star, 0.0, 1.0
-        if (whole := replace(self, fraction=high)).feasible(level):
-            return whole
-        while high - low > FRACTION_WIDTH:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if replace(self, fraction=middle).feasible(level) else (low, middle)
-        return replace(self, fraction=low)
+        level = LARGEST_LEVEL * self.nominal.gamma_star
+
+        def feasible(fraction: float) -> bool:
+            return replace(self, fraction=fraction).feasible(level)
+
+        fraction = 1.0 if feasible(1.0) else bisected(feasible, 0.0, 1.0, FRACTION_WIDTH, relative=False)[0]
+        return replace(self, fraction=fraction)
 
 
 def _root(matrix: np.ndarray) -> np.ndarray:
@@ -312,13 +315,6 @@ def find_scalings(
     `ratio`: γ/γ* of the designs in whose loops channels are balanced. Raises `NoFeasibleGamma` if no solution exists
     even for the fraction `MIN_FRACTION` of the tolerances.
     """
-    from scipy.optimize import minimize
-
-    def better(problem: RobustProblem, other: RobustProblem) -> bool:
-        if problem.fraction < 1.0 or other.fraction < 1.0:
-            return problem.fraction > other.fraction
-        return problem.gamma_star < other.gamma_star
-
     first = RobustProblem(nominal, torques, channels, np.zeros(len(channels)))
     best = _balanced(first, nominal.design(ratio * nominal.gamma_star))
     for _ in range(BALANCES):
@@ -326,28 +322,9 @@ def find_scalings(
             break
         within = replace(best, fraction=0.9 * best.fraction) if best.fraction < 1.0 else best
         again = _balanced(first, within.design(ratio * within.gamma_star))
-        if not better(again, best):
+        if again.order >= best.order:
             break
         best = again
-    if len(nominal.a) <= MOST_STATES:  # a simplex search over one factor for each quantity
-        start, groups = best, list(dict.fromkeys(channel.group for channel in channels))
-        places = np.array([groups.index(channel.group) for channel in channels])
-
-        def moved(factors: np.ndarray) -> RobustProblem:
-            return replace(start, log=start.log + factors[places])
-
-        def cost(factors: np.ndarray) -> float:
-            if start.fraction < 1.0:
-                return -moved(factors).with_largest_fraction().fraction
-            try:
-                return float(np.log(moved(factors).gamma_star))
-            except (NoFeasibleGamma, NumericalFailure):
-                return np.inf
-
-        options = {"maxfev": EVALUATIONS * (1 + len(groups)), "xatol": 0.02, "fatol": 1e-3}
-        factors = minimize(cost, np.zeros(len(groups)), method="Nelder-Mead", options=options).x
-        end = moved(factors).with_largest_fraction()
-        best = end if better(end, start) else start
     if best.fraction < MIN_FRACTION:
         raise NoFeasibleGamma(
             "No attenuation level holds for these tolerances, nor for a part of them.",
@@ -556,11 +533,9 @@ class _Search:
             )
             refused.reached = max(0.0, 0.95 * best_damping)
             raise refused
-        for _ in range(HALVINGS if damping_weight else 0):
-            middle = 0.5 * (below + tried.damping_weight)
-            candidate = self.fit_damped(middle)
-            below, tried = (below, candidate) if candidate else (middle, tried)
-        return tried
+        width = 2.0**-HALVINGS * (tried.damping_weight - below)
+        _, candidate = bisected(self.fit_damped, tried.damping_weight, below, width, relative=False)
+        return candidate or tried
 
     def lowered(self, best: Candidate) -> Candidate:
         """Lower the ζ of each joint to the value that its vibration needs, in turn, the most damped joint first.

@@ -21,9 +21,12 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis.modes import closed_loop
+from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.monte_carlo import sampled_runs
+from flexhinf.design.plans import move_reference
 from flexhinf.design.problem.presets import DesignProblem, choose
-from flexhinf.design.requirements import sample_requirements, sampled_runs, step_requirements
+from flexhinf.design.requirements import sample_requirements, step_requirements
 from flexhinf.design.responses import ROBOT, JointLimits, Response, joint_limits, run_length, sample_robots
 from flexhinf.design.specification import TOLERANCE, Specification
 from flexhinf.errors import FlexhinfError, InvalidInput
@@ -53,16 +56,13 @@ class Task:
         """The problem of the specification with changes, searched from the weights of another one."""
         return choose(self.robot, self.goal, self.start, replace(self.s, **changes), near=near)
 
-    def setup(self, law: Law, levels: EstimatorNoise | None = None, **changes: Any) -> LoopSetup:
-        """The loop of a law, with these noise levels and changes of the specification."""
-        s = replace(self.s, **changes)
-        return LoopSetup(self.robot, s.of_loop, law, self.goal, self.start, estimator_noise=levels)
+    def setup(self, law: Law, levels: EstimatorNoise | None = None) -> LoopSetup:
+        """The loop of a law, with these noise levels."""
+        return LoopSetup(self.robot, self.s.of_loop, law, self.goal, self.start, estimator_noise=levels)
 
-    def solved(
-        self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None, **changes: Any
-    ) -> LoopSetup:
+    def solved(self, problem: DesignProblem, degree: int, levels: EstimatorNoise | None = None) -> LoopSetup:
         """The loop of the law that solves a problem."""
-        return self.setup(solve_hji(problem.problem, problem.gamma, degree), levels, **changes)
+        return self.setup(solve_hji(problem.problem, problem.gamma, degree), levels)
 
 
 # The degree of V -----------------------------------------------------------------------------------------
@@ -240,8 +240,10 @@ class _Trial:
         wanted = setup.goal if command is None else np.reshape(command(run.time), (len(run.time), -1))
         grown = setup.specification.period * np.cumsum(self.step.positions - wanted, axis=0)
         columns = [run.names["state"].index(name) for name in self.problem.plant.states]
-        moved = run.signals["state"][:, columns] - law.operating_point[: len(columns)]
-        moved = np.hstack([moved, setup.departure(law)[len(columns) :] + grown])
+        about, integrals = law.operating_point[: len(columns)], setup.departure(law)[len(columns) :]
+        if command is not None and setup.feeds_forward:  # in error coordinates
+            about, integrals = move_reference(setup.robot, command, setup.dry_friction).state(run.time), 0.0
+        moved = np.hstack([run.signals["state"][:, columns] - about, integrals + grown])
         moved = moved[:: max(1, len(run.time) // INSTANTS)]
         own, ratios = law.inputs(moved), []
         for other in others:
@@ -256,7 +258,7 @@ class _Trial:
         """Requirements of the step that the nominal robot, or one of a few sampled robots, does not meet."""
         s, limits, setup = self.setup.specification, self.setup.limits, self.setup
         if limits.saturated is not None and limits.limits_peak:
-            setup = replace(setup, specification=replace(s, saturation=np.inf))
+            setup = replace(setup, unlimited=True)
         step = self.step if setup is self.setup else setup.step(self.length)
         lines = step_requirements(s, limits, step, "the step")
         if setup.robot.uncertain and s.draws != 0:
@@ -363,11 +365,10 @@ class _BandwidthSearch:
             high, low = low, np.where(lowered, COARSE * low, low)
             before = np.where(lowered, shares, np.inf)
             best, peaks = self.tried(low * bandwidth)
-        while best is not None and float(np.max(high / low)) > 1.0 / (1.0 - WIDTH):
-            middle = np.sqrt(low * high)
-            better, _ = self.tried(middle * bandwidth)
-            low, high = (middle, high) if better is not None else (low, middle)
-            best = best if better is None else better
+        if best is not None:
+            width = 1.0 / (1.0 - WIDTH) - 1.0
+            low, better = bisected(lambda part: self.tried(part * bandwidth)[0], low, high, width)
+            best = better or best
         return best, low
 
     def confirmed(
@@ -411,7 +412,7 @@ class _BandwidthSearch:
         """Peaks of the nominal robot, with inputs that hold all robots at the goal; loop, step and its length (s)."""
         length, degrees = self.task.s.duration, self.task.s.degrees
         degree = min(tried_degrees(len(problem.problem.state_names), degrees))
-        setup = self.task.solved(problem, degree, self.levels, saturation=np.inf)
+        setup = replace(self.task.solved(problem, degree, self.levels), unlimited=True)
         if length is None:
             assert problem.target is not None
             length = run_length(SLOWEST * float(np.min(problem.target.bandwidth))) + setup.command_time

@@ -24,23 +24,31 @@ damping far out of reach to `RINGS`, so that no noise is spent in vain.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, FilteredLoop, Margins, corner_plants, margins, modes
+from flexhinf.analysis import (
+    EquilibriumLoop,
+    FilteredLoop,
+    Judgement,
+    Margins,
+    corner_plants,
+    margins,
+    minimise,
+    modes,
+)
+from flexhinf.analysis.optimiser import PENALTY
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
-from flexhinf.design.specification import RINGS, TOLERANCE
+from flexhinf.design.specification import RINGS, RIPPLE, TOLERANCE
 from flexhinf.errors import FlexhinfError, NumericalFailure
 from flexhinf.robot.arm import payload_ends
 
 #: Limits of the choice, besides unstable corners.
-LIMITS = ("peak sensitivity", "gain margin", "damping", "compliance", "noise")
-
-#: Cost of a limit that is exceeded by the factor e, in decades of noise.
-MISSED_WEIGHT = 20.0
+LIMITS = ("peak sensitivity", "gain margin", "delay margin", "damping", "compliance", "noise")
 
 #: Relative weight of the noise limit: a loop that rings or has no margin is worse than a noisy one. With limited motor
 #: effort the noise limit weighs more than all others: noise uses effort that the step needs.
@@ -72,14 +80,12 @@ class NoiseCandidate:
         """Whether every limit that can be kept is kept, with no unstable corner."""
         return not self.avoidable and not self.unstable
 
-    def score(self, of_laws: bool = False) -> float:
-        """Cost: mean decades of noise plus the weighted excess over the limits. For candidates of different laws
-        (`of_laws`) every excess counts, otherwise only the avoidable part."""
-        counted = sum(
-            excess * (self.noise_counts if limit == "noise" else 1.0)
-            for limit, excess in (self.missed if of_laws else self.avoidable).items()
-        )
-        return MISSED_WEIGHT * counted + float(np.log10(np.maximum(self.noises, 1e-300)).mean())
+    def judgement(self, of_laws: bool = False) -> Judgement:
+        """Mean decades of noise, and the weighted excesses over the limits: of candidates of different laws (`of_laws`)
+        every excess, otherwise only the avoidable part."""
+        counted = (self.missed if of_laws else self.avoidable).items()
+        limits = {what: beyond * (self.noise_counts if what == "noise" else 1.0) for what, beyond in counted}
+        return Judgement(float(np.log10(np.maximum(self.noises, 1e-300)).mean()), limits, self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +107,8 @@ RATES, FLOORS = (1.0, 2.0, 4.0, 8.0), (0.2, 0.5)
 #: Ratios of the unmeasured side's levels (link or motor) to the measured side's, tried in both families.
 FRACTIONS = (1.0, 0.1, 0.01)
 
-#: The ratios for up to so many joints, whose candidates cost a few milliseconds; and the number of candidates from
-#: which single levels are moved.
-FEW, STARTS, MORE_FRACTIONS = 2, 4, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
+#: The ratios for up to so many joints, whose candidates cost a few milliseconds.
+FEW, MORE_FRACTIONS = 2, (1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4)
 
 #: Smallest level on a motor's velocity, as a multiple of R^n per s². A slower estimator takes dry friction for a slow
 #: motion.
@@ -112,8 +117,8 @@ SLOWEST = 10.0
 #: Range of ρ/ω_v² of a single level.
 MIN_LEVEL, MAX_LEVEL = 1e-4, 1e4
 
-#: First and smallest step of a single level, in decades, and the largest number of turns of the search.
-FIRST_STEP, LAST_STEP, TURNS = 0.4, 0.05, 12
+#: Candidates of the search per level.
+TRIED = 12
 
 #: Factors on all chosen levels, evaluated for the trade-off.
 SCALED = tuple(10.0 ** (k / 4.0) for k in range(-8, 7))
@@ -121,6 +126,9 @@ SCALED = tuple(10.0 ** (k / 4.0) for k in range(-8, 7))
 #: Largest peak of |load torque → link position|, as a multiple of the peak with the true state fed back; and the upper
 #: end of the frequencies, as a multiple of the law's bandwidth, below the vibrations.
 COMPLIANCE, COMPLIANT_BAND = 1.3, 5.0
+
+#: Share of the required ripple that noise may take: the deviation over a run's last 0.3 s scatters by a tenth.
+SCATTER = 0.9
 
 #: Largest RMS noise of a motor input, as a fraction of the motor's available input (`authority`).
 MOST_NOISE = 0.1
@@ -135,8 +143,8 @@ NEAR = 0.1
 #: Number of candidates whose corners are evaluated when no levels make all corners stable.
 LOOKED = 24
 
-#: Smallest gain margin and damping that are divided by.
-NOTHING = 1e-9
+#: Smallest gain margin and damping that are divided by, and smallest delay margin, samples.
+NOTHING, NO_DELAY = 1e-9, 0.05
 
 
 def search_noise(
@@ -163,6 +171,10 @@ def search_noise(
     return result if result is None or own is None else replace(result, chosen=search.with_corners(own))
 
 
+def _order(candidate: NoiseCandidate) -> tuple[float, float]:
+    return candidate.judgement().order
+
+
 class _Search:
     """Candidates of one loop; levels are x = log10(ρ/ω_v²), links before motors, (2 joints,)."""
 
@@ -187,9 +199,10 @@ class _Search:
         ]
         self.stiff = law.compliance(self.top)
         self.scales = scales = modes.JointScales.of(setup.model, setup.goal_equilibrium)
-        self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, law.damping)
+        self.delay_margin = s.period * (s.delay_margin_limit or 0.0)  # s
+        self.unavoidable = self.excess(law.peak_sensitivity, law.gain_margin, np.inf, law.damping)
         # q (n,) with which ρ = ω_v² for a position that sees the whole vibration, (rad/s)² or (m/s)² per sample.
-        self.unit = s.measurement_noise * (s.period * scales.vibration**2) ** 2
+        self.unit = setup.position_noise * (s.period * scales.vibration**2) ** 2
         # Available input of each motor (m,), V or N·m: its effort limit, and at most the largest input that any motor
         # needs to hold the robot and to make the step within the law's bandwidth.
         holding_input = np.max(
@@ -197,12 +210,14 @@ class _Search:
         )
         moved = scales.input_per_position(bandwidth) * np.abs(setup.goal - setup.start)
         self.authority = np.minimum(float((holding_input + moved).max()), setup.limits.effort)
+        ripple = SCATTER * 0.01 * (RIPPLE if s.ripple is None else s.ripple) * setup.limits.effort
+        self.loudest = np.minimum(MOST_NOISE * self.authority, ripple)  # RMS noise of each input (m,)
         self.tried: list[NoiseCandidate] = []
         self.equilibria: np.ndarray | None = None
 
     def run(self) -> NoiseSearch | None:
         default = self.candidate(EstimatorNoise.stated(self.setup.specification))
-        begun = [(candidate, x) for x in self.families() if (candidate := self.at(x)) is not None]
+        begun = [candidate for x in self.families() if (candidate := self.at(x)) is not None]
         if not begun:
             return None
         # A limit that every candidate so far, or the law itself, fails is relaxed; see the head of this file.
@@ -215,23 +230,21 @@ class _Search:
                 self.unavoidable[limit] = max(least + SHORT_OF_BEST, enough)
         default = default and self.counted(default)
         chosen = self.with_corners(default) if default and not default.avoidable else None
-        if default and chosen and chosen.feasible:
-            velocities = default.levels.link_velocities, default.levels.motor_velocities
-            both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in velocities])
-            start = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
-        else:
-            begun.sort(key=lambda entry: self.counted(entry[0]).score())
-            ends = [self.descend(x) for _, x in begun[: (STARTS if len(self.unit) <= FEW else 1)]]
-            chosen, start = min(ends, key=lambda entry: (entry[0].unstable or 0, entry[0].score()))
+        if chosen is None or not chosen.feasible:
+            first = min(map(self.counted, begun), key=_order)
+            start = {str(k): 10.0**x for k, x in enumerate(self.place(first.levels).tolist())}
+            bounds = dict.fromkeys(start, (MIN_LEVEL, MAX_LEVEL))
+            search = minimise(self.judge, start, bounds, TRIED * len(start))
+            chosen = self.stable([candidate.judgement.result for candidate in search.path])
         if chosen.unstable:
             # No levels make every corner stable: the best of some candidates. The fraction of unstable corners counts
             # as an excess, in ln.
-            ordered = sorted(map(self.counted, self.tried), key=NoiseCandidate.score)
+            ordered = sorted(map(self.counted, self.tried), key=_order)
             checked = [chosen, *map(self.with_corners, ordered[:: max(1, len(ordered) // LOOKED)])]
             count = max(1, len(self.corners))
-            chosen = min(checked, key=lambda c: c.score() + MISSED_WEIGHT * (c.unstable or 0) / count)
+            chosen = min(checked, key=lambda c: c.judgement().merit + PENALTY * (c.unstable or 0) / count)
         for factor in SCALED:
-            self.at(start + np.log10(factor))
+            self.at(self.place(chosen.levels) + np.log10(factor))
         # Metrics of the choice by a dense frequency sweep, as the evaluation of the design computes them.
         exact = Margins(self.filtered.margins(chosen.levels.covariance(self.setup.model.states)).linear)
         chosen = replace(
@@ -273,7 +286,7 @@ class _Search:
         """The candidate of x (2 joints,); None for an unstable loop."""
         n, x = len(self.unit), np.clip(x, np.log10(MIN_LEVEL), np.log10(MAX_LEVEL))
         levels = np.tile(self.unit, 2) * 100.0**x
-        levels[n:] = np.maximum(levels[n:], SLOWEST * self.setup.specification.measurement_noise)
+        levels[n:] = np.maximum(levels[n:], SLOWEST * self.setup.position_noise)
         link, motor = (float(s[0]) if n == 1 else tuple(s.tolist()) for s in (levels[:n], levels[n:]))
         return self.candidate(EstimatorNoise(0.0, link, motor, "searched on the running loop"))
 
@@ -291,8 +304,9 @@ class _Search:
         loaded = [each.margins(process) for each in self.loaded]
         ringing = min((each.damping if each.stable else 0.0 for each in loaded), default=np.inf)
         missed = self.excess(
-            loop.peak_sensitivity, loop.gain_margin, min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
-            compliance / COMPLIANCE, float((noises / self.authority).max()) / MOST_NOISE,
+            loop.peak_sensitivity, loop.gain_margin, loop.delay_margin_within(self.delay_margin),
+            min(loop.damping, ringing * max(1.0, self.damping / RINGS)),
+            compliance / COMPLIANCE, float((noises / self.loudest).max()),
         )  # fmt: skip
         candidate = self.counted(NoiseCandidate(
             levels, loop.peak_sensitivity, loop.gain_margin, loop.damping, compliance, noises, missed, missed,
@@ -302,54 +316,41 @@ class _Search:
         return candidate
 
     def excess(
-        self, sensitivity: float, gain_margin: float, damping: float, *others: float
+        self, sensitivity: float, gain_margin: float, delay: float, damping: float, *others: float
     ) -> dict[str, float]:
         """ln(metric/limit) of each limit that fails; `others` are the ratios metric/limit of compliance and noise."""
         s = self.setup.specification
         ratios = (
             sensitivity / s.peak_sensitivity_limit,
             s.gain_margin_limit / max(gain_margin, NOTHING),
+            self.delay_margin / max(delay, NO_DELAY * s.period),
             (1.0 + 0.5 * TOLERANCE) * self.damping / max(damping, NOTHING),  # aimed at without allowance
             *others,
         )
         return {limit: float(np.log(r)) for limit, r in zip(LIMITS, ratios) if r > 1.0 + 0.5 * TOLERANCE}
 
-    def descend(self, x: np.ndarray) -> tuple[NoiseCandidate, np.ndarray]:
-        """The best candidate of a descent from x, and its x: all link levels, all motor levels and single levels move
-        in turn.
+    def place(self, levels: EstimatorNoise) -> np.ndarray:
+        """x (2 joints,) of noise levels, within its range."""
+        velocities = levels.link_velocities, levels.motor_velocities
+        both = np.concatenate([np.broadcast_to(each, len(self.unit)) for each in velocities])
+        x = 0.5 * np.log10(np.maximum(both, 1e-300) / np.tile(self.unit, 2))
+        return np.clip(x, np.log10(MIN_LEVEL), np.log10(MAX_LEVEL))
 
-        Bisection finds the last point of the path without unstable corners; if none has that, the point with the fewest
-        is taken.
-        """
-        n = len(self.unit)
-        moves = [np.repeat([1.0, 0.0], n), np.repeat([0.0, 1.0], n), *(np.eye(2 * n) if n > 1 else ())]
-        steps = np.full(len(moves), FIRST_STEP)
-        best = self.at(x)
-        assert best is not None
-        path = [(best, x)]
-        for _ in range(TURNS):
-            for k, move in enumerate(moves):
-                tried = self.at(x + steps[k] * move)
-                if tried is not None and tried.score() < best.score() - 1e-4:
-                    best, x = tried, x + steps[k] * move
-                    path.append((best, x))
-                    steps[k] *= 1.5
-                else:
-                    steps[k] *= -0.5
-            if np.abs(steps).max() < LAST_STEP:
-                break
-        low, high, checked = 0, len(path) - 1, []
+    def judge(self, values: Mapping[str, float]) -> Judgement:
+        candidate = self.at(np.log10(list(values.values())))
+        return Judgement(np.inf) if candidate is None else candidate.judgement()
 
-        def unstable(place: int) -> int:
-            candidate = self.with_corners(path[place][0])
-            checked.append((candidate.unstable or 0, -place, candidate, path[place][1]))
-            return checked[-1][0]
+    def stable(self, path: list[NoiseCandidate]) -> NoiseCandidate:
+        """The last candidate of a path without unstable corners, by bisection; that with the fewest if none is."""
+        checked = []
 
-        if unstable(high):
-            while high > low:
-                middle = (low + high) // 2
-                low, high = (low, middle) if unstable(middle) else (middle + 1, high)
-        return min(checked, key=lambda each: each[:2])[2:]
+        def unstable(candidate: NoiseCandidate) -> bool:
+            checked.append(self.with_corners(candidate))
+            return bool(checked[-1].unstable)
+
+        if unstable(path[-1]):
+            bisect_left(path, True, key=unstable)
+        return min(checked, key=lambda candidate: (candidate.unstable or 0, *_order(candidate)))
 
     def with_corners(self, candidate: NoiseCandidate) -> NoiseCandidate:
         if not self.setup.robot.uncertain:

@@ -13,22 +13,31 @@ the best is evaluated at all corners; the corners at which it fails are added to
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from flexhinf.analysis import EquilibriumLoop, Margins, ToleranceBox, margins
-from flexhinf.design import checks, design_file, plans, proved_step, requirements, responses
+from flexhinf.analysis import (
+    EquilibriumLoop,
+    Judgement,
+    Margins,
+    Optimum,
+    ToleranceBox,
+    excess,
+    margins,
+    minimise,
+)
+from flexhinf.design import checks, design_file, monte_carlo, plans, proved_step, responses
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, LoopSetup, sensor_steps
 from flexhinf.design.problem.presets import DesignProblem, preset_of, required_damping, tolerance_channels
 from flexhinf.design.problem.weights import Candidate, SearchResult, behaviour_of
-from flexhinf.design.specification import RINGS, TOLERANCE, Specification, SpecificationError
+from flexhinf.design.specification import MIN_DAMPING, RINGS, TOLERANCE, Specification, SpecificationError
 from flexhinf.design.synthesis import by_step
 from flexhinf.design.synthesis.by_step import DegreeChoice, Task
-from flexhinf.design.synthesis.noise import NoiseSearch, search_noise
+from flexhinf.design.synthesis.noise import NO_DELAY, NoiseSearch, search_noise
 from flexhinf.errors import FlexhinfError, refuse_if
 from flexhinf.hinf import HJISolution, solve_hji
 from flexhinf.loop import Schedule
@@ -49,19 +58,23 @@ CANDIDATES = ((10, 45, 12), (15, 60, 12), (10_000, 25, 4))
 #: number of corners at which the result runs a step. `damped` runs the same number, for the comparison.
 NEAREST, JOIN, STEPPED = 12, 4, 200
 
-#: First steps of the search in ln ω, ln ζ, ln of both noise levels, and the fraction of the tolerances in the channels.
-MOVES = (-0.1, 0.4, 1.0, 1.0, 0.3)
+#: Smallest fraction of the tolerances in the channels.
+MIN_FRACTION = 0.01
+
+#: Ranges of the search: factors of ω, of ζ and of both noise levels; and the fraction of the tolerances that the
+#: channels stand for (smaller ones have no effect).
+RANGES = {
+    "frequency": (0.6, 1.5), "damping": (0.2, 8.0), "links": (1e-3, 1e3), "motors": (1e-3, 1e3),
+    "fraction": (MIN_FRACTION, 1.0),
+}  # fmt: skip
+NOISES = ("links", "motors")
 
 #: Worst overshoot that is preferred, as a fraction of that of `damped`, since the other corners differ by a few per
 #: cent; and the number of the best candidates that run the step at all corners.
 LESS, CONFIRMED = 0.95, 5
 
-#: Weight of ln(metric/limit) of a failed condition, relative to the logarithm of the factor; allowance for rounding;
-#: and the cost of a candidate whose loop is unstable.
-MISSED, ALLOWED, NOTHING = 20.0, 2e-3, 10.0
-
-#: Smallest fraction of the tolerances in the channels: smaller ones have no effect.
-MIN_FRACTION = 0.01
+#: Allowance for rounding of ln(metric/limit).
+ALLOWED = 2e-3
 
 #: A step is as long as `run_length` for a slowest decay rate of this fraction of the bandwidth.
 SLOWEST = 0.5
@@ -71,7 +84,6 @@ SLOWEST = 0.5
 class LoopCandidate:
     """A problem with the noise levels of its estimator, and the metrics of its loop that the search compares."""
 
-    x: np.ndarray  # (5,), ln of ω, ζ, link and motor levels over those of damped; fraction
     solved: DesignProblem
     levels: EstimatorNoise | None
     scale: float  # factor of all tolerances at which the first corner is unstable, at most `MOST`
@@ -121,7 +133,7 @@ class _WholeLoop:
         self.task, self.noise, self.damped = task, LoopPlants(task.robot, task.s.of_loop).noise, damped.search
         self.target, self.first = damped.target, damped.search.chosen
         self.channels, self.robust = robust.channels, robust.search.chosen
-        self.levels, self.degree, self.count = levels, degree, 0
+        self.levels, self.degree, self.best = levels, degree, 0.0
         states = len(damped.problem.state_names)
         self.most, stepping = next((count, few) for most, count, few in CANDIDATES if states <= most)
         self.duration = responses.run_length(SLOWEST * float(np.min(self.target.bandwidth)))
@@ -137,20 +149,27 @@ class _WholeLoop:
         worst = self.compared[np.argsort(-overshoots, kind="stable")]
         self.stepping_at, self.active = worst[:stepping], np.unique(np.concatenate([nearest, worst[:JOIN]]))
         self.own = LoopCandidate(
-            np.zeros(5), damped, levels, scale, corner, float(overshoots.max()), used, *self.judged(loop)
+            damped, levels, scale, corner, float(overshoots.max()), used, *self.judged(loop)
         )
-        self.kept = [(0.0, self.own)]
 
     def run(self) -> tuple[DesignProblem, EstimatorNoise | None, WholeLoopSearch]:
-        best, own = self.best(), self.own
-        self.task.progress(f"weights and noise levels for the tolerances: {self.count} loops tried")
+        # The weights whose channels cover the tolerances are the second start.
+        ranges = {name: r for name, r in RANGES.items() if self.levels is not None or name not in NOISES}
+        start = {**dict.fromkeys(ranges, 1.0), "fraction": MIN_FRACTION}
+        frequency = np.log(self.robust.target_frequency / self.first.target_frequency).mean()
+        ratio = np.maximum(self.robust.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
+        factors = {"frequency": float(np.exp(frequency)), "damping": float(np.exp(np.log(ratio).mean()))}
+        search = minimise(self.judge, start, ranges, self.most, [{**start, **factors, "fraction": 1.0}])
+        x, best = self.preferred(search)
+        count, own = len(search.candidates), self.own
+        self.task.progress(f"weights and noise levels for the tolerances: {count} loops tried")
         corner = "" if best.corner < 0 else self.box.population.describe(best.corner)
-        weights = frequency, damping, fraction = self.settings(best.x)
         outcome = WholeLoopSearch(
-            own, best, *np.exp(best.x[:4]).tolist(), fraction=fraction, count=self.count, corner=corner
+            own, best, **{**dict.fromkeys(RANGES, 1.0), **x}, count=count, corner=corner
         )
         if best is own:
             return replace(own.solved, preset="robust"), self.levels, outcome
+        weights = frequency, damping, fraction = self.settings(x)
         design, star = self.channels.linear(*weights).design(best.solved.gamma), best.solved.gamma_star
         chosen = Candidate(frequency, damping, design, star, behaviour_of(self.channels.family, design.gain))
         source = (
@@ -161,80 +180,56 @@ class _WholeLoop:
         problem = self.channels.checked(best.solved, result, fraction)
         return replace(problem, source=source, target=self.target), best.levels, outcome
 
-    def best(self) -> LoopCandidate:
+    def preferred(self, search: Optimum) -> tuple[Mapping[str, float], LoopCandidate]:
         """Best candidate by overshoot at the corners: clearly below `damped`, else not above it, else `damped`."""
-        from scipy.optimize import minimize
-
-        # The weights whose channels cover the tolerances are the second start.
-        frequency = np.log(self.robust.target_frequency / self.first.target_frequency).mean()
-        ratio = np.maximum(self.robust.damping_weights, 1e-3) / np.maximum(self.first.damping_weights, 1e-3)
-        starts = [
-            np.array([0.0, 0.0, 0.0, 0.0, MIN_FRACTION]),
-            np.array([frequency, float(np.clip(np.log(ratio).mean(), -1.0, 1.0)), 0.0, 0.0, 1.0]),
-        ]
-        free = np.array([True, True, *(2 * [self.levels is not None]), True])
-        x = starts[int(np.argmin([self.cost(each) for each in starts]))].copy()
-        moves = np.array(MOVES) * (1.0, 1.0, 1.0, 1.0, -1.0 if x[4] > 0.5 else 1.0)
-
-        def moved(part: np.ndarray) -> float:
-            whole = x.copy()
-            whole[free] = part
-            return self.cost(whole)
-
-        simplex = np.vstack([x[free], x[free] + np.diag(moves[free])])
-        options = {"maxfev": self.most, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
-        minimize(moved, x[free], method="Nelder-Mead", options=options)
-        second = None
-        for _, candidate in reversed(self.kept[1:][-CONFIRMED:]):
+        second: tuple[Mapping[str, float], LoopCandidate] | None = None
+        better = [each for each in search.path if each.judgement.result is not None]
+        for each in reversed(better[-CONFIRMED:]):
+            candidate = each.judgement.result
             overshoots, used = self.stepped(candidate.solved, candidate.levels, self.compared)
             candidate = replace(candidate, overshoot=float(overshoots.max()), used=used)
-            if self.missed_in_steps(candidate.overshoot, used) > ALLOWED:
+            if any(self.step_limits(candidate.overshoot, used).values()):
                 continue
             if candidate.overshoot <= LESS * self.own.overshoot:
-                return candidate
-            second = second or candidate
-        return second or self.own
+                return each.parameters, candidate
+            second = second or (each.parameters, candidate)
+        return second or (search.candidates[0].parameters, self.own)
 
-    def cost(self, x: np.ndarray) -> float:
-        """Cost: ln of the factor of `damped` over that of the candidate, plus a penalty on failed conditions."""
-        self.count += 1
-        try:
-            problem, levels = self.channels.problem(*self.settings(x), 1e-4), self.levels
-            if levels is not None:
-                links, motors = np.exp(x[2:4]).tolist()
-                levels = levels.scaled(links, motors / links, "searched on the running loop")
-            loop = self.loop(problem, levels)
-            scale, corner = self.edge(loop, self.active)
-            if scale <= 0.0:
-                return NOTHING
-            gained, best = -np.log(scale / self.own.scale), self.kept[-1][0]
-            if gained > best + 0.2:  # conditions can only add to it
-                return gained
-            loop_margins, noises = self.judged(loop)
-            missed = self.missed(loop_margins, noises)
-            if MISSED * missed + gained < best + 0.1:
-                overshoots, used = self.stepped(problem, levels, self.stepping_at)
-                overshoot = float(overshoots.max())
-                missed += self.missed_in_steps(overshoot, used)
-                if MISSED * missed + gained < best and missed <= ALLOWED:
-                    # By the factor of all corners; those that were missing are computed from now on.
-                    beyond = self.box.unstable(loop, (1.0 - WIDTH) * scale)
-                    if len(beyond):
-                        self.active = np.union1d(self.active, beyond[:JOIN])
-                        scale, corner = self.edge(loop, beyond)
-                    gained = -np.log(scale / self.own.scale)
-                    if gained < best:
-                        found = problem, levels, scale, corner, overshoot, used, loop_margins, noises
-                        self.kept.append((gained, LoopCandidate(x.copy(), *found)))
-        except FlexhinfError:
-            return NOTHING
-        return float(gained + MISSED * missed)
+    def judge(self, x: Mapping[str, float]) -> Judgement:
+        """ln of the factor of `damped` over that of the candidate, and the conditions that fail. A candidate that is no
+        more robust than the best needs no further runs, nor one that fails a condition of the linear loop."""
+        problem, levels = self.channels.problem(*self.settings(x), 1e-4), self.levels
+        if levels is not None:
+            levels = levels.scaled(x["links"], x["motors"] / x["links"], "searched on the running loop")
+        loop = self.loop(problem, levels)
+        scale, corner = self.edge(loop, self.active)
+        cost = -float(np.log(scale / self.own.scale)) if scale > 0.0 else np.inf
+        if cost >= self.best:
+            return Judgement(cost)
+        loop_margins, noises = self.judged(loop)
+        if any((limits := self.limits(loop_margins, noises)).values()):
+            return Judgement(cost, limits)
+        overshoots, used = self.stepped(problem, levels, self.stepping_at)
+        overshoot = float(overshoots.max())
+        if any((limits := self.step_limits(overshoot, used)).values()):
+            return Judgement(cost, limits)
+        # By the factor of all corners; those that were missing are computed from now on.
+        if len(beyond := self.box.unstable(loop, (1.0 - WIDTH) * scale)):
+            self.active = np.union1d(self.active, beyond[:JOIN])
+            scale, corner = self.edge(loop, beyond)
+            cost = -float(np.log(scale / self.own.scale))
+        if cost >= self.best:
+            return Judgement(cost)
+        self.best = cost
+        return Judgement(
+            cost, result=LoopCandidate(problem, levels, scale, corner, overshoot, used, loop_margins, noises)
+        )
 
-    def settings(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Of a point x (5,) of the search: target frequencies ω (n,), rad/s, damping weights ζ (n,), and the fraction
-        of the tolerances that the channels stand for."""
-        weights = self.first.target_frequency * np.exp(x[0]), self.first.damping_weights * np.exp(x[1])
-        return *weights, float(np.clip(x[4], MIN_FRACTION, 1.0))
+    def settings(self, x: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
+        """Of a point of the search: target frequencies ω (n,), rad/s, damping weights ζ (n,), and the fraction of the
+        tolerances that the channels stand for."""
+        first = self.first
+        return x["frequency"] * first.target_frequency, x["damping"] * first.damping_weights, x["fraction"]
 
     def loop(self, solved: DesignProblem, levels: EstimatorNoise | None) -> EquilibriumLoop:
         return self.task.solved(solved, 2, levels).equilibrium_loop(estimated=self.task.s.estimator != "none")
@@ -249,12 +244,12 @@ class _WholeLoop:
         self, solved: DesignProblem, levels: EstimatorNoise | None, which: np.ndarray
     ) -> tuple[np.ndarray, float]:
         """Overshoot (N,) of the step at corners, and the largest share of a limit that a step used."""
-        setup = self.task.solved(solved, self.degree, levels)
+        setup = replace(self.task.solved(solved, self.degree, levels), unlimited=True)
         duration, limits = self.duration + setup.command_time, setup.limits
         nominal = setup.step(duration)
         if nominal.diverged_at is not None:
             return np.full(len(which), np.inf), np.inf
-        runs = requirements.sampled_runs(
+        runs = monte_carlo.sampled_runs(
             setup, [self.box.population.values[k] for k in which], duration, nominal.run.settings["sub_steps"]
         )
         shares = [runs.inputs / limits.peak, runs.speeds / limits.speed]
@@ -267,26 +262,33 @@ class _WholeLoop:
             return loop_margins, np.zeros(len(loop_margins.noise_to_input))
         return loop_margins, np.linalg.norm(loop_margins.noise_to_input * self.noise, axis=1)
 
-    def missed(self, loop_margins: Margins, noises: np.ndarray) -> float:
-        """Sum of ln(metric/limit) of the linear conditions that fail; each limit is the specification's or the value of
+    def limits(self, loop_margins: Margins, noises: np.ndarray) -> dict[str, float]:
+        """ln(metric/limit) of the linear conditions that fail; each limit is the specification's or the value of
         `damped`, whichever is wider."""
         own, s = self.own.margins, self.task.s
+        most = s.period * (s.delay_margin_limit or 0.0)
         bandwidth = np.minimum(self.target.bandwidth, np.nan_to_num(own.bandwidth))
-        louder = noises / (NOISE * np.maximum(self.own.noises, 1e-300))
-        ratios = [
-            loop_margins.peak_sensitivity / max(s.peak_sensitivity_limit, own.peak_sensitivity),
-            min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
-            min(required_damping(s.damping, self.target), own.damping) / max(loop_margins.damping, 1e-9),
-            float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
-            float(louder.max()) if self.own.noises.any() else 0.0,
-        ]
-        return float(sum(np.log(ratio) for ratio in ratios if ratio > 1.0))
+        ratios = {
+            "peak sensitivity": loop_margins.peak_sensitivity
+            / max(s.peak_sensitivity_limit, own.peak_sensitivity),
+            "gain margin": min(s.gain_margin_limit, own.gain_margin) / loop_margins.gain_margin,
+            "damping": min(required_damping(s.damping, self.target), own.damping)
+            / max(loop_margins.damping, 1e-9),
+            "delay margin": own.delay_margin_within(most)
+            / max(loop_margins.delay_margin_within(most), NO_DELAY * s.period),
+            "bandwidth": float(np.max(bandwidth / np.maximum(np.nan_to_num(loop_margins.bandwidth), 1e-9))),
+            "noise": float((noises / (NOISE * np.maximum(self.own.noises, 1e-300))).max()),
+        }
+        return {what: excess(ratio, 1.0 + ALLOWED) for what, ratio in ratios.items()}
 
-    def missed_in_steps(self, overshoot: float, used: float) -> float:
-        """Penalty of the steps: the relative excess of the overshoot over that of `damped`, at most 1, plus ln of the
-        limit use, where it exceeds 1 and that of `damped`."""
-        over = max(0.0, overshoot - self.own.overshoot) / max(self.own.overshoot, 0.5)
-        return min(over, 1.0) + max(0.0, float(np.log(max(used, 1e-9) / max(1.0, self.own.used))))
+    def step_limits(self, overshoot: float, used: float) -> dict[str, float]:
+        """The same for the steps: the overshoot is at most that of `damped`, and limits of input and speed are kept, or
+        exceeded by no more."""
+        own = self.own
+        return {
+            "overshoot": excess(overshoot, own.overshoot + ALLOWED * max(own.overshoot, 0.5)),
+            "limits of the step": excess(used, (1.0 + ALLOWED) * max(1.0, own.used)),
+        }
 
 
 # From a specification to a law --------------------------------------------------------------------------
@@ -345,9 +347,9 @@ def synthesise(robot: Robot, s: Specification, progress: Callable[[str], None]) 
     # Margins along the move, and laws at poses on it where one law does not keep them.
     progress("margins along the move")
     problem, most = synthesis.design_problem, 1.0 + TOLERANCE
-    damping = steps.damping(problem)
+    damping = max(steps.damping(problem) or 0.0, MIN_DAMPING) / most
     limits = checks.MarginLimits(
-        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping and damping / most
+        most * s.peak_sensitivity_limit, s.gain_margin_limit / most, damping, s.damped_below_limit
     )
     more = partial(steps.law_at, problem, synthesis.solution.degree, whole=synthesis.robust)
     law, along = checks.scheduled(
@@ -399,7 +401,7 @@ class _Steps(Task):
             return ""
         self.progress("the step on the running loop")
         noise = self.noise_search(law.design_problem)
-        setup = self.setup(law.solution, noise and noise.chosen.levels)
+        setup = replace(self.setup(law.solution, noise and noise.chosen.levels), unlimited=True)
         peak = setup.step(proved_step.LENGTH / float(np.min(law.bandwidth))).peak_input
         kept = peak <= (1.0 + TOLERANCE) * limits.effort[0]
         return "" if kept else f"with the estimator the step takes an input of {peak:.3g}"
@@ -443,7 +445,8 @@ class _Steps(Task):
         """The problem within the limits of the running loop and of the joints, and the noise levels for it.
 
         Where no noise levels keep the limits, a default bandwidth or damping is lowered: the bandwidth for the margins
-        of the running loop, the damping (never below `RINGS`) for the noise at the motors. Stated values are kept.
+        of the running loop, the damping (never below `RINGS`) for the noise at the motors; both for the delay margin,
+        which a loop loses at the vibrations that it damps. Stated values are kept.
         """
         problem = self.choose()
         noise = self.noise_search(problem)
@@ -454,10 +457,12 @@ class _Steps(Task):
             target, missed = problem.target, noise.chosen.missed
             slower, damping = 1.0, target.damping
             if self.s.bandwidth is None:
-                short = max(missed.get("peak sensitivity", 0.0), missed.get("gain margin", 0.0))
+                short = max(
+                    missed.get(name, 0.0) for name in ("peak sensitivity", "gain margin", "delay margin")
+                )
                 slower = float(np.clip(np.exp(-BANDWIDTH_POWER * short), 0.6, 1.0))
             if self.s.damping is None:
-                loud = max(missed.get("damping", 0.0), missed.get("noise", 0.0))
+                loud = max(missed.get(name, 0.0) for name in ("damping", "noise", "delay margin"))
                 damping = max(min(damping, RINGS), damping * float(np.exp(-loud / NOISE_POWER)))
             if slower == 1.0 and damping >= target.damping:
                 break
@@ -471,7 +476,11 @@ class _Steps(Task):
             except FlexhinfError:
                 break
             noise = self.noise_search(problem)
-            if noise and best[1] and noise.chosen.score(True) < best[1].chosen.score(True):
+            if (
+                noise
+                and best[1]
+                and noise.chosen.judgement(True).order < best[1].chosen.judgement(True).order
+            ):
                 best = problem, noise
         problem, noise = best
         slower = by_step.problem_within_effort(self, problem, noise and noise.chosen.levels)

@@ -150,6 +150,8 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
     for (int i = 0; i < @BIG@_STATES; ++i) {
         output->estimate[i] = isfinite(state->estimate[i]) ? state->estimate[i] : @ZERO@;
     }
+    output->status = 0;@STATUS@
+    output->path_rate = @PATH_RATE@;
 }
 
 int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output)
@@ -161,6 +163,8 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
         for (int i = 0; i < @BIG@_STATES; ++i) {
             output->estimate[i] = @ZERO@;
         }
+        output->status = 0;
+        output->path_rate = @ZERO@;
         return @BIG@_NOT_INITIALISED;
     }
     if (state->refused == REFUSED) {

@@ -38,6 +38,9 @@ enum {
 /* What a step returns. */
 @CODES@
 
+/* What it says of itself: bits of output.status, 0 where the controller watches nothing. */
+@STATUS@
+
 /* Numbers of the controller. Those of @NAME@_defaults are the design's. */
 typedef struct {
     @NAME@_real value[@BIG@_PARAMETERS];
@@ -59,6 +62,8 @@ typedef struct {
 typedef struct {
     @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
     @NAME@_real estimate[@BIG@_STATES];  /* estimated state; zero before the first sample */
+    int status;                          /* bits of the last good sample, see @BIG@_LIMIT_CYCLE */
+    @NAME@_real path_rate;               /* by which fraction of a period the time along a path advances: 1 but for braking */
 } @NAME@_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */

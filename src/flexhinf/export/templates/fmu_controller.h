@@ -23,7 +23,8 @@ enum {
     MISSING_LIMIT = 0,
     MODEL_SETTABLE_INTEGERS = 1,
     CODE = 1,
-    MODEL_INTEGERS = 2,
+    STATUS = 2,
+    MODEL_INTEGERS = 3,
     MEASURED = 0,
     MODEL_BOOLEANS = 1
 };
@@ -50,6 +51,7 @@ static void model_reset(model_instance *model)
     model->param = @NAME@_defaults;
     model->integer[MISSING_LIMIT] = model->param.missing_limit;
     model->integer[CODE] = @BIG@_OK;
+    model->integer[STATUS] = 0;
     model->boolean[MEASURED] = 1;
     @NAME@_init(&model->state);
 }
@@ -88,6 +90,7 @@ static int model_step(model_instance *model)
     }
     input.measured = model->boolean[MEASURED];
     model->integer[CODE] = @NAME@_step(&model->state, &model->param, &input, &output);
+    model->integer[STATUS] = output.status;
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         model->real[FIRST_U + i] = output.u[i];
     }

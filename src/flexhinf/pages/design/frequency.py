@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.analysis import FrequencyResponse, GrowthRates, Margins
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.pipeline import FEW_PERIODS, NOISE_FRACTION
+from flexhinf.design.status import FEW_PERIODS, NOISE_FRACTION
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,

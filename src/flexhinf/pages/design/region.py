@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.analysis import BudgetTerm
+from flexhinf.certify.certificate import NO_LATENCY
 from flexhinf.certify.starts import SMALLEST_VALUE, UNCHANGED_INPUT
 from flexhinf.design.pipeline import Design
 from flexhinf.design.synthesis.by_step import ACTING, GAIN, DegreeChoice, shrinking
@@ -58,7 +59,7 @@ def proof_text(design: Design) -> str:
     """What is proved of the required step, then of the law for all tolerances and for the nominal robot; why
     nothing is."""
     proof, certificate, box = design.proof, design.proof.certificate, design.proof.box
-    texts = [design.step_proof.text]
+    texts, beyond = [design.step_proof.text], "" if (certificate or box) is None else NO_LATENCY
     if box is not None:
         texts.append(
             f"Proved, for every robot within the tolerances with the true state fed back: the step of "
@@ -66,7 +67,7 @@ def proof_text(design: Design) -> str:
             f"{penalty_text(design)}."
         )
     if certificate is None:
-        return " ".join(filter(None, [*texts, f"No region is proved: {proof.reason.rstrip('.')}."]))
+        return " ".join(filter(None, [*texts, f"No region is proved: {proof.reason.rstrip('.')}.", beyond]))
     reach = "in the region,"
     if certificate.starts:  # first with the integrators as the controller starts them
         start = min(certificate.starts, key=lambda start: start.rule != UNCHANGED_INPUT)
@@ -90,7 +91,7 @@ def proof_text(design: Design) -> str:
         )
     elif proof.inside:
         texts.append("What the estimator and the sampling spend is not covered.")
-    return " ".join(filter(None, texts))
+    return " ".join(filter(None, [*texts, beyond]))
 
 
 def penalty_text(design: Design) -> str:
@@ -132,7 +133,7 @@ def proof_numbers(design: Design) -> dict[str, Any]:
         "gamma": certificate.gamma, "level": certificate.level, "sampled_level": certificate.sampled_level,
         "steps": {rule_text(start): start.amplitude for start in certificate.starts},
         "step_proved": design.step_proof.proved,
-        "start": proof.start, "starts_inside": proof.inside,
+        "latency_samples": 0, "start": proof.start, "starts_inside": proof.inside,
         "spent": proof.budget[-1].budget.total if proof.budget else math.nan, "lasts": proof.lasts,
         "attained_gain": certificate.attained_gain, "cpu_s": proof.cpu_seconds, "file": "certificate.json",
         "for_all_tolerances": tolerances,

@@ -22,8 +22,9 @@ from flexhinf.design.pipeline import Design
 from flexhinf.design.problem.presets import preset_of
 from flexhinf.design.responses import LoadResponse
 from flexhinf.design.specification import RINGS
-from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, VISIBLE, tail_of
-from flexhinf.pages.design.step import input_panel, peak_text, stiffness_of
+from flexhinf.loop.simulation.metrics import OSCILLATION_TAIL, tail_of
+from flexhinf.loop.simulation.ring_down import VISIBLE
+from flexhinf.pages.design.step import input_panel, motion_table, peak_text, stiffness_of
 from flexhinf.pages.drawing import (
     DASHED,
     Blocks,
@@ -171,7 +172,9 @@ def _payload_notes(design: Design) -> Blocks:
             )
             return
     s, limits = design.specification, design.setup.limits
-    places = {line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS)}
+    places = {
+        line.where for case in design.payloads for line in payload_requirements(s, limits, case, RINGS, 0.0)
+    }
     missed = dict.fromkeys(line.what for line in design.requirements if not line.met and line.where in places)
     if missed:
         yield note(
@@ -215,8 +218,11 @@ def move(design: Design) -> Blocks:
         shaping = "quintic" if s.shaping == "quintic" else "limited jerk"
         about = f"Here the robot follows a plan: the way of the step in {duration} ({shaping})."
         origin, quantity = response.goal, "link position − goal"
+    forward = "Without feedforward the law follows the positions alone."
+    if s.feedforward:
+        forward = "Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left."
     yield Paragraph(
-        f"{about} Its feedforward comes from the elastic inverse dynamics, and the law acts on the error that is left. "
+        f"{about} {forward} "
         f"The move needs at most {peak_text(response, units)}, the step {peak_text(e.step, units)}."
     )
 
@@ -249,6 +255,7 @@ def move(design: Design) -> Blocks:
             "in the last tenth of the run",
             "table-move",
         ),
+        motion_table(e, e.move_motion, "table-move-motion"),
     )  # fmt: skip
 
 
@@ -277,7 +284,7 @@ def margins_along(design: Design) -> Blocks:
     slides, degrees = design.robot.links.slides, units_of(design.evaluation).degrees
     panels, rows, acting = [], [], np.array(along.laws)
     for name, quantity in MARGINS.items():
-        values = np.array([getattr(m, name) for m in along.margins], dtype=float)
+        values = np.array([along.limits.value(name, m) for m in along.margins], dtype=float)
         k = int((np.argmax if name == "peak_sensitivity" else np.argmin)(values))
         rows.append((quantity, values[k], along.times[k], pose_text(along.poses[k], slides, degrees)))
         dots, limit = {"marker": "o", "markersize": 4.5, "linestyle": "none"}, getattr(along.limits, name)

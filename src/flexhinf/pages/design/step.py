@@ -3,12 +3,13 @@ robots sampled within their tolerances, with the controller as it was designed."
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.requirements import MonteCarlo
+from flexhinf.design.monte_carlo import MonteCarlo
 from flexhinf.design.responses import ROBOT, Response
 from flexhinf.pages.drawing import (
     DASHED,
@@ -115,6 +116,7 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
         "of the run. Input noise: standard deviation there",
         "table-step",
     )  # fmt: skip
+    yield motion_table(e, e.step_motion, "table-step-motion")
     if mujoco is not None:
         plants = {"ours": e.step, "MuJoCo's": mujoco}
         yield Table.of(
@@ -130,6 +132,25 @@ def step(e: LawEvaluation, mujoco: Response | None) -> Blocks:
             f"The same controller and noise on MuJoCo's plant: {difference_text(e.step, mujoco, units)}",
             "table-mujoco",
         )  # fmt: skip
+
+
+def motion_table(e: LawEvaluation, rows: Sequence[Mapping[str, Any]], id: str) -> Table:
+    """The motion of each joint in a run, by its `motion_metrics`."""
+    unit, scale = units_of(e).small
+    return joint_table(
+        (
+            Column("wrong way", "%", 2, key="wrong_way_percent"),
+            Column("excursion", "%", 2, key="excursion_percent"),
+            Column("from the path", unit, 3, key="path_distance", scale=scale),
+            Column("remaining error", unit, 3, key="remaining_error", scale=scale),
+            Column("ripple", "%", 2, key="ripple_percent"),
+        ),
+        rows,
+        "Wrong way: how far a joint leaves the range of its command on the start's side, per cent of its travel. "
+        "Excursion: of a joint that should rest, per cent of the largest travel. Remaining error and ripple, in per "
+        "cent of the motor's limit: in the last 0.3 s",
+        id,
+    )  # fmt: skip
 
 
 def step_text(response: Response, units: Units) -> str:

@@ -285,7 +285,7 @@ def noise_levels(design: Design) -> Blocks:
     robust = design.synthesis.robust is not None and design.synthesis.robust.better
     yield Paragraph(
         f"Rᵛ, the variance of the process noise per sample that the estimator assumes: {', '.join(used) or '0'} "
-        f"({noise.source}). Rⁿ of a measured position: {number(design.specification.measurement_noise, 3)}. A "
+        f"({noise.source}). Rⁿ of the measurements: {range_text(design.setup.noise_variances, 2)}. A "
         "vibration that the estimator takes for undisturbed rings in its error, so a larger Rᵛ damps the running loop, "
         f"and gives it margins back; it costs noise at the motors.{_outcome(search, robust) if search else ''}"
     )

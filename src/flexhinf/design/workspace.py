@@ -1,0 +1,573 @@
+"""One controller for a workspace: its search, its loop at random poses, its moves between random goals, the judgement.
+
+The law is `flexhinf.modal.ModalLaw`, whose gains follow the commanded pose, with `flexhinf.estimation.ModalFilter`. The
+search takes the largest bandwidth of a list with which the loops at 16 random poses meet the requirements. The
+judgement uses other poses, and moves. The words are those of docs/workspace.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import zip_longest
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.analysis import LinearLoop
+from flexhinf.analysis.linear_loop import exponential
+from flexhinf.analysis.optimiser import bisected
+from flexhinf.design import requirements as required
+from flexhinf.design.design_file import check_stated_units, tool_of
+from flexhinf.design.evaluation import damped_springs
+from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, sensor_steps
+from flexhinf.design.plans import BEYOND, move_reference, quintic_move
+from flexhinf.design.requirements import REQUIREMENTS, Judged, Requirement
+from flexhinf.design.responses import Move, Response, joint_limits, motion_metrics, with_values
+from flexhinf.design.specification import RINGS, RIPPLE, Specification
+from flexhinf.errors import NumericalFailure
+from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
+from flexhinf.loop import Controller, Loop, Supervision
+from flexhinf.modal import ModalLaw, ProvedRange, Tolerance, error_tolerance, proved_range
+from flexhinf.modal.pair import PairWeights
+from flexhinf.plant import Penalty, Plant
+from flexhinf.robot import Robot, kinematics
+from flexhinf.robot.waypoints import LIMITS
+from flexhinf.robot.workspace import Workspace, workspace_of
+
+#: Poses by which the bandwidth is chosen, poses that are judged, goals; and seeds. The seeds of what is judged are
+#: these plus 100 times the seed of the specification.
+CHOSEN_POSES, POSES, GOALS = 16, 200, 20
+CHOSEN_SEED, POSES_SEED, GOALS_SEED, SAMPLED_SEED = 17, 1, 7, 11
+
+#: Poses by which the range of λ is found.
+MODAL_POSES = 500
+
+#: Bandwidths that are tried, rad/s, the fastest first; largest bandwidth of a soft pair, as a multiple of √λ; weight of
+#: integrals, and γ/γ*.
+BANDWIDTHS, SHARE, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 2.0, 0.5, 1.5
+
+#: Random torques that the estimator expects each sample, in parts of the motors' limits, on links and on motors, in the
+#: order in which they are tried. Without encoders of links, or with much noise, torques on motors hide the vibration.
+RANDOM = (
+    (0.0025, 0.03), (0.00125, 0.03), (0.0006, 0.01), (0.02, 0.03), (0.01, 0.01), (0.005, 0.005), (0.001, 0.01),
+)  # fmt: skip
+
+#: Least damping of slow oscillations; factor of all inputs at once that a loop tolerates, up and down.
+DAMPING, GAIN = 0.2, 2.0
+
+#: The search asks for this factor more than each limit, since other poses are judged; and prefers a ripple below this,
+#: per cent.
+RESERVE, QUIET = 1.1, 1.2
+
+#: Offsets of the encoders are taken in with this time constant, s. A difference of 0.5 mrad between link and motor
+#: looks like a twisted spring; acting at once it would move a stiff arm by 14 mrad.
+OFFSET_TIME = 0.5
+
+#: Share of a joint's range by which a command may lie beyond it: rounding, also that of C in single precision.
+ROUNDING = 1e-6
+
+#: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
+ACCELERATION = 50.0
+
+#: Rest at the end of a move, s.
+STILL = 1.0
+
+#: A goal is left out if holding the arm there needs more than this share of a motor's limit.
+HOLD = 0.7
+
+
+class PoseLoop(NamedTuple):
+    """The loop at rest at one pose. Growth is the largest modulus of the poles in the z plane; below 1 is stable."""
+
+    growth: float
+    damping: float  # smallest damping ratio of slow oscillations, see `Specification.damped_below_limit`
+    fast_damping: float  # smallest of faster ones
+    damped_fast: float  # the same with springs that are damped more
+    late: float  # growth with the extra delay that is required
+    damped_late: float  # the same with twice that delay and springs that are damped more
+    louder: float  # growth with all inputs times the gain margin that is required
+    softer: float  # and divided by it
+    ripple: float  # largest deviation of an input by the noise of the sensors, per cent of its limit
+
+    def excess(self, damping: float, ripple: float, period: float) -> np.ndarray:
+        """How far it misses, (3,), in order of importance: stability with the extra delay (1/s), damping and ripple
+        (relative); the gain margins (1/s); what is only preferred. At most 0 where it misses nothing."""
+        late, gain, wished = np.log([self.late, max(self.louder, self.softer), self.damped_late]) / period
+        loud = np.log(np.clip(self.ripple, 1e-9, 1e5) / np.array([ripple, QUIET]))
+        return np.array(
+            [
+                max(np.log(self.growth) / period, late, 1.0 - self.damping / damping, loud[0]),
+                gain,
+                max(wished, loud[1]),
+            ]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceSetup(LoopPlants):
+    """A modal law with its estimator and controller, at any pose of the workspace.
+
+    Poses are link positions (n,), rad or m. The loop runs with the period, latency, sensors, noise and limits of the
+    specification.
+    """
+
+    workspace: Workspace
+    law: ModalLaw
+    random: tuple[float, float] = RANDOM[0]  # torques on links and motors, in parts of the limits
+
+    @cached_property
+    def noise_levels(self) -> EstimatorNoise:
+        """R^v: as stated, or random torques on links and motors in parts of the motors' limits."""
+        s, joints = self.specification, self.law.joints
+        if s.process_noise is not None or s.torque_noise is not None:
+            return EstimatorNoise.stated(s)
+        limit = self.authority * joints.torque_per_input
+        links, motors = self.random
+        on_links, on_motors = (
+            links * limit / np.diag(joints.link_inertia),
+            motors * limit / joints.motor_inertia,
+        )
+        return EstimatorNoise(0.0, tuple((s.period * on_links) ** 2), tuple((s.period * on_motors) ** 2))
+
+    @cached_property
+    def authority(self) -> np.ndarray:
+        """Limits of the motors (n,); of one without a limit the input that holds the weight and accelerates link and
+        motor by `ACCELERATION`, at some random poses."""
+        joints, p = self.law.joints, self.law.plant.parameters.vector()
+        needed = [
+            np.abs(self.robot.operating_point(pose)[1]) + ACCELERATION / joints.torque_per_input
+            * (np.diag(np.linalg.inv(self.law.compliance.matrix(pose, p))) + joints.motor_inertia)
+            for pose in self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
+        ]  # fmt: skip
+        return np.where(np.isfinite(self.limits.effort), self.limits.effort, np.max(needed, axis=0))
+
+    def estimator(self, at: np.ndarray) -> Any:
+        """The estimator, started at rest at a pose (n,), of which its gains do not depend; None where the true state is
+        fed back."""
+        s = self.specification
+        if s.estimator == "none":
+            return None
+        model, mean = self.model, self.robot.operating_point(at)[0]
+        process, measurement = self.noise_levels.covariance(model.states), self.noise_variances
+        covariance = process + 1e-12 * np.eye(len(mean))
+        kalman = ExtendedKalmanFilter(model, s.period, process, measurement, mean=mean, covariance=covariance)
+        return kalman if self.robot.rigid else ModalFilter(kalman, self.law.equilibrium[0])
+
+    @property
+    def supervision(self) -> Supervision:
+        """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
+        spline swings beyond its points), saturation, and limit cycles."""
+        space = self.workspace
+        margin = (ROUNDING if space.path is None else BEYOND) * (space.upper - space.lower)
+        return Supervision(workspace=(space.lower - margin, space.upper + margin))
+
+    def controller(self, at: np.ndarray, **options: Any) -> Controller:
+        """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it
+        until there is a command; with further options of `flexhinf.Controller`."""
+        s, held = self.specification, self.robot.operating_point(at)
+        options = {"offset_time": None if s.estimator == "none" else OFFSET_TIME, **options}
+        return Controller(
+            replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
+            start="zero", latency=s.known_latency, **options,
+        )  # fmt: skip
+
+    # At rest ------------------------------------------------------------------------------------------
+    @cached_property
+    def filter(self) -> Any:
+        """The estimator at home, from which `linear` takes the gains."""
+        return self.estimator(np.asarray(self.robot.home))
+
+    def linear(self, at: np.ndarray, values: Mapping[str, Any] | None = None) -> LinearLoop:
+        """The sampled loop linearised at rest at a pose (n,), of a robot with the parameters `values`.
+
+        It is built from the gains of law and filter. `EquilibriumLoop` gives the same from derivatives of the traced
+        step, more slowly. States of the controller are the estimator's prediction, the inputs that have not acted yet,
+        the integrals and the last errors.
+        """
+        s, model, plant, n = (
+            self.specification,
+            self.model,
+            with_values(self.smooth_plant, values),
+            len(self.joints),
+        )
+        smooth = tuple(name for name in s.extras if name not in self.left_out)
+        a, b, g, c = plant.linearise(*self.robot.operating_point(at, smooth, values))
+        x, u = self.robot.operating_point(at)
+        inner, driven, _, seen = model.linearise(x, u)
+        moved, driven = exponential(inner, driven, s.period)
+        gain, measured = np.eye(model.n), model.outputs
+        if self.filter is None:
+            seen, measured = np.eye(model.n), model.states
+            c = np.eye(plant.n)[[plant.index(name) for name in model.states]]
+        elif isinstance(self.filter, ModalFilter):
+            gain = self.filter.gain(x)
+        else:
+            gain = stationary_gain((moved, seen), self.filter.process_noise, self.filter.measurement_noise)
+        size = model.n + (s.known_latency + 2) * n
+        unit = np.eye(size + len(c))
+        prediction, y = unit[: model.n], unit[size:]
+        integral, error = unit[size - 2 * n : size - n], unit[size - n : size]
+        waiting = [unit[k : k + n] for k in range(model.n, size - 2 * n, n)]  # which acts next first
+        estimate = prediction + gain @ (y - seen @ prediction)
+        links = tuple(model.states[:n])
+        position = (
+            y[[measured.index(name) for name in links]] if set(links) <= set(measured) else estimate[:n]
+        )
+        integral = integral + 0.5 * s.period * (error + position)
+        ahead = estimate
+        for late in waiting:
+            ahead = moved @ ahead + driven @ late
+        law = self.law.slope_at(at)
+        waiting.append(law[:, : model.n] @ ahead + law[:, model.n :] @ integral)
+        memory = np.vstack([moved @ estimate + driven @ waiting[0], *waiting[1:], integral, position])
+        positions = np.eye(plant.n)[[plant.index(name) for name in links]]
+        return LinearLoop(
+            s.period, a, b, c, np.zeros((len(c), n)), memory, waiting[-1], np.zeros((size, n)), np.zeros((n, n)),
+            positions, links, g, tuple(plant.disturbances), tuple(plant.inputs),
+            delay=(s.known_latency + s.unknown_samples) * s.period,
+        )  # fmt: skip
+
+    def at_pose(self, at: np.ndarray, values: Mapping[str, Any] | None = None) -> PoseLoop:
+        """The loop at rest at a pose (n,), of a robot with the parameters `values`."""
+        s, loop = self.specification, self.linear(at, values)
+        soft = damped_springs(loop, self.smooth_plant, self.joints)
+        extra = (s.delay_margin_limit or 0.0) * s.period
+
+        def growth(loop: LinearLoop, extra: float = 0.0) -> float:
+            return float(np.abs(loop.system(loop.delay + extra).multipliers).max())
+
+        ripple, m, p = 0.0, len(self.joints), len(loop.c)
+        if self.noise is not None:
+            steps = 0.0 if self.quantisation is None else self.quantisation
+            noise = np.zeros(loop.closed_loop.b.shape[1])
+            noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
+            ripple = float((loop.closed_loop.spread(noise)[m : 2 * m] / self.authority).max())
+        damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
+        louder, softer = (
+            growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain_limit(s), 1.0 / gain_limit(s))
+        )
+        return PoseLoop(
+            growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
+            damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
+            damped_late=growth(soft, 2.0 * extra), louder=louder, softer=softer, ripple=100.0 * ripple,
+        )  # fmt: skip
+
+    # Moves --------------------------------------------------------------------------------------------
+    def goals(self, count: int, seed: int) -> np.ndarray:
+        """Goals (count, n) that the motors hold with `HOLD` of their limits."""
+        kept: list[np.ndarray] = []
+        for pose in self.workspace.sample(50 * count, seed):
+            if np.all(np.abs(self.robot.operating_point(pose)[1]) <= HOLD * self.limits.effort):
+                kept.append(pose)
+                if len(kept) == count:
+                    return np.array(kept)
+        raise NumericalFailure(
+            "The motors hold hardly any pose of the workspace.",
+            f"{len(kept)} of {50 * count} random poses need at most {100.0 * HOLD:g} % of the limits",
+            "a smaller workspace, a lighter payload, or larger limits",
+        )
+
+    @cached_property
+    def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
+        """Extras of the true robot, dry friction included; its plant, and Runge–Kutta steps per period."""
+        extras = self.specification.extras
+        return self.plant_with_friction(np.array(self.robot.home)) or (extras, self.true_plant, None)
+
+    def move(self, ends: np.ndarray, values: Mapping[str, Any] | None = None, seed: int = 0) -> Move:
+        """A move with feedforward between the rows of `ends` (2, n), and a second of rest; the true robot has the
+        parameters `values`, and the dry friction that the robot states."""
+        s, (start, goal) = self.specification, ends
+        plan, (extras, plant, parts) = quintic_move(self.limits, start, goal), self.dry_plant
+        plant = with_values(plant, values)
+        controller = self.controller(start)
+        loop = Loop(plant, controller, parts, quantisation=self.quantisation, delay=s.unknown_delay)
+        run = loop.run(
+            reference=move_reference(self.robot, plan, self.dry_friction), noise=self.noise,
+            duration=s.period * round((plan.duration + STILL) / s.period), seed=s.seed + seed,
+            initial_state=self.robot.operating_point(start, extras, values)[0],
+        )  # fmt: skip
+        return Move(plan, Response(run, goal, start, self.joints))
+
+
+# The design ---------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceDesign(Judged):
+    """One controller for a workspace, its loops at poses and its moves, and the judgement of both.
+
+    Poses, moves and robots are random samples by the seed of the specification: nothing is proved between them.
+    """
+
+    setup: WorkspaceSetup  # law, estimator and controller at any pose
+    poses: np.ndarray  # (N, n), link positions, rad or m
+    loops: tuple[PoseLoop, ...]  # linearised and sampled, at rest at each pose
+    # the same of robots at corners of their tolerances; none without tolerances
+    corner_loops: tuple[PoseLoop, ...]
+    moves: tuple[Move, ...]  # of the nominal robot
+    sampled: tuple[
+        Move, ...
+    ]  # the same moves, of robots at corners of their tolerances; none without tolerances
+    requirements: tuple[Requirement, ...]
+
+    def summary(self) -> dict[str, str]:
+        """Robot, whether the requirements are met, and how many poses and moves were looked at."""
+        return {
+            "robot": self.setup.robot.name,
+            "requirements": self.judgement,
+            "looked at": f"{len(self.loops)} poses, {len(self.moves) + len(self.sampled)} moves",
+        }
+
+    robot = property(attrgetter("setup.robot"))
+    specification = property(attrgetter("setup.specification"))
+
+    def controller(self, at: Any = None, **options: Any) -> Controller:
+        """A new controller as it is deployed, which begins at rest at a pose (n,), by default the robot's home or,
+        where that is not in the workspace, a pose in it.
+
+        It follows references that come with states and inputs, such as `Moving`; the same one serves every pose.
+        `options` are those of `flexhinf.Controller`: ``offset_time`` is by default `OFFSET_TIME`, and ``supervision``
+        that of the setup, which reports and does not react.
+        """
+        home = self.setup.workspace.home if at is None else at
+        options = {"supervision": self.setup.supervision, **options}
+        return self.setup.controller(np.atleast_1d(np.asarray(home, dtype=float)), **options)
+
+
+def design_workspace(
+    robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None
+) -> WorkspaceDesign:
+    """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
+
+    Parameters
+    ----------
+    robot : Robot
+        From `load_robot`.
+    s : Specification
+        Its workspace, by default all poses within the joint ranges; what the loop has to keep; sensors, noise, limits,
+        period and latency.
+    progress : callable, optional
+        Called with what comes next, at most `workspace_stages` times.
+
+    Raises
+    ------
+    InvalidInput
+        For a workspace, sensors or limits that do not fit the robot.
+    NumericalFailure
+        Where the motors hold hardly any pose of the workspace.
+    """
+    check_loop(robot, s)
+    s = replace(s, workspace=LIMITS) if s.workspace is None else s
+    setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress)
+    progress(f"loops at {POSES} poses")
+    poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
+    loops = tuple(map(setup.at_pose, poses))
+    corners = random_corners(robot, POSES, POSES_SEED + 100 * s.seed)
+    cornered = tuple(setup.at_pose(pose, corner) for pose, corner in zip(poses, corners))
+    progress(f"moves between {GOALS} goals")
+    goals = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
+    ends = [goals[k : k + 2] for k in range(GOALS)]
+    moves, sampled = tuple(setup.move(pair, seed=k) for k, pair in enumerate(ends)), ()
+    lines = (*pose_requirements(s, loops), *corner_requirements(s, cornered))
+    lines += tuple(move_requirements(setup, moves, "nominal robot"))
+    if draws := sampled_moves(robot, s):
+        progress("moves of sampled robots")
+        robots = enumerate(random_corners(robot, draws, SAMPLED_SEED + 100 * s.seed))
+        sampled = tuple(setup.move(ends[k % GOALS], corner, k) for k, corner in robots)
+        lines += tuple(move_requirements(setup, sampled, "robots at corners of their tolerances"))
+    return WorkspaceDesign(setup, poses, loops, cornered, moves, sampled, lines)
+
+
+def stated_workspace(robot: Robot, stated: Any) -> Workspace:
+    """The workspace of a specification; a box in space has its tool behind an @."""
+    if not isinstance(stated, str):
+        return workspace_of(robot, stated)
+    place, _, tool = stated.partition("@")
+    return workspace_of(robot, place, tool_of(tool))
+
+
+def random_corners(robot: Robot, count: int, seed: int) -> list[dict[str, Any]]:
+    """Parameters of robots at random corners of their tolerances, payloads included; none without tolerances."""
+    rng, size = np.random.default_rng(seed), len(robot.uncertain)
+    return [robot.corner(rng.choice([-1.0, 1.0], size).tolist()) for _ in range(count if size else 0)]
+
+
+def sampled_moves(robot: Robot, s: Specification) -> int:
+    """How many robots at corners of their tolerances make a move each; none without tolerances."""
+    return (GOALS if s.draws is None else s.draws) if robot.uncertain else 0
+
+
+def workspace_stages(robot: Robot, s: Specification) -> int:
+    """Largest number of calls of `progress` by `design_workspace`."""
+    return len(BANDWIDTHS) + 2 + bool(sampled_moves(robot, s))
+
+
+def check_loop(robot: Robot, s: Specification) -> None:
+    """Refuse, before any work, numbers that do not fit the robot."""
+    check_stated_units(robot, s)
+    kinematics.check_fast(robot, s.period)
+    kinematics.check_delay(robot, s.unknown_delay)
+    robot.plant(s.measured, extras=s.extras)
+    sensor_steps(robot, s.measured, s.quantisation, s.estimator)
+    joint_limits(robot, s)
+
+
+def tuned_setup(
+    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None
+) -> WorkspaceSetup:
+    """The fastest law, and for it the first estimator of `RANDOM`, whose loops at some random poses meet the
+    requirements with a reserve, for the nominal robot and one at a corner of the tolerances; or the nearest to it."""
+    poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
+    corners, delay = random_corners(robot, CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
+    wanted = replace(
+        s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
+        delay_margin=None if delay is None else RESERVE * delay,
+    )  # fmt: skip
+    chosen, least = None, [np.inf]
+    for setup in _candidates(robot, wanted, workspace, progress):
+        excess = np.zeros(3)
+        for pose, corner in zip_longest(poses, corners):
+            excess = np.maximum(excess, setup.at_pose(pose).excess(*pose_limits(wanted), s.period))
+            if corner is not None:
+                loop = setup.at_pose(pose, corner)
+                lacking = 1.0 - loop.damping / corner_damping(wanted)
+                excess[0] = max(excess[0], lacking, np.log(loop.growth) / s.period)
+            if chosen is not None and excess.tolist() >= least:
+                break
+        else:
+            chosen, least = setup, excess.tolist()
+        if not any(least):
+            break
+    assert chosen is not None
+    return replace(chosen, specification=s)
+
+
+def _candidates(
+    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None]
+) -> Iterator[WorkspaceSetup]:
+    """Laws and estimators in the order in which they are tried."""
+    modal, problem = (
+        workspace.sample(MODAL_POSES, CHOSEN_SEED),
+        robot.problem(penalty=Penalty({"link_position": 1.0})),
+    )
+    stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
+    for bandwidth in BANDWIDTHS:
+        progress(f"gains of the pairs: {bandwidth:g} rad/s")
+        weights = PairWeights(bandwidth=bandwidth, share=SHARE, integral=INTEGRAL, gamma=GAMMA)
+        law = ModalLaw.tuned(problem, s.period, weights, modal)
+        for random in RANDOM[: 1 if stated else None]:
+            yield WorkspaceSetup(robot, s, workspace, law, random)
+
+
+def pose_limits(s: Specification) -> tuple[float, float]:
+    """Least damping of slow oscillations, and largest ripple, per cent."""
+    return DAMPING if s.damping is None else s.damping, RIPPLE if s.ripple is None else s.ripple
+
+
+def gain_limit(s: Specification) -> float:
+    """Factor by which all inputs may grow or shrink at once."""
+    return GAIN if s.gain_margin is None else s.gain_margin
+
+
+def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requirement]:
+    """Requirements on the loops at all poses."""
+    where, (damping, ripple), gain = f"{len(loops)} random poses, sampled loop", pose_limits(s), gain_limit(s)
+    extra = 1e3 * s.period * (s.delay_margin_limit or 0.0)
+    unstable = {
+        "unstable poses": [loop.growth for loop in loops],
+        f"poses unstable with {extra:g} ms more delay": [loop.late for loop in loops],
+        f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}": [
+            max(l.louder, l.softer) for l in loops
+        ],
+    }
+    row = REQUIREMENTS["corners"]
+    return [
+        *(replace(row, what=what, criterion="a pole outside the unit circle").judge(
+            None, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, growths in unstable.items()),
+        required.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
+        REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where),
+    ]  # fmt: skip
+
+
+def corner_damping(s: Specification) -> float:
+    """Least damping of slow oscillations of robots at corners of their tolerances; a smaller one rings."""
+    return min(RINGS, pose_limits(s)[0])
+
+
+def corner_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requirement]:
+    """Requirements on the loops of robots at corners of their tolerances."""
+    if not loops:
+        return []
+    where = f"{len(loops)} random poses, each of another robot at a corner of the tolerances"
+    unstable = int(np.sum([loop.growth >= 1.0 for loop in loops]))
+    return [
+        REQUIREMENTS["corners"].judge(None, 0.0, unstable, where),
+        required.damping_requirement(
+            None, corner_damping(s), min(loop.damping for loop in loops), s.damped_below_limit, where
+        ),
+    ]
+
+
+def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) -> list[Requirement]:
+    """Requirements on each kind of motion, for the worst of the moves."""
+    lines: dict[str, Requirement] = {}
+    s, where = setup.specification, f"the worst of {len(moves)} moves, {which}"
+    for move in moves:
+        rows = motion_metrics(setup.limits, move.response, move.plan)
+        for line in required.motion_requirements(s, setup.limits, rows, 0.0, where, rests=True):
+            other = lines.get(line.what)
+            if other is None or line.found / line.limit > other.found / other.limit:
+                lines[line.what] = line
+    return list(lines.values())
+
+
+# Beyond what is required ---------------------------------------------------------------------------------
+#: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
+#: range to which they are found.
+LATEST, LOUDEST, ACCURACY = 20.0, 100.0, 3e-4
+
+#: Fastest pairs whose tolerated errors are computed, rad/s.
+FASTEST = 350.0
+
+
+class Robustness(NamedTuple):
+    """What a controller of a workspace tolerates, beyond what is required of it."""
+
+    delay: float  # extra delay until instability, samples, at the pose with the largest growth under the required one
+    damped_delay: float  # the same with springs that are damped more
+    louder: float  # factor of all inputs until instability, at the pose that the required factor brings nearest to it
+    softer: float  # the same below 1
+    heavy: int  # number of the judged poses that need more than `HOLD` of a motor's limit
+    tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
+    proved: ProvedRange  # pairs whose stability is proved, latency and filter included
+
+
+def robustness(design: WorkspaceDesign) -> Robustness:
+    """Margins at the worst poses, and what holds for every pair."""
+    setup, s = design.setup, design.specification
+
+    def margin(key: str, end: float) -> float:
+        """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the worst loop is unstable."""
+        loop = setup.linear(design.poses[np.argmax([getattr(loop, key) for loop in design.loops])])
+        if key.startswith("damped"):
+            loop = damped_springs(loop, setup.smooth_plant, setup.joints)
+        late = key.endswith("late")
+
+        def stable(size: float) -> bool:
+            by, extra = (1.0, size * s.period) if late else (np.exp(size), 0.0)
+            changed = replace(loop, b=by * loop.b, d=by * loop.d)
+            return changed.system(loop.delay + extra).stable
+
+        largest, _ = bisected(stable, 0.0, end, ACCURACY * abs(end), relative=False)
+        return largest if late else float(np.exp(largest))
+
+    gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
+    held = np.array([setup.robot.operating_point(pose)[1] for pose in design.poses])
+    return Robustness(
+        margin("late", LATEST), margin("damped_late", LATEST),
+        margin("louder", np.log(LOUDEST)), margin("softer", -np.log(LOUDEST)),
+        int(np.any(np.abs(held) > HOLD * setup.limits.effort, axis=1).sum()),
+        error_tolerance(gains, FASTEST, s.known_latency, filter),
+        proved_range(gains, 0.0, np.inf, s.known_latency, filter),
+    )  # fmt: skip

@@ -1,0 +1,142 @@
+"""``flexhinf design`` for a workspace, and what the other commands do with its folder."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from tests.refusals import unnamed
+
+import flexhinf as fh
+from flexhinf.cli import main
+
+workspace = import_module("flexhinf.design.workspace")
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few poses and goals, and one bandwidth."""
+    for name, count in {"POSES": 3, "GOALS": 1, "CHOSEN_POSES": 2, "MODAL_POSES": 20}.items():
+        monkeypatch.setattr(workspace, name, count)
+    monkeypatch.setattr(workspace, "BANDWIDTHS", (28.0,))
+
+
+@pytest.fixture
+def robot(arm: str, folder: Path) -> str:
+    """A robot's file, with tolerances and a limit of its motor."""
+    text = arm.replace("stiffness = 100.0", "stiffness = {value = 100.0, tolerance = 10}")
+    (folder / "arm.toml").write_text(
+        "gravity = 0.0\n" + text.replace("limits = [-1.0, 1.0]", "limits = [-1.0, 1.0]\neffort_limit = 20.0")
+    )
+    return "arm.toml"
+
+
+def stored(folder: Path) -> tuple[dict, dict]:
+    return (
+        tomllib.loads((folder / "design.toml").read_text(encoding="utf-8")),
+        json.loads((folder / "design.json").read_text(encoding="utf-8")),
+    )
+
+
+def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
+    robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = main(["design", robot])
+    shown = capsys.readouterr().out
+    assert code == ("NOT MET" in shown)
+    assert unnamed(shown, "joint ranges") == []
+    first = folder / "flexhinf-design"
+    assert {"index.html", "design.toml", "design.json", "controller"} <= {p.name for p in first.iterdir()}
+    written, numbers = stored(first)
+    assert written["design"] == {"robot": "../arm.toml", "workspace": "limits"}
+    assert written["result"]["met"] == (code == 0)
+    assert numbers["kind"] == "workspace"
+    assert main(["design", "flexhinf-design", "--out", "again"]) == code
+    again, same = stored(folder / "again")
+    assert (again["design"]["workspace"], again["result"]) == ("limits", written["result"])
+    assert same == numbers
+    assert (folder / "again" / "controller").read_bytes() == (first / "controller").read_bytes()
+
+
+def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: str, folder: Path) -> None:
+    (folder / "below").mkdir()
+    (folder / "below" / "way.csv").write_text("time,elbow [deg]\n0,-10\n1,20\n")
+    (folder / "below" / "mine.toml").write_text(
+        "[design]\nrobot = '../arm.toml'\nworkspace = 'way.csv'\ndraws = 0\n"
+    )
+    assert main(["design", "below/mine.toml"]) in (0, 1)
+    written, numbers = stored(folder / "flexhinf-design")
+    assert written["design"]["workspace"]["elbow"] == pytest.approx([-0.174533, 0.349066], rel=1e-5)
+    assert all(-0.1746 <= row["pose"][0] <= 0.3491 for row in numbers["poses"])
+    assert numbers["sampled_moves"] == []
+
+
+def test_an_interrupted_design_leaves_what_was_there(
+    robot: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["design", robot, "--draws", "0"])
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+    def stop(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workspace.WorkspaceSetup, "move", stop)
+    assert main(["design", robot, "--seed", "1"]) == 130
+    assert unnamed(capsys.readouterr().err, "Interrupted") == []
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["design", "--workspace", "limits", "--preset", "damped"], ("--workspace", "--preset")),
+        (["design", "--workspace", "limits", "--pose", "0.1"], ("--workspace", "--pose")),
+        (["design", "--workspace=-9:9"], "'elbow'"),
+        (["design", "--workspace", "here"], "'here'"),
+        (["design", "--gamma-ratio", "1.5"], ("--gamma-ratio", "--pose")),
+        (["design", "--estimator", "ukf"], ("--estimator", "--pose")),
+        (["compare", "--workspace", "limits"], ("--workspace", "--pose", "flexhinf design")),
+        (["certify", "--workspace", "limits"], ("--workspace", "--pose", "flexhinf design")),
+    ],
+)
+def test_what_is_of_one_pose_is_refused(
+    words: list[str], what: str | tuple[str, ...], robot: str, folder: Path, refused: Callable[..., str]
+) -> None:
+    refused([words[0], robot, *words[1:]], what, folder)
+
+
+def test_other_commands_take_its_folder_or_say_why_not(
+    robot: str, folder: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["design", robot, "--draws", "0", "--out", "made"])
+    for command in ("compare", "certify", "campaign"):
+        refused([command, "made"], ("workspace", "--pose"), folder)
+    loaded, s = fh.load_design(folder / "made")
+    assert (loaded.name, s.workspace) == ("arm", "limits")
+    stated = ["--pose", "5deg", "--degrees", "2", "--rays", "0", "--draws", "0", "--no-compare-rigid"]
+    capsys.readouterr()
+    assert main(["design", "made", *stated, "--estimator", "none", "--out", "one"]) in (0, 1)
+    shown = capsys.readouterr()
+    assert unnamed(shown.err, "workspace", "--pose") == []  # the option wins over the file
+    written = stored(folder / "one")[0]
+    assert "workspace" not in written["design"]
+    page = (folder / "one" / "index.html").read_text(encoding="utf-8")
+    for text in (shown.out, page, written["result"]["verdict"]):
+        assert unnamed(text, "one pose", "--pose") == []
+
+
+def test_its_controller_goes_from_pose_to_pose_in_mujoco(
+    robot: str, folder: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
+) -> None:
+    pytest.importorskip("mujoco")
+    main(["design", robot, "--draws", "0", "--out", "made"])
+    run = ["run", "made", "--mujoco", "--no-realtime"]
+    capsys.readouterr()
+    assert main([*run, "--start", "-0.5", "--pose", "0.4"]) == 0
+    assert unnamed(capsys.readouterr().out, "remaining error", "wrong way") == []
+    for words in (["--shaping", "quintic"], ["--no-feedforward"], ["--overshoot", "3"]):
+        refused([*run, *words], words[0].removeprefix("--no-"), folder)

@@ -1,0 +1,66 @@
+"""What a deployed controller watches: the workspace of its design, in Python and after a move was prepared."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import flexhinf as fh
+from flexhinf.design.deployed_run import prepare_run
+from flexhinf.design.loop_setup import LoopSetup
+
+
+def test_the_workspace_lies_about_start_goal_and_law(setup_of: Callable[..., LoopSetup]) -> None:
+    """A tenth of the largest travel beyond both ends, at least 0.05 rad; runs of a design watch nothing."""
+    for goal, start, low, high in (
+        ((0.5, -0.7), (0.0, 0.0), (-0.07, -0.77), (0.57, 0.07)),
+        ((0.5, -0.7), (0.4, -0.7), (0.35, -0.75), (0.55, -0.65)),
+    ):
+        setup = setup_of("planar-two-link", goal, start)
+        controller = setup.controller(setup.start, supervised=True)
+        assert controller.supervision is not None
+        assert np.array(controller.supervision.workspace) == pytest.approx(np.array([low, high]))
+        assert setup.bumpless_controller.supervision is None
+        y = np.zeros(len(controller.measured))
+        controller.step(y, goal)
+        assert controller.status == fh.Status(0)
+        controller.step(y, (high[0] + 1e-6, goal[1]))
+        assert controller.status == fh.Status.OUTSIDE_WORKSPACE
+        assert controller.supervision.modes(moving=False) == ("none",) * 3
+
+
+def test_a_schedule_adds_the_poses_of_its_laws(setup_of: Callable[..., LoopSetup]) -> None:
+    setup, other = setup_of("paper", (1.5,), (0.0,)), setup_of("paper", (-1.0,), (0.0,))
+    box = replace(setup, law=fh.Schedule([setup.law, other.law])).supervision.workspace
+    assert box is not None
+    assert np.ravel(box) == pytest.approx([-1.0 - 0.25, 1.5 + 0.25])
+
+
+def test_a_move_of_a_deployed_controller_is_watched_without_reactions() -> None:
+    """It is driven in error coordinates, where a frozen command would have velocities; offsets decay as before."""
+    pytest.importorskip("mujoco")
+    robot = fh.load_robot("planar-two-link")
+    watch = fh.Supervision(workspace=(-0.1, 0.15), reactions={"workspace": "limit"})
+    ukf = fh.UnscentedKalmanFilter(
+        robot.plant(), 1e-3, 1e-9, 1e-8, robot.operating_point([0.1, 0.0])[0], 1e-6
+    )
+    penalty = {"link_position": 60.0, "link_position_integral": 300.0}
+    law = fh.linear_law(robot.problem(penalty), gamma=math.inf)
+    controller = fh.Controller(law, ukf, 1e-3, 48.0, start="bumpless", supervision=watch, offset_time=0.5)
+    move = {"time": [0.0, 0.4, 0.8], "elbow": [0.0, 0.1, 0.2], "shoulder": [0.1, 0.15, 0.2]}
+    s = fh.Specification(start="0.1,0", move=move)
+    run = prepare_run(controller, (robot, fh.Specification(start="0.1,0")), robot, s, noise=False)
+    moving = run.loop.controller
+    assert moving.supervision is not None
+    assert moving.supervision.workspace == watch.workspace
+    assert moving.mode.reactions == ("none",) * 3
+    assert moving.offset_time == 0.5
+    told = fh.run_realtime(run.loop, **run.arguments, real_time=False).status
+    goals = np.abs(np.diff(told & fh.Status.OUTSIDE_WORKSPACE)).sum()
+    assert told[0] == 0
+    assert told[-1] == fh.Status.OUTSIDE_WORKSPACE
+    assert goals == 1

@@ -1,0 +1,334 @@
+"""The controller for a workspace as it runs on a robot: what it watches, where it starts, its noise, and as C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.codegen.machine import host
+from flexhinf.design.deployed_run import prepare_run
+from flexhinf.design.plans import BEYOND
+from flexhinf.design.specification import SpecificationError
+from flexhinf.design.workspace import ACCELERATION, OFFSET_TIME, WorkspaceDesign, WorkspaceSetup
+from flexhinf.errors import InvalidInput
+from flexhinf.export.package import record
+from flexhinf.modal import ModalLaw
+from flexhinf.modal.pair import PairWeights
+from flexhinf.robot import MuJoCoPlant, Robot
+from flexhinf.robot.workspace import workspace_of
+
+BOTH = ("link_position", "motor_position")
+AWAY = (-0.9, 1.1)
+
+#: Variances of the SCARA's encoders, 10 µrad and 1 µm, and of torque sensors, a thousandth of each motor's limit.
+PRECISE = (1e-10, 1e-10, 1e-12, 1e-10, 0.15**2, 0.06**2, 0.25**2, 0.006**2)
+
+
+@cache
+def arm(name: str = "planar-two-link") -> Robot:
+    return fh.load_robot(name)
+
+
+@cache
+def made(name: str = "planar-two-link", bandwidth: float = 15.0, **fields: Any) -> WorkspaceSetup:
+    """The loop with a law of this bandwidth, which no search has chosen."""
+    s = fh.Specification(**{"workspace": "limits", "measured": BOTH, "peak_speed": 3.0, **fields})
+    space = workspace_of(arm(name), s.workspace)
+    problem = arm(name).problem(fh.Penalty({"link_position": 1.0}))
+    law = ModalLaw.tuned(problem, s.period, PairWeights(bandwidth=bandwidth, share=0.7), space.sample(100, 3))
+    return WorkspaceSetup(arm(name), s, space, law)
+
+
+def deployed(setup: WorkspaceSetup, at: Any = None, **options: Any) -> fh.Controller:
+    empty = np.zeros((0, len(setup.joints)))
+    return WorkspaceDesign(setup, empty, (), (), (), (), ()).controller(at, **options)
+
+
+def reference(pose: Any, name: str = "planar-two-link") -> np.ndarray:
+    return np.concatenate(arm(name).operating_point(pose))
+
+
+def resting(pose: Any) -> np.ndarray:
+    """What both encoders of the planar arm measure at rest at a pose."""
+    return arm().operating_point(pose)[0][[0, 1, 4, 5]]
+
+
+# What it watches ----------------------------------------------------------------------------------------
+def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
+    """The joint ranges, a box, the box of poses with room for splines; of a box in space the joint ranges."""
+    poses = [[-0.5, 0.2], [0.5, 1.0], [0.1, -0.4]]
+    table = {"time": [0.0, 1.0, 2.0], "shoulder": [p[0] for p in poses], "elbow": [p[1] for p in poses]}
+    spaces = {
+        "limits": ([-3.0, -2.6], [3.0, 2.6]), "-1:1,-0.5:1.2": ([-1.0, -0.5], [1.0, 1.2]),
+        "x=0.2:0.9": ([-3.0, -2.6], [3.0, 2.6]),
+    }  # fmt: skip
+    for text, box in spaces.items():
+        watch = replace(made(), workspace=workspace_of(arm(), text)).supervision
+        assert np.array(watch.workspace) == pytest.approx(np.array(box), abs=1e-5)
+        assert watch.modes(moving=True) == ("none",) * 3
+    along = replace(made(), workspace=workspace_of(arm(), table)).supervision
+    spans = BEYOND * np.ptp(poses, axis=0)
+    assert np.array(along.workspace) == pytest.approx(
+        np.array([np.min(poses, axis=0) - spans, np.max(poses, axis=0) + spans])
+    )
+
+    deployed(made(), AWAY).save(tmp_path / "controller")
+    controller = fh.load_controller(tmp_path / "controller")
+    controller.step(resting(AWAY), reference((3.0, -2.6)))
+    assert controller.status == fh.Status(0)
+    outside = reference((3.0, -2.6)) + np.eye(10)[0] * 1e-4
+    controller.step(resting(AWAY), outside)
+    assert controller.status == fh.Status.OUTSIDE_WORKSPACE
+    assert controller.path_rate == 1.0
+
+
+def test_a_stated_reaction_brakes_along_the_path_also_in_c(
+    needs_compiler: Callable[..., None], tmp_path: Path
+) -> None:
+    needs_compiler("cc")
+    watch = replace(made().supervision, reactions={"workspace": "brake"}, braking_time=0.02)
+    one = deployed(made(), AWAY, supervision=watch)
+    library = fh.load_compiled(fh.compile_controller(one, tmp_path / "arm.so"))
+    bound, rates = 0.0 if host().fused else 1e-9, []
+    for k in range(60):
+        r = reference(AWAY) + np.eye(10)[1] * (2.0 if k == 20 else 0.0)
+        u = one.step(resting(AWAY), r)
+        assert library.step(resting(AWAY), r) == pytest.approx(u, rel=bound, abs=0.0)
+        assert (library.status, library.path_rate) == (one.status, one.path_rate)
+        rates.append(one.path_rate)
+    assert rates[19] == 1.0 > rates[20]
+    assert rates[-1] == 0.0
+    assert one.status == fh.Status.REACTING
+
+
+def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
+    """Seven samples of delay that nobody knows make the loop oscillate between its limits while it should rest."""
+    setup = made(saturation=24.0)
+    controller = deployed(setup, supervision=replace(setup.supervision, saturation_time=0.02))
+    x, _ = arm().operating_point()
+    loop = fh.Loop(MuJoCoPlant(arm(), measured=BOTH), controller, delay=0.025)
+    seen = fh.run_realtime(
+        loop, dict(zip(controller.commanded, reference(None))), noise=1e-4, duration=6.0, initial_state=x,
+        real_time=False,
+    ).status  # fmt: skip
+    assert seen[0] == 0
+    assert seen[-1] & fh.Status.LIMIT_CYCLE
+    assert np.any(seen & fh.Status.SATURATION)
+
+
+# Where it starts ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("pose", [AWAY, (2.9, -2.5)])
+def test_it_starts_at_rest_anywhere_in_the_workspace(
+    pose: tuple[float, float], needs_compiler: Callable[..., None], tmp_path: Path
+) -> None:
+    """Made there, reset there, or as C: the weight is held from the first sample on, without a command."""
+    needs_compiler("cc")
+    held = arm().operating_point(pose)[1]
+    there, elsewhere = deployed(made(), pose), deployed(made())
+    elsewhere.reset(pose=pose)
+    library = fh.load_compiled(fh.compile_controller(deployed(made()), tmp_path / "arm.so"))
+    library.reset(arm().operating_point(pose)[0])
+    for _ in range(50):
+        for each in (there, elsewhere):
+            assert each.step(resting(pose)) == pytest.approx(held, rel=1e-9, abs=1e-9)
+        assert library.step(resting(pose), reference(pose)) == pytest.approx(held, rel=1e-9, abs=1e-9)
+
+
+def test_the_filter_has_the_same_gains_wherever_it_starts() -> None:
+    setup, x = made(), arm().operating_point(AWAY)[0]
+    gains = [setup.estimator(np.array(at)).gain(x) for at in ((0.0, 0.0), AWAY, (0.3, 2.0))]
+    assert gains[1] == pytest.approx(gains[0], rel=1e-12)
+    assert gains[2] == pytest.approx(gains[0], rel=1e-12)
+
+
+def test_without_a_pose_it_starts_in_its_workspace() -> None:
+    """At home, in the middle of a box without the home, or where a path begins."""
+    assert workspace_of(arm(), "limits").home == pytest.approx(arm().home)
+    assert workspace_of(arm(), "1:2,0:0.5").home == pytest.approx([1.5, 0.25])
+    table = {"time": [0.0, 1.0], "shoulder": [1.0, 2.0], "elbow": [1.0, -1.0]}
+    assert workspace_of(arm(), table).home == pytest.approx([1.0, 1.0])
+    far = workspace_of(arm(), "x=-0.4:-0.2")
+    assert far.contains(far.home)
+    away = replace(made(), workspace=workspace_of(arm(), "1:2,-1:-0.5"))
+    assert deployed(away).operating_reference[:2] == pytest.approx([1.5, -0.75])
+
+
+class Encoders(MuJoCoPlant):
+    """An encoder of a link is off by 0.5 mrad."""
+
+    def output(self) -> np.ndarray:
+        return super().output() + np.array([5e-4, 0.0, 0.0, 0.0])
+
+
+def test_offsets_of_encoders_act_slowly() -> None:
+    """The link goes where its encoder says, without a jump: inputs are a tenth of those without the ramp."""
+    setup, peaks = made(), []
+    x, u = arm().operating_point(AWAY)
+    for time in (None, OFFSET_TIME):
+        controller = deployed(setup, AWAY, offset_time=time)
+        box = Encoders(arm(), measured=BOTH)
+        run = fh.Loop(box, controller).run(
+            dict(zip(controller.commanded, reference(AWAY))), duration=4.0, initial_state=x
+        )
+        moved = run.signal("state", "link_position_shoulder") - AWAY[0]
+        assert moved[-1] == pytest.approx(-5e-4, rel=0.01)
+        peaks.append([np.abs(run.signals["input"] - u).max(), np.abs(moved).max()])
+    (jump, swing), (push, drift) = peaks
+    assert push < 0.1 * jump
+    assert drift < swing
+    assert deployed(setup).offset_time == OFFSET_TIME
+
+
+# Noise, and motors without limits -----------------------------------------------------------------------
+def test_noise_is_that_of_each_joints_unit() -> None:
+    """0.1 mrad, 10 µm; torques that twist the spring so; a stated list as it stands."""
+    setup = made("scara", measured=("link_position", "joint_torque"))
+    stiffness = np.array([12e3, 5e3, 4e5, 300.0])
+    position = np.array([1e-4, 1e-4, 1e-5, 1e-4])
+    assert setup.noise == pytest.approx(np.concatenate([position, position * stiffness]))
+    assert setup.position_noise == pytest.approx(position**2)
+    assert setup.position_resolution(3.0) == pytest.approx(3e-4)
+
+    def noise(stated: Any) -> Any:
+        s = fh.Specification(measured=("link_position", "joint_torque"), measurement_noise=stated)
+        return replace(setup, specification=s).noise
+
+    assert noise("1e-10,0.04") == pytest.approx([1e-5] * 4 + [0.2] * 4)
+    each = (1e-8, 4e-8, 1e-12, 1e-8, 0.01, 0.01, 4.0, 1e-4)
+    assert noise(each) == pytest.approx(np.sqrt(each))
+    with refused_with(SpecificationError, "link_position", 3):
+        noise("1e-8,1e-8,1e-8")
+
+
+def test_a_motor_without_a_limit_is_weighed_by_what_it_moves() -> None:
+    """The input of the inverse dynamics for an acceleration of one joint at rest, at the worst of many poses."""
+    setup, n, worst = made(), 2, np.zeros(2)
+    for pose in setup.workspace.sample(200, 5):
+        held = arm().operating_point(pose)[1]
+        for k in range(n):
+            pushed = arm().inverse_dynamics(pose, ddq=ACCELERATION * np.eye(n)[k])[1]
+            worst[k] = max(worst[k], (abs(held) + np.abs(pushed - held))[k])
+    assert setup.authority == pytest.approx(worst, rel=0.1)
+    assert made(saturation=(24.0, math.inf)).authority == pytest.approx([24.0, worst[1]], rel=0.1)
+
+
+@pytest.mark.parametrize(("name", "periods"), [("planar-two-link", (5e-4, 2e-3, 5e-3)), ("scara", (2e-3,))])
+@pytest.mark.parametrize("measured", [BOTH, ("link_position",), ("motor_position", "joint_torque")])
+def test_the_filter_is_stable_at_any_period(
+    name: str, periods: tuple[float, ...], measured: tuple[str, ...]
+) -> None:
+    """(1 − L H) F by SciPy's exponential: also where the sampling would fold the fastest λ that gains are made for."""
+    law = made(name).law
+    for period in periods:
+        s = fh.Specification(workspace="limits", measured=measured, period=period)
+        setup = WorkspaceSetup(arm(name), s, workspace_of(arm(name), "limits"), law)
+        estimator = setup.estimator(np.array(arm(name).home))
+        for pose in setup.workspace.sample(8, 2):
+            x, u = arm(name).operating_point(pose)
+            a, _, _, c = setup.model.linearise(x, u)
+            error = expm(a * period) @ (np.eye(len(a)) - estimator.gain(x) @ c)
+            assert np.abs(np.linalg.eigvals(error)).max() < 0.9995
+
+
+# Robots, sensors, loops ---------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("paper", {"saturation": 48.0}), ("quanser-rotflex", {}), ("vertical-rig", {"measured": ("motor_position",)}),
+        ("planar-two-link", {"extras": ("coulomb_friction", "inductance"), "quantisation": 1e-5}),
+        ("planar-two-link", {"period": 2e-3, "latency": 3}), ("planar-two-link", {"period": 5e-3}),
+        ("planar-two-link", {"latency": 0, "unknown_delay": 1e-3}), ("planar-two-link", {"estimator": "none"}),
+        ("planar-two-link", {"measured": ("motor_position", "joint_torque")}), ("scara", {"measurement_noise": 1e-10}),
+        ("scara", {"measured": ("link_position", "joint_torque"), "measurement_noise": PRECISE}),
+    ],
+)  # fmt: skip
+def test_a_move_arrives(name: str, fields: dict[str, Any]) -> None:
+    setup = made(name, 20.0, **fields)
+    goals = setup.goals(2, 7)
+    last = setup.move(goals).response.run.signals["state"][
+        -round(0.3 / setup.specification.period) :, : len(setup.joints)
+    ]
+    assert np.abs(last - goals[1]).max() < 1e-3
+
+
+def test_what_cannot_be_estimated_is_refused() -> None:
+    for sensors in ("joint_torque", "link_velocity"):
+        with refused_with(InvalidInput, "link_position", "motor_position"):
+            made(measured=(sensors,)).estimator(np.zeros(2))
+    with refused_with(InvalidInput, "motor_position_elbow"):
+        made(measured=("link_position", "motor_position_elbow")).estimator(np.zeros(2))
+
+
+def test_a_payload_is_carried_from_the_start() -> None:
+    """Half a kilogram that no model knows: the arm arrives, and starts with less error than without the ramp."""
+    setup, heavy, peaks = made(saturation=24.0), fh.load_robot("planar-two-link", payload="0.5kg"), []
+    start, goal = setup.goals(2, 7)
+    plan = fh.Waypoints([0.0, 0.5, 2.0], [start, start, goal], "quintic")
+    for time in (None, OFFSET_TIME):
+        run = fh.Loop(heavy.plant(BOTH), deployed(setup, start, offset_time=time)).run(
+            fh.Moving(plan, arm().inverse_dynamics), duration=4.0,
+            initial_state=heavy.operating_point(start)[0],
+        )  # fmt: skip
+        path = np.array([np.reshape(plan(t), -1) for t in run.time])
+        error = np.abs(run.signals["state"][: len(path), :2] - path).max(axis=1)
+        assert error[-300:].max() < 1e-3
+        peaks.append(error[:500].max())
+    assert peaks[1] < 0.5 * peaks[0]
+
+
+def test_a_campaign_of_robots_makes_a_move() -> None:
+    setup = made(saturation=24.0)
+    start, goal = setup.goals(2, 7)
+    plan = fh.Waypoints([0.0, 1.5], [start, goal], "quintic")
+    loop = fh.Loop(setup.true_plant, deployed(setup, start))
+    found = fh.run_campaign(
+        loop, arm().draw, 4, metrics={"error": lambda run: float(np.abs(run.signals["state"][-1, :2] - goal).max())},
+        reference=fh.Moving(plan, arm().inverse_dynamics), duration=3.0,
+        initial_state=arm().operating_point(start)[0],
+    )  # fmt: skip
+    assert float(found["error"].max()) < 2e-3
+
+
+def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: Path) -> None:
+    """Of a controller from a file, which begins at home; bare start and goal are those of a run's options."""
+    pytest.importorskip("mujoco")
+    setup = made(saturation=24.0)
+    deployed(setup).save(tmp_path / "controller")
+    controller = fh.load_controller(tmp_path / "controller")
+    s = fh.Specification(measured=BOTH, start=AWAY, pose=(0.2, -0.6))
+    prepared = prepare_run(controller, (arm(), setup.specification), arm(), s)
+    run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
+    assert prepared.plan is not None
+    assert run.trajectory.signals["state"][0, :2] == pytest.approx(AWAY)
+    assert np.abs(run.trajectory.signals["state"][-1, :2] - (0.2, -0.6)).max() < 1e-3
+    assert set(run.status.tolist()) == {0}
+    assert [line for line in prepared.requirements(run) if not line.met] == []
+
+
+# As C ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.slow)])
+def test_the_c_of_a_moving_command_is_the_simulation(
+    name: str, needs_compiler: Callable[..., None], tmp_path: Path
+) -> None:
+    """Its own M(q), bit by bit where the processor fuses multiply-adds, no memory from the system, no endless loop."""
+    needs_compiler("cc")
+    controller = deployed(made(name))
+    samples = record(controller)
+    assert np.all(np.ptp(samples.r[:, : len(arm(name).joint_names)], axis=0) > 0.05)
+    assert np.all(np.ptp(samples.u, axis=0) > 0.0)
+    library = fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so"))
+    for y, r, u, code in zip(samples.y, samples.r, samples.u, samples.codes):
+        mine = library.step(None if code == "PREDICTED" else y, r)
+        assert mine == pytest.approx(u, rel=0.0 if host().fused else 1e-9, abs=0.0)
+    text = (fh.export_c(controller, tmp_path / "c", "arm") / "arm.c").read_text(encoding="utf-8")
+    assert not {"malloc", "calloc", "while"} & set(text.replace("(", " ").split())

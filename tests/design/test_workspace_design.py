@@ -1,0 +1,199 @@
+"""A design for a workspace: when one is made, what it reads, what is judged, and what comes back from its files."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.design import design_workspace, stages
+from flexhinf.design.responses import motion_metrics
+from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
+from flexhinf.pages import design_files
+from flexhinf.robot.workspace import workspace_of
+
+workspace = import_module("flexhinf.design.workspace")
+Named = Callable[[str], Any]
+
+
+@pytest.fixture(autouse=True)
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few poses and goals, and one bandwidth."""
+    for name, count in {"POSES": 4, "GOALS": 2, "CHOSEN_POSES": 2, "MODAL_POSES": 30}.items():
+        monkeypatch.setattr(workspace, name, count)
+    monkeypatch.setattr(workspace, "BANDWIDTHS", (28.0,))
+
+
+# One of two kinds ----------------------------------------------------------------------------------------
+EXAMPLES: dict[str, Any] = {
+    "preset": "damped", "shaping": "quintic", "disturbances": ["link_torque"], "move": {"time": [0, 1], "a": [0, 1]},
+    "estimator": "ekf", "feedforward": False, "compare_rigid": False, "command": True, "friction_model": True,
+    "mujoco": True, "penalty": [1.0, 2.0], "checked_penalty": [1.0], "proof_seconds": 0.0, "gamma_ratio": 2.0,
+    "checked_gamma_ratio": 2.0,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [name for name in FIELDS if name not in OF_WORKSPACE] + ["estimator"])
+def test_a_field_of_one_pose_alone_makes_a_design_of_one_pose(name: str) -> None:
+    stated = EXAMPLES.get(name, FIELDS[name].about.example)
+    s = fh.Specification(**{name: [stated] if name == "via" else stated})
+    assert s.pose_fields_stated == (name,)
+    assert not is_for_workspace(s)
+    both = fh.Specification(**{name: getattr(s, name), "workspace": "limits"})
+    with refused_with(SpecificationError, f"`{name}`", "`workspace`"):
+        is_for_workspace(both)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{}, {"workspace": "limits"}, {"estimator": "none", "damping": 0.3, "seed": 2}, {"gamma_ratio": 1.5}],
+)
+def test_without_such_a_field_a_design_is_for_the_workspace(fields: dict[str, Any]) -> None:
+    assert is_for_workspace(fh.Specification(**fields))
+
+
+def test_by_default_it_is_for_the_joint_ranges(robot_of: Named) -> None:
+    design, told = fh.design(robot_of("planar-two-link")), list[str]()
+    assert isinstance(design, fh.WorkspaceDesign)
+    assert design.specification.workspace == "limits"
+    low, high = np.array(robot_of("planar-two-link").links.limits).T
+    assert np.all((design.poses >= low) & (design.poses <= high))
+    other = fh.design(robot_of("planar-two-link"), fh.Specification(workspace="limits"), told.append)
+    assert design_files(other, ())["design.json"] == design_files(design, ())["design.json"]
+    assert len(told) == stages(other.robot, other.specification)
+
+
+def test_laws_are_compared_and_proved_at_one_pose(robot_of: Named) -> None:
+    s = fh.Specification(workspace="limits")
+    with refused_with(fh.InvalidInput, "workspace", "`pose`"):
+        fh.compare(robot_of("paper"), s)
+
+
+def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
+    whole, s = (
+        robot_of("planar-two-link"),
+        fh.Specification(measured=("link_position", "motor_position"), workspace="limits"),
+    )
+    kept = tuple(p for p in whole.parameters if p.name not in ("stiffness_elbow", "damping_elbow"))
+    rigid = fh.Robot(whole.name, kept, whole.penalty, whole.links, whole.drive, whole.home, rigid=("elbow",))
+    setup = workspace.tuned_setup(rigid, s, workspace_of(rigid))
+    loops = [setup.at_pose(pose) for pose in setup.workspace.sample(10, 3)]
+    assert max(loop.late for loop in loops) < 1.0
+    assert min(loop.damping for loop in loops) > 0.2
+    move = setup.move(setup.goals(2, 5))
+    for row in motion_metrics(setup.limits, move.response, move.plan):
+        assert row["remaining_error"] < 1e-3
+
+
+# What it reads -------------------------------------------------------------------------------------------
+def test_it_reads_its_own_fields_and_no_other(
+    robot_of: Named, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As `tests/cli/test_options.py` records it of a design of one pose."""
+    from tests.cli.test_options import BEHIND, WRITERS
+
+    read: set[str] = set()
+
+    def recorded(s: fh.Specification, name: str) -> Any:
+        file = Path(sys._getframe(1).f_code.co_filename).name
+        if name in BEHIND or (name in FIELDS and file not in (*WRITERS, "specification.py")):
+            read.add(BEHIND.get(name, name))
+        return object.__getattribute__(s, name)
+
+    monkeypatch.setattr(fh.Specification, "__getattribute__", recorded)
+    design = fh.design(robot_of("planar-two-link"))
+    assert set(OF_WORKSPACE) - read == {"angle_unit"}
+    design.save(tmp_path / "report")
+    assert read == set(OF_WORKSPACE)
+
+
+def test_seed_draws_speeds_and_gains_change_what_is_looked_at(robot_of: Named) -> None:
+    robot = robot_of("planar-two-link")
+    plain = design_workspace(robot, fh.Specification())
+    other = design_workspace(robot, fh.Specification(seed=1, draws=3, peak_speed=0.2, gamma_ratio=1.5))
+    assert not np.any(plain.poses == other.poses)
+    assert (len(plain.sampled), len(other.sampled)) == (2, 3)
+    assert not design_workspace(robot, fh.Specification(draws=0)).sampled
+    slowest = [max(move.plan.duration for move in design.moves) for design in (plain, other)]
+    assert slowest[1] > slowest[0]
+    stays, leaves = (
+        design_workspace(robot, fh.Specification(draws=0, gain_margin=gain)) for gain in (1.01, 50.0)
+    )
+    missed = [next(line.found for line in d.requirements if "gain" in line.what) for d in (stays, leaves)]
+    assert missed == [0.0, 4.0]
+    assert all(max(loop.louder, loop.softer) < 1.0 for loop in stays.loops)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"quantisation": (1e-3, 1e-3, 1e-3)}, ("quantisation",)),
+        ({"extras": ("rust",)}, ("rust",)),
+        ({"saturation": (1.0, 2.0, 3.0)}, ("saturation",)),
+        ({"workspace": "-9:9,0:1"}, ("'shoulder'",)),
+        ({"workspace": {"time": [0, 1], "wrist": [0, 1]}}, ("'wrist'",)),
+    ],
+)
+def test_what_does_not_fit_the_robot_is_refused_before_any_work(
+    robot_of: Named, fields: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    told: list[str] = []
+    with refused_with(fh.InvalidInput, *words):
+        fh.design(robot_of("planar-two-link"), fh.Specification(**fields), told.append)
+    assert told == []
+
+
+# Workspaces as people state them -------------------------------------------------------------------------
+def test_a_workspace_is_text_pairs_or_waypoints(robot_of: Named, tmp_path: Path) -> None:
+    pd = pytest.importorskip("pandas")
+    columns = {"time": [0.0, 1.0], "shoulder": [0.0, 0.5], "elbow": [0.1, 0.2]}
+    pd.DataFrame(columns).to_csv(tmp_path / "way.csv", index=False)
+    tables = [
+        fh.Specification(workspace=stated).workspace  # type: ignore[arg-type]
+        for stated in (columns, pd.DataFrame(columns), tmp_path / "way.csv", str(tmp_path / "way.csv"))
+    ]
+    assert all(table == tables[0] for table in tables)
+    pairs = fh.Specification(workspace=[(-0.5, "30deg"), np.array([0.0, 0.25])]).workspace  # type: ignore[arg-type]
+    assert pairs == "-0.5:30deg,0.0:0.25"
+    for bad in ("", 3.0, [1.0, 2.0], [(1.0, 2.0, 3.0)], [], lambda t: t):
+        with refused_with(SpecificationError, "workspace"):
+            fh.Specification(workspace=bad)  # type: ignore[arg-type]
+
+
+# Files ---------------------------------------------------------------------------------------------------
+def test_its_folder_gives_back_controller_and_specification(robot_of: Named, tmp_path: Path) -> None:
+    """The controller of the file makes the same steps."""
+    robot, s = robot_of("planar-two-link"), fh.Specification(draws=0, workspace=[(-0.5, 0.5), (0.0, 0.5)])  # type: ignore[arg-type]
+    design = fh.design(robot, s)
+    folder = design.save(tmp_path / "report")
+    own, stored = design.controller(), fh.load_controller(folder)
+    assert isinstance(own.law, fh.ModalLaw)
+    assert isinstance(stored.estimator, fh.ModalFilter)
+    reference = np.zeros(len(own.commanded))
+    for y in (np.zeros(2), np.full(2, 1e-3), np.full(2, -1e-3)):
+        np.testing.assert_array_equal(own.step(y, reference), stored.step(y, reference))
+
+
+def test_a_box_in_space_is_for_its_tool(robot_of: Named) -> None:
+    """The hand of the planar arm, 0.1 m beyond its last link; poses by forward kinematics of the robot."""
+    from flexhinf.cli.arguments import read_source
+    from flexhinf.robot.kinematics import position_of
+
+    request = read_source("planar-two-link", "", {"workspace": "x=0.1:0.5"}, tool="elbow:0.1,0,0")
+    design = fh.design(request.robot, replace(request.specification, draws=0))
+    assert design.specification.workspace == "x=0.1:0.5@elbow:0.1,0,0"
+    reached = [position_of(request.robot, pose, "elbow", (0.1, 0.0, 0.0))[0] for pose in design.poses]
+    assert 0.1 <= min(reached) <= max(reached) <= 0.5
+
+
+def test_the_help_states_the_limits_of_a_workspace() -> None:
+    assert f"{workspace.GAIN:g} for a workspace" in FIELDS["gain_margin"].about.text
+    assert f"{workspace.DAMPING:g} for a workspace" in FIELDS["damping"].about.text

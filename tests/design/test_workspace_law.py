@@ -1,0 +1,231 @@
+"""The search of the law for a workspace and its loops at poses, against loops that are written out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_discrete_lyapunov
+
+import flexhinf as fh
+from flexhinf.analysis import EquilibriumLoop
+from flexhinf.design import workspace
+from flexhinf.design.pipeline import checked_specification
+from flexhinf.design.workspace import (
+    PoseLoop,
+    WorkspaceSetup,
+    move_requirements,
+    pose_requirements,
+    tuned_setup,
+)
+from flexhinf.plant.joints import elastic_joints
+from flexhinf.robot.workspace import workspace_of
+
+BOTH = ("link_position", "motor_position")
+
+
+@lru_cache
+def setup(name="planar-two-link", **changes):
+    robot = fh.load_robot(name)
+    stated = {"measured": BOTH, "measurement_noise": 1e-10, "workspace": "limits", **changes}
+    s = checked_specification(robot, fh.Specification(**stated))
+    return tuned_setup(robot, s, workspace_of(robot, "limits"))
+
+
+def loop_by_hand(setup, q, late=0, gain=1.0, springs=0.0):
+    """The sampled loop at rest at a pose, from the joints' numbers and SciPy's exponential: its matrix, the columns of
+    the sensors' noise and where the acting input is.
+
+    States: the arm, the filter's prediction, the input that acts next, the integrals, the last errors, inputs that are
+    later than known. The arm's spring is K (δ + 2ζ/ω δ̇).
+    """
+    t, n, (x, u) = setup.specification.period, len(q), setup.robot.operating_point(q)
+    joints, z, one = elastic_joints(setup.model, x, u), np.zeros((len(q), len(q))), np.eye(len(q))
+    spring, inverse = np.diag(joints.stiffness), np.linalg.inv(joints.link_inertia)
+
+    def held(ratio):
+        # ω of link and motor on this spring alone
+        rate = np.sqrt(joints.stiffness * (np.diag(inverse) + 1 / joints.motor_inertia))
+        damped = np.diag(joints.spring_damping + 2 * ratio / rate * joints.stiffness)
+        motors = np.diag(1 / joints.motor_inertia)
+        a = np.block([
+            [z, one, z, z],
+            [-inverse @ (spring + joints.gravity_slope), -inverse @ damped, inverse @ spring, inverse @ damped],
+            [z, z, z, one],
+            [motors @ spring, motors @ damped, -motors @ spring, -motors @ (damped + np.diag(joints.motor_damping))],
+        ])  # fmt: skip
+        b = np.vstack([z, z, z, motors * joints.torque_per_input])
+        whole = expm(t * np.block([[a, b], [np.zeros((n, 5 * n))]]))
+        return whole[: 4 * n, : 4 * n], whole[: 4 * n, 4 * n :]
+
+    (f, g), (true_f, true_g) = held(0.0), held(springs)
+    outputs = np.hstack([one, z, z, z]), np.hstack([z, z, one, z])
+    h = np.vstack([row for row, name in zip(outputs, BOTH) if name in setup.specification.measured])
+    kalman = setup.filter.gain(x)
+    place = x, u, setup.law.law_data
+    units = np.eye(5 * n)
+    k = np.array([setup.law.evaluate_about(unit, *place) for unit in units], dtype=float).T
+
+    size, p = 11 * n + late * n, len(h)
+    rows = np.eye(size + p)
+    arm, before, waiting, integral, error = (
+        rows[i * n : j * n] for i, j in ((0, 4), (4, 8), (8, 9), (9, 10), (10, 11))
+    )
+    y = h @ arm + rows[size:]
+    estimate = before + kalman @ (y - h @ before)
+    now = y[:n] if len(h) == 2 * n else estimate[:n]
+    integral = integral + t / 2 * (error + now)
+    ahead = f @ estimate + g @ waiting
+    u = k[:, : 4 * n] @ ahead + k[:, 4 * n :] @ integral
+    queue = [rows[(11 + i) * n : (12 + i) * n] for i in range(late)]
+    acting = queue[-1] if late else waiting
+    after = np.vstack(
+        [true_f @ arm + gain * true_g @ acting, ahead, u, integral, now, *[waiting, *queue][:late]]
+    )
+    return after[:, :size], after[:, size:], slice(8 * n, 9 * n)
+
+
+def growth(matrix):
+    return np.abs(np.linalg.eigvals(matrix)).max()
+
+
+def damping(matrix, period, low, high):
+    s = np.log(np.linalg.eigvals(matrix).astype(complex) + 1e-300) / period
+    s = s[(np.abs(s.imag) > 2) & (np.abs(s) >= low) & (np.abs(s) < high) & (-s.real * period < 0.5)]
+    return (-s.real / np.abs(s)).min(initial=1.0)
+
+
+CASES = [{}, {"measured": ("motor_position",)}, {"name": "scara"}]
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("case", CASES)
+def test_damping_and_margins_are_those_of_a_loop_by_hand(case):
+    made = setup(**case)
+    period, n = made.specification.period, len(made.joints)
+    for q in made.workspace.sample(3, 5):
+        loop, (matrix, noise, inputs) = made.at_pose(q), loop_by_hand(made, q)
+        soft = loop_by_hand(made, q, springs=0.005)[0]
+        hand = [
+            growth(matrix), damping(matrix, period, 0.0, 350.0), damping(matrix, period, 350.0, np.inf),
+            damping(soft, period, 350.0, np.inf), growth(loop_by_hand(made, q, late=1)[0]),
+            growth(loop_by_hand(made, q, late=2, springs=0.005)[0]),
+            growth(loop_by_hand(made, q, gain=2.0)[0]), growth(loop_by_hand(made, q, gain=0.5)[0]),
+        ]  # fmt: skip
+        np.testing.assert_allclose(loop[:-1], hand, rtol=1e-5)
+        if growth(matrix) < 1.0:
+            variances = np.tile(np.where(made.robot.links.slides, 1e-12, 1e-10), noise.shape[1] // n)
+            spread = solve_discrete_lyapunov(matrix, noise * variances @ noise.T)
+            ripple = np.sqrt(np.diag(spread)[inputs]) / made.authority
+            assert ripple.shape == (n,)
+            assert loop.ripple == pytest.approx(100 * ripple.max(), rel=1e-4)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    "case", [{}, {"measured": ("motor_position",)}, {"latency": 0}, {"latency": 2, "unknown_delay": 1e-3},
+             {"estimator": "none"}]
+)  # fmt: skip
+def test_the_loop_is_that_of_the_running_controller(case):
+    made = WorkspaceSetup(*replaced(case))
+    q, s = made.workspace.sample(1, 3)[0], made.specification
+    traced = EquilibriumLoop(
+        made.law, made.filter, made.smooth_plant, s.period, equilibrium=made.robot.operating_point(q), moving=True,
+        delay=s.unknown_samples, latency=s.known_latency, positions=made.model.states[: len(q)],
+    ).linear()  # fmt: skip
+    loop = made.linear(q)
+    found, expected = (np.sort(np.abs(each.closed_loop.multipliers))[::-1][:10] for each in (loop, traced))
+    np.testing.assert_allclose(found, expected, atol=2e-6)
+    assert loop.delay == traced.delay
+    for signals in (("d", "q"), ("w", "u")):
+        assert loop.part(*signals).norm()[0] == pytest.approx(traced.part(*signals).norm()[0], rel=1e-4)
+
+
+def replaced(case):
+    """The robot, another specification, and the workspace and law of the default."""
+    made = setup()
+    stated = {"measured": BOTH, "measurement_noise": 1e-10, "workspace": "limits", **case}
+    return made.robot, checked_specification(made.robot, fh.Specification(**stated)), made.workspace, made.law
+
+
+@pytest.mark.oracle
+def test_the_slope_of_the_law_is_that_of_its_columns():
+    made = setup("scara")
+    q = made.workspace.sample(1, 4)[0]
+    place = *made.robot.operating_point(q), made.law.law_data
+    columns = [made.law.evaluate_about(unit, *place) for unit in np.eye(5 * len(q))]
+    slope = made.law.slope_at(q)
+    np.testing.assert_allclose(slope, np.array(columns, dtype=float).T, atol=1e-9 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("name", ["paper", "planar-two-link", "scara", "seven-link"])
+def test_what_is_found_keeps_what_is_required_at_other_poses(name):
+    made = setup(name)
+    loops = [made.at_pose(q) for q in made.workspace.sample(30, 21)]
+    assert max(max(l.growth, l.late, l.damped_late, l.louder, l.softer) for l in loops) < 1.0
+    assert min(l.damping for l in loops) >= 0.2
+    assert max(l.ripple for l in loops) <= 1.5
+    lines = pose_requirements(made.specification, loops)
+    assert all(line.met for line in lines)
+
+
+def test_louder_sensors_get_another_estimator():
+    quiet, loud = setup("scara"), setup("scara", measurement_noise=1e-7)
+    assert quiet.random != loud.random
+    poses = quiet.workspace.sample(5, 21)
+    kept = replace(loud, law=quiet.law, random=quiet.random)
+    limits = 0.2, 5.0, quiet.specification.period
+    worst = [max(each.at_pose(q).excess(*limits)[0] for q in poses) for each in (loud, kept)]
+    assert worst[0] < worst[1]
+
+
+def test_stated_noise_is_kept(monkeypatch):
+    monkeypatch.setattr(workspace, "BANDWIDTHS", (14.0,))
+    made = setup("planar-two-link", torque_noise=1e-7)
+    assert made.noise_levels.link_velocities == 1e-7
+    assert made.noise_levels.motor_velocities == 1e-7
+
+
+GOOD = PoseLoop(0.98, 0.3, 0.1, 0.12, 0.99, 0.995, 0.985, 0.985, 0.8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "place"),
+    [({}, None), ({"growth": 1.01}, 0), ({"late": 1.001}, 0), ({"damping": 0.19}, 0), ({"ripple": 5.1}, 0),
+     ({"louder": 1.01}, 1), ({"softer": 1.01}, 1), ({"damped_late": 1.01}, 2), ({"ripple": 1.3}, 2)],
+)  # fmt: skip
+def test_what_matters_most_comes_first(changes, place):
+    excess = GOOD._replace(**changes).excess(0.2, 5.0, 1e-3)
+    assert place is None or excess[place] > 0.0
+    assert np.all(excess[:place] <= 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "missed"),
+    [({}, []), ({"growth": 1.01}, [0]), ({"late": 1.01}, [1]), ({"louder": 1.01}, [2]), ({"softer": 1.01}, [2]),
+     ({"damping": 0.15}, [3]), ({"ripple": 6.0}, [4]), ({"damped_late": 1.01}, [])],
+)  # fmt: skip
+def test_requirements_at_poses_are_those_of_the_worst(changes, missed):
+    s = setup().specification
+    lines = pose_requirements(s, [GOOD, GOOD._replace(**changes), GOOD])
+    assert [k for k, line in enumerate(lines) if not line.met] == missed
+    assert [line.found for line in lines[:3]] == [float(k in missed) for k in range(3)]
+
+
+def test_requirements_of_moves_are_those_of_the_worst():
+    made = setup()
+    goals = made.goals(4, 7)
+    moves = [made.move(goals[k : k + 2], seed=k) for k in range(3)]
+    lines = {line.what: line for line in move_requirements(made, moves, "nominal robot")}
+    assert all(line.met for line in lines.values())
+    for k, what in enumerate(lines):
+        alone = [
+            {line.what: line for line in move_requirements(made, [move], "")}[what].found for move in moves
+        ]
+        assert lines[what].found in (max(alone), min(alone)), k
+    # A link that is measured comes to its goal, whatever the noise.
+    last = [move.response.run.data.state.values[-300:, : len(made.joints)] for move in moves]
+    remains = max(np.abs(rows - goals[k + 1]).max() for k, rows in enumerate(last))
+    assert remains < 1e-3

@@ -1,0 +1,57 @@
+"""docs/which_law.md is short, linked, and quotes other pages' numbers as they are; its tables are made parts."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def pages(repository: Path) -> dict[str, str]:
+    """Text by name, spaces as one."""
+    names = ("which_law", "workspace", "design", "degrees")
+    return {name: (repository / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in names}
+
+
+def test_the_page_is_short_and_linked(pages: dict[str, str], repository: Path) -> None:
+    assert len(pages["which_law"].splitlines()) <= 120
+    assert "which_law.md" in pages["workspace"]
+    assert "docs/which_law.md" in (repository / "README.md").read_text(encoding="utf-8")
+
+
+def test_quoted_criteria_are_those_of_the_comparison(pages: dict[str, str]) -> None:
+    """A law of `flexhinf compare` with its criterion behind it."""
+    table = dict(re.findall(r"^\| `([\w-]+)`: [^|]*\| ([\d.]+) \|", pages["design"], re.MULTILINE))
+    quoted = re.findall(r"`([\w-]+)` (\d\.\d\d)", pages["which_law"])
+    assert len(quoted) >= 4
+    for law, criterion in quoted:
+        assert table[law] == criterion, law
+
+
+def test_the_quoted_gain_of_a_cubic_law_is_that_of_the_study(pages: dict[str, str]) -> None:
+    quoted = re.search(r"settles up to (\d+) % earlier", " ".join(pages["which_law"].split()))
+    assert quoted is not None
+    sentence = re.search(r"one link to 90° settles ([^;]*);", " ".join(pages["degrees"].split()))
+    assert sentence is not None
+    assert max(map(int, re.findall(r"(\d+) %", sentence[1]))) == int(quoted[1])
+
+
+def test_what_is_said_of_gamma_is_what_its_table_shows(pages: dict[str, str]) -> None:
+    """From γ = ∞ to the smallest: errors covered change by less than a third, damping grows by about a half."""
+    table = pages["which_law"].partition("<!-- made: which-gamma -->")[2].partition("<!-- end -->")[0]
+    changed = {}
+    for line in table.strip().splitlines()[2:]:
+        robot, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        smallest, lqr = (
+            [float(each) for each in re.findall(r"[\d.]+", cell)] for cell in (cells[0], cells[-1])
+        )
+        changed[robot] = [one / other for one, other in zip(smallest, lqr)]
+    assert set(changed) == {"planar-two-link", "scara", "ur5", "panda"}
+    for known, late, damping in changed.values():
+        assert 2.0 / 3.0 < min(known, late) <= max(known, late) < 4.0 / 3.0
+        assert 1.4 < damping < 2.0
+    assert changed["planar-two-link"][0] > 1.1
+    assert changed["ur5"][0] > 1.1
+    assert changed["panda"][0] < 0.9

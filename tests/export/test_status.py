@@ -1,0 +1,114 @@
+"""The status of a controller as C, in a shared library and in an FMU: the same bits as in Python, sample by sample."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.export.conftest import STRICT
+from tests.refusals import unnamed
+
+import flexhinf as fh
+from flexhinf.codegen.machine import host
+from flexhinf.export import export_fmu
+from flexhinf.export.controller_c import code_of
+
+pytestmark = pytest.mark.oracle
+
+KINDS = {
+    "nothing": {},
+    "watched": {"supervision": fh.Supervision(workspace=(-0.02, 0.02), swing=0.01, damping=0.6)},
+    "held": {
+        "supervision": fh.Supervision(
+            workspace=(-0.02, 0.02), swing=0.01, damping=0.6, saturation_time=0.05,
+            reactions={"workspace": "hold", "limit_cycle": "hold", "saturation": "brake"},
+        ),
+        "offset_time": 0.1, "latency": 1,
+    },
+    "limited": {
+        "supervision": fh.Supervision(workspace=(-0.02, 0.02), reactions={"workspace": "limit"}),
+        "command_rate": 0.5, "start": "bumpless",
+    },
+}  # fmt: skip
+
+
+def made(controller: fh.Controller, kind: str) -> fh.Controller:
+    return fh.Controller(controller.law, controller.estimator, 1e-3, 0.03, **KINDS[kind])
+
+
+def samples(count: int) -> list[tuple[float | None, float]]:
+    """Measurements, some of them missing, and commands that jump, rest and move."""
+    rng = np.random.default_rng(5)
+    return [
+        (None if k % 97 == 5 else 0.03 * rng.standard_normal(),
+         0.03 * np.sin(k / 200) if (k // 500) % 2 else 0.03 * (-1) ** (k // 100))
+        for k in range(count)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_library_says_and_does_the_same(
+    kind: str, controller: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    one = made(controller, kind)
+    library = fh.load_compiled(fh.compile_controller(one, tmp_path / "arm.so"))
+    bound, seen = 0.0 if host().fused else 1e-9, set()
+    for start in (None, {"state": [0.01, 0.0, 0.01, 0.0], "input": [0.02]}):
+        for each in (one, library):
+            each.reset(**(start or {}))
+        assert library.status == 0
+        for y, r in samples(1500):
+            u = one.step(y, r)
+            assert library.step(y, r) == pytest.approx(u, abs=bound)
+            assert library.status == int(one.status)
+            assert library.path_rate == pytest.approx(one.path_rate, abs=bound)
+            seen.add(library.status)
+    expected = {"nothing": {0}, "watched": {0, 1, 3}, "held": {9, 15}, "limited": {0, 1 + 8}}[kind]
+    assert expected <= seen
+
+
+@pytest.mark.parametrize("real", ["double", "float"])
+def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
+    real: str, controller: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    code = code_of(made(controller, "held"), "arm", real)
+    for file, text in code.files.items():
+        (tmp_path / file).write_text(text)
+    subprocess.run([compiler, *STRICT, "-c", "arm.c", "-o", "arm.o"], cwd=tmp_path, check=True)
+    for name, bit in fh.Status.__members__.items():
+        assert f"ARM_{name} = {int(bit)}" in code.header
+
+
+def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tmp_path: Path) -> None:
+    pytest.importorskip("fmpy")
+    from tests.export.test_fmu import end, instance
+
+    one = made(controller, "watched")
+    model, names = instance(export_fmu(one, tmp_path / "arm.fmu", "arm"), tmp_path / "unpacked")
+    said = []
+    for k, r in enumerate([0.0, 0.03, 0.01]):
+        model.setReal([names["measured.link_position"], names["command.link_position"]], [0.0, r])
+        model.doStep(k * 1e-3, 1e-3)
+        one.step(0.0, r)
+        said.append(model.getInteger([names["status"]])[0])
+        assert said[-1] == int(one.status)
+    assert said == [0, 1, 0]
+    end(model)
+
+
+def test_a_run_in_real_time_says_when_the_command_lay_outside(controller: fh.Controller) -> None:
+    """The command leaves ±0.02 rad at 0.1 s and comes back at 0.15 s: 50 samples, in the run's notes too."""
+    pytest.importorskip("mujoco")
+    from flexhinf.pages.run import run_notes
+    from flexhinf.robot import MuJoCoPlant
+
+    watch = fh.Supervision(workspace=(-0.02, 0.02))
+    one = fh.Controller(controller.law, controller.estimator, 1e-3, 48.0, supervision=watch)
+    loop = fh.Loop(MuJoCoPlant(fh.paper_arm()), one)
+    reference = fh.Samples([0.0, 0.0995, 0.0996, 0.1495, 0.1496], [0.0, 0.0, 0.03, 0.03, 0.01])
+    run = fh.run_realtime(loop, reference, duration=0.3, real_time=False)
+    assert np.flatnonzero(run.status & fh.Status.OUTSIDE_WORKSPACE).tolist() == list(range(100, 150))
+    (note,) = [text for text in run_notes(run) if "workspace" in text]
+    assert unnamed(note, 50) == []

@@ -1,0 +1,127 @@
+"""The page of a workspace: verdict first, what was looked at, margins as numbers, and the worst move of each joint."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from html import unescape
+from importlib import import_module
+
+import numpy as np
+import pytest
+from tests.refusals import unnamed
+
+import flexhinf as fh
+from flexhinf.design import Specification
+from flexhinf.design.responses import motion_metrics
+from flexhinf.modal import ProvedRange
+from flexhinf.pages import workspace as page
+
+design_room = import_module("flexhinf.design.workspace")
+
+
+@pytest.fixture(scope="module")
+def design():
+    """Of the paper's arm, with few poses and moves and one bandwidth."""
+    few = {"POSES": 6, "GOALS": 2, "CHOSEN_POSES": 2, "MODAL_POSES": 20, "BANDWIDTHS": (10.0,)}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in few.items():
+            patch.setattr(design_room, name, value)
+        s = Specification(measured=("link_position", "motor_position"))
+        return design_room.design_workspace(fh.paper_arm(), s)
+
+
+@pytest.fixture(scope="module")
+def tolerated(design):
+    return design_room.robustness(design)
+
+
+@pytest.fixture
+def made(design, tolerated, monkeypatch):
+    """The page, with the margins computed once."""
+    monkeypatch.setattr(page, "robustness", lambda of: tolerated)
+
+    def of(changed=design):
+        return page.workspace_page(changed, ["flexhinf", "design", "paper"], files=["design.json"])
+
+    return of
+
+
+def text_of(html):
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL)))
+
+
+def test_the_page_has_its_sections_and_figures(made, design):
+    html = made().html()
+    assert [section.id for section in made().sections] == [
+        "specification", "poses", "moves", "tolerance", "files",
+    ]  # fmt: skip
+    assert re.findall(r'id="(figure-[a-z]+)"', html) == ["figure-poses", "figure-move"]
+    text = text_of(html)
+    assert unnamed(text, "6 random poses", "2 moves", "link position", "motor position") == []
+    assert not re.search(r"\bnan\b|\binf\b|\bNone\b|\{small\}", text)
+    assert not re.search(r"\bmm\b", text)  # its joint turns
+
+
+def test_failures_come_first(made, design):
+    line = design.requirements[0]
+    missed = line.judge(None, line.limit, 2, line.where)
+    bad = dataclasses.replace(design, requirements=(missed, *design.requirements[1:]))
+    assert [entry.kind for entry in made(bad).status] == ["not met", "not proved"]
+    assert page.workspace_verdict(bad).startswith("Not met")
+    assert unnamed(page.workspace_verdict(bad), line.what, "2") == []
+    assert not page.workspace_verdict(design).startswith("Not met") or not design.met
+
+
+@pytest.mark.oracle
+def test_margins_are_where_the_loop_becomes_unstable(design, tolerated):
+    """At the pose that is worst: stable below, unstable above, by the multipliers of the loop itself."""
+    setup, period = design.setup, design.specification.period
+
+    def radius(key, late=0.0, by=1.0):
+        pose = design.poses[np.argmax([getattr(loop, key) for loop in design.loops])]
+        loop = setup.linear(pose)
+        loop = dataclasses.replace(loop, b=by * loop.b, d=by * loop.d)
+        return np.abs(loop.system(loop.delay + late * period).multipliers).max()
+
+    if tolerated.delay < 0.99 * design_room.LATEST:
+        assert radius("late", 0.98 * tolerated.delay) < 1.0 < radius("late", 1.02 * tolerated.delay)
+    assert radius("louder", by=0.98 * tolerated.louder) < 1.0 < radius("louder", by=1.02 * tolerated.louder)
+    assert radius("softer", by=1.02 * tolerated.softer) < 1.0
+    needed = [np.abs(design.robot.operating_point(pose)[1]) for pose in design.poses]
+    assert tolerated.heavy == np.sum(np.any(needed > 0.7 * setup.limits.effort, axis=1))
+
+
+def test_every_joint_has_its_worst_move(made, design):
+    (section,) = [part for part in made().sections if part.id == "moves"]
+    text = text_of(section.html())
+    moves = [*design.moves, *design.sampled]
+    found = [motion_metrics(design.setup.limits, move.response, move.plan)[0] for move in moves]
+    errors = [1e3 * row["remaining_error"] for row in found]
+    assert unnamed(text, float(f"{max(errors):.3g}"), f"(move {np.argmax(errors) % 2 + 1}") == []
+    assert unnamed(text, "70 %") == []
+
+
+def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolerated):
+    (section,) = [part for part in made().sections if part.id == "tolerance"]
+    text = text_of(section.html())
+    assert unnamed(text, "proved", "computed", float(f"{100 * tolerated.tolerance.error:.3g}")) == []
+    assert tolerated.proved.high == design.setup.law.gains.ends[1]
+    part = tolerated._replace(proved=ProvedRange(70.0, 81.0, 0.0, 3))
+    assert unnamed(page._not_proved(design, part), "9 rad/s", "random samples") == []
+
+
+def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
+    move = design.moves[0]
+    run = dataclasses.replace(move.response.run, diverged_at=0.2)
+    gone = dataclasses.replace(move, response=dataclasses.replace(move.response, run=run))
+    rows = page.worst_motion(design, [gone, move])
+    assert np.isinf(rows[0]["remaining_error"])
+    assert np.isfinite(rows[1]["remaining_error"])
+    assert page._largest([None, 2.0, 1.0]) == 2.0
+    assert np.isnan(page._largest([None, None]))
+
+
+def test_the_terminal_has_the_same_tables(design):
+    tables = page.workspace_tables(design)
+    assert len(tables) == 3
