@@ -35,7 +35,7 @@ class Arm:
         self.point, _ = self.robot.operating_point()
         self.solution = fh.solve_hji(self.robot.problem(), gamma=GAMMA, degree=4)
         self.estimator = fh.UnscentedKalmanFilter(self.plant, PERIOD, Q, R, self.point, P0)
-        self.controller = fh.Controller(self.solution, self.estimator, PERIOD)
+        self.controller = fh.Controller(self.solution, self.estimator, PERIOD, latency=0)
 
     def samples(self, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
         """Measurements and commands about the pose."""
@@ -117,7 +117,7 @@ def first_step() -> None:
     arm = Arm()
     y, r = arm.samples(1)[0]
     start, used = time.perf_counter(), time.process_time()
-    controller = fh.Controller(arm.solution, arm.estimator, PERIOD)
+    controller = fh.Controller(arm.solution, arm.estimator, PERIOD, latency=0)
     controller.step(y, r)
     print(json.dumps([time.perf_counter() - start, time.process_time() - used]))
 

@@ -21,8 +21,8 @@ import flexhinf as fh
 from flexhinf.analysis.modes import JointScales
 from flexhinf.design import Specification
 from flexhinf.design.loop_setup import EstimatorNoise, LoopSetup
+from flexhinf.design.monte_carlo import sampled_runs
 from flexhinf.design.problem.presets import DesignProblem, choose, required_damping
-from flexhinf.design.requirements import sampled_runs
 from flexhinf.design.responses import (
     LOAD_FRACTION,
     Response,
@@ -137,7 +137,9 @@ class Study:
     @staticmethod
     def of(case: Case, levels: EstimatorNoise | None) -> Study:
         """With the weights of the preset damped about the operating point of the law."""
-        s = Specification(pose=tuple(case.goal), start=tuple(case.start), preset="damped", duration=LENGTH)
+        s = Specification(
+            pose=tuple(case.goal), start=tuple(case.start), preset="damped", duration=LENGTH, latency=0
+        )
         chosen = choose(case.robot, case.start if case.factor == "pose" else case.goal, case.start, s)
         law = fh.solve_hji(chosen.problem, chosen.gamma, 2)
         setup = LoopSetup(case.robot, s, law, case.goal, case.start, estimator_noise=levels)

@@ -1,11 +1,12 @@
 """``make bench-firmware``: what a step of the exported C costs on a PC and on a Cortex-M4F, for docs/deployment.md.
 
     python -m benchmarks.firmware            measures every row, and keeps them in benchmarks/firmware.json
+    python -m benchmarks.firmware --only 7w  measures the rows of one design, and keeps them in the place of the old
     python -m benchmarks.firmware --table    prints the table of the rows that are kept
 
 Counted, not timed: instructions by callgrind on the PC, and on the Cortex-M4F that QEMU emulates (``make cortex-m4`` of
 an exported folder). Its cycles are counted too: QEMU tells which instructions run, and each costs what Arm's manual
-says at the most, with memory that does not wait.
+says at the most, with memory that does not wait. Also timed: a step on the PC, the median of the test vector's.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
+from flexhinf.design.workspace import tuned_setup
 from flexhinf.export import export_c
+from flexhinf.robot.workspace import workspace_of
 
 KEPT = Path(__file__).resolve().with_suffix(".json")
 
@@ -34,11 +37,12 @@ CORTEX_M4 = "-O2"
 #: Clock and rate that a microcontroller is judged by, Hz.
 CLOCK, RATE = 168e6, 1e3
 
-#: The command whose controller is exported, by the number of links. The page names it below the table.
-DESIGNS = {
+#: The command whose controller is exported, by the number of links; 7w is for the workspace. The page names it.
+DESIGNS: dict[int | str, str] = {
     1: "flexhinf design paper --pose 90deg --start 0 --preset damped --degrees 4 --draws 0",
     2: "flexhinf design planar-two-link --degrees 4 --draws 0",
     7: "flexhinf design seven-link --degrees 2 --draws 0",
+    "7w": "flexhinf design seven-link --workspace limits --measured link_position,motor_position",
 }
 
 #: What is measured: links, type, machine. A Cortex-M4F computes double in software; seven links are refused in float.
@@ -47,6 +51,39 @@ ROWS = [
     *((links, "float", "x86-64") for links in (1, 2)),
     *((1, real, "Cortex-M4F") for real in ("float", "double")),
 ]
+
+#: Times every step, and says the median.
+TIMED = """
+#define _POSIX_C_SOURCE 199309L
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+#include "arm.h"
+enum { MOST = 4096 };
+static double times[MOST];
+static int count;
+int __real_arm_step(arm_state *, const arm_param *, const arm_input *, arm_output *);
+int __wrap_arm_step(arm_state *state, const arm_param *param, const arm_input *input, arm_output *output)
+{
+    struct timespec a, b;
+    int code;
+    clock_gettime(CLOCK_MONOTONIC, &a);
+    code = __real_arm_step(state, param, input, output);
+    clock_gettime(CLOCK_MONOTONIC, &b);
+    if (count < MOST) times[count++] = 1e6 * (double)(b.tv_sec - a.tv_sec) + 1e-3 * (double)(b.tv_nsec - a.tv_nsec);
+    return code;
+}
+static int order(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+__attribute__((destructor)) static void report(void)
+{
+    qsort(times, (size_t)count, sizeof *times, order);
+    printf("median %g us\\n", times[count / 2]);
+}
+"""
 
 #: Paints the stack below a step, and says how much of it the step used and how large a state is.
 STACK = """
@@ -76,8 +113,14 @@ __attribute__((destructor)) static void report(void)
 
 
 @cache
-def controller(links: int) -> fh.Controller:
-    """The controller that the design's command leaves in its report."""
+def controller(links: int | str) -> fh.Controller:
+    """The controller that the design's command leaves in its report; for the workspace, where the judgement takes most
+    of the time and does not change it, without the report."""
+    if links == "7w":
+        s = fh.Specification(workspace="limits", measured=("link_position", "motor_position"))
+        robot = fh.load_robot("seven-link")
+        setup = tuned_setup(robot, s, workspace_of(robot, s.workspace))
+        return setup.controller(setup.workspace.home, supervision=setup.supervision)
     with tempfile.TemporaryDirectory() as work:
         words = [sys.executable, "-m", *shlex.split(DESIGNS[links]), "--out", "arm"]
         done = subprocess.run(words, cwd=work, capture_output=True, text=True, check=False)
@@ -92,7 +135,7 @@ def run(*words: object, folder: Path) -> str:
     return done.stdout + done.stderr
 
 
-def measure(links: int, real: str, machine: str) -> dict[str, Any]:
+def measure(links: int | str, real: str, machine: str) -> dict[str, Any]:
     """A row: sizes in bytes, instructions of a step, and on a Cortex-M4F its cycles."""
     with tempfile.TemporaryDirectory() as work:
         folder = export_c(controller(links), Path(work) / "c", "arm", real)
@@ -107,6 +150,9 @@ def on_pc(folder: Path) -> dict[str, Any]:
     run("gcc", *PC, "-c", "arm.c", "-o", "arm.o", folder=folder)
     run("gcc", *PC, "arm_test.c", "arm.o", "-lm", "-o", "plain", folder=folder)
     flags = ("-Wl,--wrap=arm_step", "-Wl,-z,now")
+    (folder / "timed.c").write_text(TIMED, encoding="utf-8")
+    run("gcc", *PC, *flags, "arm_test.c", "timed.c", "arm.o", "-lm", "-o", "timed", folder=folder)
+    times = [float(run("./timed", folder=folder).split()[-2]) for _ in range(9)]
     run("gcc", *PC, *flags, "arm_test.c", "stack.c", "arm.o", "-lm", "-o", "painted", folder=folder)
     counting = ("--tool=callgrind", "--collect-atstart=no", "--toggle-collect=arm_step")
     run("valgrind", *counting, "--callgrind-out-file=counts", "./plain", folder=folder)
@@ -117,7 +163,7 @@ def on_pc(folder: Path) -> dict[str, Any]:
     samples, stack, state = map(int, said.groups())
     return {
         "code": int(run("size", "arm.o", folder=folder).splitlines()[1].split()[0]),
-        "state": state, "stack": stack, "instructions": int(total[1]) / samples,
+        "state": state, "stack": stack, "instructions": int(total[1]) / samples, "microseconds": min(times),
         "compiler": run("gcc", "--version", folder=folder).splitlines()[0], "flags": " ".join(PC),
     }  # fmt: skip
 
@@ -253,24 +299,26 @@ def table(kept: Path = KEPT) -> str:
     """The rows, with what compiled and counted them."""
     rows = json.loads(kept.read_text(encoding="utf-8"))
     lines = [
-        "| links, law | type | machine | code and constants | state | stack | instructions a step | cycles, at most "
-        "| of 1 ms at 168 MHz |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| links, law | type | machine | code and constants | state | stack | instructions a step | µs a step "
+        "| cycles, at most | of 1 ms at 168 MHz |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        law = "linear" if "--degrees 2" in DESIGNS[row["links"]] else "cubic"
+        words = DESIGNS[row["links"]]
+        law = "modal" if "workspace" in words else "linear" if "--degrees 2" in words else "cubic"
         cells = [
-            f"{row['links']}, {law}",
+            f"{str(row['links'])[0]}, {law}",
             row["real"],
             row["machine"],
             kilobytes(row["code"]),
             kilobytes(row["state"]),
         ]
         cells += [kilobytes(row["stack"]), f"{row['instructions']:,.0f}"]
+        cells.append(f"{row['microseconds']:.1f}" if "microseconds" in row else "")
         if "cycles" in row:
-            cells[-1] += f" (at most {row['most']:,})"
+            cells[-2] += f" (at most {row['most']:,})"
             cells += [f"{row['cycles']:,}", f"{100 * row['cycles'] * RATE / CLOCK:,.0f} %"]
-        lines.append("| " + " | ".join([*cells, "", ""][:9]) + " |")
+        lines.append("| " + " | ".join([*cells, "", ""][:10]) + " |")
     tools = dict.fromkeys(
         (row["machine"], row["compiler"], row["flags"], row.get("emulator", "callgrind")) for row in rows
     )
@@ -278,7 +326,10 @@ def table(kept: Path = KEPT) -> str:
         f"- {machine}: {compiler}, `{flags}`; counted by {counter}."
         for machine, compiler, flags, counter in tools
     ]
-    designs = [f"- {links} link{'s' * (links > 1)}: `{words}`" for links, words in DESIGNS.items()]
+    designs = [
+        f"- {str(links)[0]} link{'s' * (links != 1)}{', modal' * (links == '7w')}: `{words}`"
+        for links, words in DESIGNS.items()
+    ]
     return "\n".join([*lines, "", *designs, *made])
 
 
@@ -291,11 +342,17 @@ def main() -> int:
     """Measure and keep, or print the table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.firmware", description=__doc__)
     parser.add_argument("--table", action="store_true", help="print the rows that are kept")
-    if not parser.parse_args().table:
-        rows = []
+    parser.add_argument("--only", choices=[*map(str, DESIGNS)], help="the rows of one design")
+    wanted = parser.parse_args()
+    if not wanted.table:
+        known = json.loads(KEPT.read_text(encoding="utf-8")) if wanted.only else []
+        rows = [row for row in known if str(row["links"]) != wanted.only]
         for row in ROWS:
+            if wanted.only not in (None, str(row[0])):
+                continue
             rows.append(measure(*row))
             print(json.dumps(rows[-1]), flush=True)
+        rows.sort(key=lambda row: ROWS.index((row["links"], row["real"], row["machine"])))
         KEPT.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     print(table())
     return 0

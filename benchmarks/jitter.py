@@ -64,7 +64,7 @@ class Stream:
         gamma = GAMMA_RATIO * fh.smallest_gamma(problem)
         solution = fh.solve_hji(problem, gamma=gamma if gamma > 0.0 else math.inf, degree=degree)
         ukf = fh.UnscentedKalmanFilter(plant, PERIOD, Q, R, point, P0)
-        self.controller = fh.Controller(solution, ukf, PERIOD)
+        self.controller = fh.Controller(solution, ukf, PERIOD, latency=0)
         n = len(self.robot.joint_names)
         noise = math.sqrt(R) * np.random.default_rng(0).normal(size=(RECORDED, n))
         self.measured = list(point[:n] + noise - noise.mean(axis=0))

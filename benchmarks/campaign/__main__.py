@@ -39,7 +39,7 @@ class PaperArm:
         problem, self.plant = robot.problem(), robot.plant()
         solution = fh.solve_hji(problem, gamma=2 * fh.smallest_gamma(problem), degree=4)
         ukf = fh.UnscentedKalmanFilter(self.plant, PERIOD, Q, R, np.zeros(4), 1e-4)
-        self.controller = fh.Controller(solution, ukf, PERIOD)
+        self.controller = fh.Controller(solution, ukf, PERIOD, latency=0)
         self.law = solution.law_polynomial()
         rng = np.random.default_rng(0)
         rows = [self.plant.parameters.known(robot.draw(rng)) for _ in range(plants)]
@@ -270,7 +270,7 @@ def seven_links(plants: int, steps: int, repetitions: int) -> list[dict[str, Any
     arm, rows = Arm(), []
     for period in (1e-3, 2e-4):
         estimator = fh.UnscentedKalmanFilter(arm.plant, period, 1e-8, 1e-8, arm.point, 1e-6)
-        loop = fh.Loop(arm.plant, fh.Controller(arm.solution, estimator, period), 1)
+        loop = fh.Loop(arm.plant, fh.Controller(arm.solution, estimator, period, latency=0), 1)
         ensemble = loop.ensemble(noise=1e-5, duration=(steps - 1) * period)
         run = partial(
             ensemble.run,

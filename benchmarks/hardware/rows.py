@@ -1,18 +1,21 @@
-"""One row: a design, and what its loop does. Run as a process of its own, also by an older version of flexhinf."""
+"""One row: a design, and what its loop does. Run as a process of its own."""
 
 from __future__ import annotations
 
 import json
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import flexhinf as fh
-from flexhinf.design import Specification, design
+from benchmarks.hardware.payloads import MOVES, POSES, carried
+from flexhinf.design import Specification
+from flexhinf.design.workspace import tuned_setup
+from flexhinf.pages.page import achieved_text, limit_text
+from flexhinf.robot.workspace import workspace_of
 
 __all__ = ["measure"]
 
@@ -26,24 +29,39 @@ def measure(task: dict[str, Any]) -> dict[str, Any]:
     Parameters
     ----------
     task : dict
-        ``robot``, ``elastic``: files; ``options``: of the specification; ``limits``: of the motors, N·m; of rows with a
-        payload also ``payload``, that of the model, and ``masses``, which the true robot carries, kg. With ``linear``
-        there are only weights and noise levels, and the figures of the linear loop: minutes less.
+        ``robot``, ``elastic``: files; ``options``: of the specification. Rows of the workspace also have ``payload``,
+        that of the model, ``masses``, which the true robot carries, kg, and ``judged``: whether the design's own poses
+        and moves are looked at.
     """
-    carried_by_model = {"payload": task["payload"]} if task.get("payload") else {}
-    robot = fh.load_robot(task["robot"], elastic=task["elastic"] or None, **carried_by_model)
-    if task.get("linear"):
-        return _linear(robot, Specification(**task["options"]), np.array(task["limits"]))
-    given = {"rays": 0, "compare_rigid": False, "draws": SAMPLES, **task["options"]}
+    if "payload" in task:
+        return _workspace(task)
+    robot = fh.load_robot(task["robot"], elastic=task["elastic"] or None)
+    options = {"rays": 0, "compare_rigid": False, "draws": SAMPLES, **task["options"]}
     begin = time.process_time()
-    found = design(robot, Specification(**given), lambda text: print(text, file=sys.stderr, flush=True))
-    seconds = time.process_time() - begin
-    row = {"seconds": seconds, **_loop(found, np.array(task["limits"]))}
-    if task.get("masses"):
-        from benchmarks.hardware.payloads import carried
+    design = fh.design(robot, Specification(pose=robot.home, **options), _said)
+    return {"seconds": time.process_time() - begin, **_loop(design, np.array(robot.effort_limits))}
 
-        row["carried"] = [carried(found, mass) for mass in task["masses"]]
-    return row
+
+def _workspace(task: dict[str, Any]) -> dict[str, Any]:
+    """One controller for the joint ranges, its requirements, and what it does with the masses."""
+    robot = fh.load_robot(task["robot"], payload=task["payload"])
+    specification = Specification(**task["options"])
+    begin = time.process_time()
+    if task["judged"]:
+        design = fh.design(robot, specification, _said)
+        setup = design.setup
+        lines = [
+            (line.where, line.what, limit_text(line), achieved_text(line), line.judgement)
+            for line in design.requirements
+        ]
+    else:
+        setup, lines = tuned_setup(robot, specification, workspace_of(robot), _said), []
+    row = {"seconds": time.process_time() - begin, "requirements": lines}
+    return row | {"poses": POSES, "moves": MOVES, "carried": carried(setup, task["masses"])}
+
+
+def _said(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
@@ -65,13 +83,11 @@ def _loop(found: Any, limits: np.ndarray) -> dict[str, Any]:
         "missed": list(dict.fromkeys(line.what for line in lines if not line.met)),
         "unstable_corners": None if e.corners is None else int(e.corners.unstable),
     }
-    if getattr(samples, "inputs", None) is not None:
-        row["sampled_peak_share"] = float((samples.inputs / limits).max())
-    if getattr(found, "limit_cycle", None) is not None:
+    if found.limit_cycle is not None:
         row["hunting"] = [*map(float, found.limit_cycle.amplitudes)]
         row["hunts"] = bool(found.limit_cycle.oscillating)
         row["rest_error"] = float(found.limit_cycle.errors.max())
-    return row | _reach(found.synthesis.noise_search, found.setup)
+    return row
 
 
 def _least_damped(evaluation: Any) -> dict[str, Any]:
@@ -82,50 +98,6 @@ def _least_damped(evaluation: Any) -> dict[str, Any]:
         "damping": 1.0 if least is None else least.damping,
         "damping_joint": "" if least is None else least.joint,
         "damping_hz": 0.0 if least is None else abs(least.eigenvalue) / (2.0 * np.pi),
-    }
-
-
-def _linear(robot: Any, s: Specification, limits: np.ndarray) -> dict[str, Any]:
-    """Weights for the default behaviour, before limits of effort lower it, and the noise levels for them."""
-    from flexhinf.design.evaluation import LawEvaluation
-    from flexhinf.design.loop_setup import LoopSetup
-    from flexhinf.design.problem.presets import choose, required_damping
-    from flexhinf.design.responses import default_start
-    from flexhinf.design.synthesis.noise import search_noise
-
-    goal = np.array(robot.home)
-    start = default_start(robot, goal)
-    problem = choose(robot, goal, start, s)
-    setup = LoopSetup(robot, s, fh.solve_hji(problem.problem, problem.gamma, 2), goal, start)
-    search = search_noise(setup, required_damping(s.damping, problem.target))
-    if search is None:
-        return {"refused": "No noise levels make the running loop stable."}
-    setup = replace(setup, estimator_noise=search.chosen.levels)
-    row = _least_damped(LawEvaluation("design", setup))
-    noises = {"noise_share": float((search.chosen.noises / limits).max())}
-    return row | noises | _reach(search, setup)
-
-
-def _reach(search: Any, setup: Any) -> dict[str, Any]:
-    """What any noise level of the estimator reaches, and how much of a vibration the motors show: version of today."""
-    if search is None or not hasattr(search.chosen, "missed"):
-        return {}
-    from flexhinf.analysis.modes import JointScales
-
-    scales = JointScales.of(setup.model, setup.goal_equilibrium)
-    part = scales.link_inertia / (scales.link_inertia + scales.motor_inertia)
-    worst = int(np.argmin(part))
-    best = max(search.trade_off, key=lambda one: one.damping)
-    limits = setup.limits.effort
-    return {
-        "tried": search.count,
-        "best_damping": best.damping,
-        "best_noise_share": float((best.noises / limits).max()),
-        "unreachable": list(search.unreachable),
-        "hidden_joint": setup.joints[worst],
-        "shown_part": float(part[worst]),
-        "zero_hz": float(np.sqrt(scales.stiffness[worst] / scales.link_inertia[worst]) / (2.0 * np.pi)),
-        "vibration_hz": float(scales.vibration[worst] / (2.0 * np.pi)),
     }
 
 

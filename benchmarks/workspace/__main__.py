@@ -14,20 +14,16 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before NumPy is imp
     os.environ.setdefault(_name, "1")
 
 import argparse  # noqa: E402
-import signal  # noqa: E402
 import sys  # noqa: E402
-from collections.abc import Iterator  # noqa: E402
-from contextlib import suppress  # noqa: E402
-from multiprocessing import get_context  # noqa: E402
 from pathlib import Path  # noqa: E402
-from typing import Any  # noqa: E402
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: E402
 
 from benchmarks.workspace.laws import LAWS  # noqa: E402
+from benchmarks.workspace.parallel import by_processes, row_text  # noqa: E402
 from benchmarks.workspace.plants import PLANTS  # noqa: E402
 from benchmarks.workspace.robots import ROBOTS  # noqa: E402
-from benchmarks.workspace.rows import ROWS, Bench, law_name, row_name  # noqa: E402
+from benchmarks.workspace.rows import ROWS, Bench, row_name  # noqa: E402
 from benchmarks.workspace.tables import TABLES  # noqa: E402
 from benchmarks.workspace.trip import CONDITIONS  # noqa: E402
 
@@ -67,59 +63,18 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             if given.jobs > 1:
                 progress.update(moves, visible=False)
-                for said in _by_processes(given, missing):
+                for said in by_processes(given.jobs, given.rows, given.goals, given.poses, missing):
                     progress.print(said)
                     progress.advance(rows)
                 return 0
             for one in missing:
                 progress.reset(moves, description=row_name(*one))
-                progress.print(_made(bench, *one))
+                progress.print(row_text(bench, *one))
                 progress.advance(rows)
         except KeyboardInterrupt:
             progress.print("interrupted; the rows that are whole are kept")
             return 130
     return 0
-
-
-# Several processes --------------------------------------------------------------------------------
-_BENCH: list[Bench] = []  # of this process
-
-
-def _by_processes(given: argparse.Namespace, missing: list[tuple[str, ...]]) -> Iterator[str]:
-    """What is to be said of each row, as it is made; the laws that several rows share come first."""
-    laws = dict.fromkeys((robot, law, CONDITIONS[name].links) for robot, law, _, name in missing)
-    start = (given.rows, given.goals, given.poses)
-    with get_context("spawn").Pool(given.jobs, _begun, start) as pool:  # its processes end with it
-        for _ in pool.imap_unordered(_law_made, laws):
-            pass
-        yield from pool.imap_unordered(_row_made, missing)
-
-
-def _begun(*options: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the first process hears of it
-    _BENCH[:] = [Bench(*options)]
-
-
-def _law_made(task: tuple[str, str, bool]) -> None:
-    with suppress(FileNotFoundError):  # the row says so
-        _BENCH[0].law(*task)
-
-
-def _row_made(task: tuple[str, str, str, str]) -> str:
-    return _made(_BENCH[0], *task)
-
-
-def _made(bench: Bench, robot: str, law: str, plant: str, condition: str) -> str:
-    name = row_name(robot, law, plant, condition)
-    try:
-        row = bench.row(robot, law, plant, condition)
-    except FileNotFoundError as error:  # a robot whose URDF is not installed
-        return f"{name}: {error}"
-    if row is None:
-        record = bench.law(robot, law, CONDITIONS[condition].links)
-        why = "needs encoders of the links" if record is None else record["refused"]
-        return f"{law_name(robot, law, CONDITIONS[condition].links)}: {why}"
-    return f"{name}: {row['arrived']} of {row['moves']} arrive"
 
 
 if __name__ == "__main__":

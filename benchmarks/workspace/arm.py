@@ -152,6 +152,14 @@ class Arm:
         weight = self.gravity(q)
         return q + weight / self.stiffness, weight / self.per_input
 
+    def sagged(self, theta: np.ndarray) -> np.ndarray:
+        """Link positions (n,) at rest with the motors at theta (n,): a fixed point, for springs that the weight hardly
+        twists."""
+        q = theta
+        for _ in range(50):
+            q = theta - self.gravity(q) / self.stiffness
+        return q
+
     def linear(self, q: np.ndarray, ratio: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """A (4n, 4n) and B (4n, n) of x = (q, q̇, θ, θ̇), u, in deviations from rest at q, without dry friction.
 

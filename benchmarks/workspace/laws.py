@@ -1,4 +1,4 @@
-"""What is compared: rivals as their proponents would build them, tuned by one stated rule, and the law of one pose.
+"""What is compared: rivals as their proponents would build them, tuned by one stated rule, and the product's laws.
 
 A law is anything with the three methods of `Law`; `LAWS` says how each is made. All get the same reference with exact
 feedforward (`goals.Reference`), encoders of links and motors or of motors alone, and know that their input acts one
@@ -285,12 +285,18 @@ def _difference(**options: Any) -> Callable[..., Law]:
 
 
 def _one_pose(arm: Arm, links: bool, folder: Any) -> Law:
-    from benchmarks.workspace.one_pose import OnePose
+    from benchmarks.workspace.product import OnePose
 
     return OnePose(arm, links, folder)
 
 
-#: By name, rivals first. A later law of the product is one more row.
+def _workspace(arm: Arm, links: bool, folder: Any) -> Law:
+    from benchmarks.workspace.product import OverWorkspace
+
+    return OverWorkspace(arm, links, folder)
+
+
+#: By name, rivals first.
 LAWS = {
     "pd": Choice("PD + gravity on motor encoders", _difference()),
     "pd-integral": Choice(
@@ -303,4 +309,5 @@ LAWS = {
     ),
     "flatness": Choice("flatness, Kalman filter", FlatnessLaw),
     "one-pose": Choice("flexhinf, law of one pose (home)", _one_pose, tuned=False),
+    "workspace": Choice("flexhinf, law for the workspace", _workspace, tuned=False),
 }  # fmt: skip

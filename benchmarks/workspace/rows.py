@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +148,16 @@ def law_record(entry: Entry, choice: Choice, links: bool, poses: int, folder: Pa
     return record | judged_at(arm, law, links, poses)
 
 
+def statics(arm: Arm, arms: Sequence[Arm], moves: Sequence[the_goals.Move]) -> float:
+    """What remains, rad or m, where the motors stand where the nominal robot's would at the goals: the largest error of
+    a link of a true robot."""
+    return max(
+        float(np.abs(true.sagged(arm.rest(move.goal)[0]) - move.goal).max())
+        for true in arms
+        for move in moves
+    )
+
+
 # Runs ---------------------------------------------------------------------------------------------
 class Bench:
     """The rows of robots, laws, plants and conditions, made one after the other where they are missing.
@@ -197,12 +207,13 @@ class Bench:
         entry = ROBOTS[robot]
         arm, (moves, left) = Arm.of(entry.robot()), self.moves(robot, how.steps)
         made = choice.make(arm, how.links, *numbers(choice, record, self.folder))
-        found = trip(
-            lambda true: PLANTS[plant](true, how.friction), made, true_arms(entry, how.robots), moves, how, self.done
-        )  # fmt: skip
+        arms = true_arms(entry, how.robots)
+        found = trip(lambda true: PLANTS[plant](true, how.friction), made, arms, moves, how, self.done)
         row = {
             "robot": robot, "law": law, "plant": plant, "condition": condition, "goals": self.goals,
             "left_out": left, "refused_steps": found.refused, "step_cpu": found.step_cpu, **summary(found.moves),
         }  # fmt: skip
+        if not how.links:
+            row["statics"] = statics(arm, arms, moves)
         written(self.folder, name, row)
         return row

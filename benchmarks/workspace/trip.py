@@ -16,10 +16,10 @@ from benchmarks.workspace.laws import Law
 from benchmarks.workspace.metrics import PUSH, PUSH_LENGTH, PUSHED, MoveMetrics, metrics
 from benchmarks.workspace.plants import Plant
 
-__all__ = ["CONDITIONS", "Condition", "Trip", "drive", "trip"]
+__all__ = ["CONDITIONS", "NOISE", "RESOLUTION", "Condition", "Trip", "drive", "trip"]
 
 #: Encoders: noise and step of joints that turn, rad, and of joints that slide, m. The step is that of 19 bits.
-NOISE, STEP = (1e-5, 2e-6), (2.0 * np.pi / 2**19, 1e-6)
+NOISE, RESOLUTION = (1e-5, 2e-6), (2.0 * np.pi / 2**19, 1e-6)
 NOISE_SEED = 3
 
 
@@ -43,6 +43,7 @@ CONDITIONS = {
     "sampled": Condition("robots at corners of their tolerances", robots="sampled"),
     "late": Condition("a second sample of latency, unknown", latency=LATENCY + 1),
     "motors": Condition("motor encoders alone", links=False),
+    "motors-payload": Condition("the same with the payload", robots="payload", links=False),
     "frictionless": Condition("without dry friction", friction=False),
     "push": Condition("30 % of the limits on all links for 50 ms, at rest", pushed=True),
     "steps": Condition("bare steps of one joint by 2 % of its range", steps=True),
@@ -65,7 +66,7 @@ def drive(
     """One move: true link positions and inputs at each sample (N, n), until it is lost; CPU time, refused steps."""
     n, count = arm.n, len(move)
     sensors = 2 if condition.links else 1
-    noise, size = (np.tile(np.where(arm.slides, pair[1], pair[0]), sensors) for pair in (NOISE, STEP))
+    noise, size = (np.tile(np.where(arm.slides, pair[1], pair[0]), sensors) for pair in (NOISE, RESOLUTION))
     errors = noise * rng.standard_normal((count, sensors * n))
     q, u = np.zeros((count, n)), np.zeros((count, n))
     middle, span = 0.5 * (arm.lower + arm.upper), arm.upper - arm.lower
