@@ -55,29 +55,40 @@ def commands(group: Any = None, path: str = "flexhinf") -> dict[str, dict[str, A
 
 
 def options() -> str:
-    """Every option: those of a specification with the commands that take them, then the others by command."""
+    """Every option: those of a specification with the commands that take them, then the others by command, each
+    explained once."""
     from flexhinf.design.specification import FIELDS
     from flexhinf.options import GROUPS
 
-    every, lines = commands(), []
+    every, lines, seen = commands(), [], set()
     for group in GROUPS:
         rows = [_row(field, every) for field in FIELDS.values() if field.about.group == group]
         lines += _table(group, "| option | meaning | allowed | default | not of |", rows) if rows else []
     for command, declared in every.items():
-        own = [
-            field for name, field in declared.items() if field is not FIELDS.get(name) and field.about.group
+        rows = [
+            _row(field)
+            for name, field in declared.items()
+            if field is not FIELDS.get(name) and field.about.group
         ]
-        lines += _table(f"`{command}`", "| option | meaning | allowed | default |", map(_row, own))
+        known = [row[0] for row in rows if row in seen]
+        title = f"`{command}`" + (f", and as above {', '.join(known)}" if known else "")
+        new = [row for row in rows if row not in seen]
+        lines += _table(title, "| option | meaning | allowed | default |", new)
+        seen |= set(rows)
     return "\n".join(lines).strip()
 
 
 def _table(title: str, head: str, rows: Iterable[Sequence[str]]) -> list[str]:
     cells = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
-    return ["", f"**{title}**", "", head, "|---" * (head.count("|") - 1) + "|", *cells]
+    table = ["", head, "|---" * (head.count("|") - 1) + "|", *cells] if cells else []
+    return ["", f"**{title}**", *table]
 
 
 def _row(field: Any, every: dict[str, dict[str, Any]] | None = None) -> tuple[str, ...]:
-    """Option, help, range and default of a field; of a specification the commands that do not take it."""
+    """Option, help, range and default of a field; of a specification what does not read it: designs for a workspace,
+    and commands."""
+    from flexhinf.design.specification import OF_WORKSPACE
+
     about, default = field.about, field.default
     said = about.default or (
         "none" if default in (None, (), "", dataclasses.MISSING) else f"`{_text(default)}`"
@@ -86,7 +97,8 @@ def _row(field: Any, every: dict[str, dict[str, Any]] | None = None) -> tuple[st
     row = (f"`{field.option.partition('/')[0]}`", about.help, f"{field.allowed}{unit}", said)
     if every is None:
         return row
-    without = [name for name in ("compare", "certify") if field.name not in every[f"flexhinf {name}"]]
+    without = ["workspace"] if field.name not in OF_WORKSPACE else []
+    without += [name for name in ("compare", "certify") if field.name not in every[f"flexhinf {name}"]]
     return (*row, ", ".join(without))
 
 
@@ -235,10 +247,14 @@ def _implied(graph: dict[str, set[str]], room: str, other: str) -> bool:
 
 
 # Designs --------------------------------------------------------------------------------------------
-def step() -> str:
-    """The figure of README.md and its text."""
-    DRAWN[IMAGES / "step.svg"], text = runpy.run_path(str(ROOT / "docs" / "readme_step.py"))["step"]()
-    return text
+def readme_figure(name: str) -> Callable[[], str]:
+    """A figure of README.md and its text."""
+
+    def made() -> str:
+        DRAWN[IMAGES / f"{name}.svg"], text = runpy.run_path(str(ROOT / "docs" / "readme_step.py"))[name]()
+        return text
+
+    return made
 
 
 def refusal() -> str:
@@ -406,17 +422,26 @@ QUICK: dict[str, tuple[str, Callable[[], str]]] = {
     "arm": ("docs/hardware.md", arm),
     "arm-result": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "arm")),
     "robots": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "robots")),
-    "reasons": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "reasons")),
     "payload": ("docs/hardware.md", benchmark("benchmarks.hardware", "--table", "payload")),
+    "workspace-criterion": (
+        "docs/workspace.md",
+        benchmark("benchmarks.workspace", "--table", "criterion"),
+    ),
+    "workspace-better": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "better")),
     "workspace-moves": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "moves")),
+    "workspace-many": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "many")),
     "workspace-loops": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "loops")),
     "workspace-others": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "others")),
     "workspace-plants": ("docs/workspace.md", benchmark("benchmarks.workspace", "--table", "plants")),
+    "which-laws": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "laws")),
+    "which-sensors": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "sensors")),
+    "which-gamma": ("docs/which_law.md", benchmark("benchmarks.workspace", "--table", "gamma")),
     "certificates": ("docs/certificate.md", benchmark("benchmarks.certificates", "--table")),
     "firmware": ("docs/deployment.md", benchmark("benchmarks.firmware", "--table")),
 }
 SLOW: dict[str, tuple[str, Callable[[], str]]] = {
-    "step": ("README.md", step),
+    "moves": ("README.md", readme_figure("moves")),
+    "step": ("README.md", readme_figure("step")),
     "refusal": ("docs/design.md", refusal),
     "presets": ("docs/design.md", presets),
     "laws": ("docs/design.md", laws),
@@ -427,12 +452,13 @@ SLOW: dict[str, tuple[str, Callable[[], str]]] = {
 def written(name: str) -> str:
     """The text of the page with one part made anew."""
     page, make = {**QUICK, **SLOW}[name]
+    made = make()  # may take minutes, in which the page is edited
     text = (ROOT / page).read_text(encoding="utf-8")
     before, start, rest = text.partition(f"<!-- made: {name} -->\n")
     _, end, after = rest.partition("<!-- end -->")
     if not (start and end):
         raise SystemExit(f"{page}: no markers for {name!r}")
-    return f"{before}{start}\n{make()}\n\n{end}{after}"
+    return f"{before}{start}\n{made}\n\n{end}{after}"
 
 
 def main(arguments: list[str]) -> int:
@@ -442,7 +468,7 @@ def main(arguments: list[str]) -> int:
     stale = []
     for name in names:
         page = ROOT / {**QUICK, **SLOW}[name][0]
-        old, new = page.read_text(encoding="utf-8"), written(name)
+        new, old = written(name), page.read_text(encoding="utf-8")
         if old != new:
             stale.append(name)
             if not check:

@@ -300,9 +300,8 @@ def other_design(setup: PaperSetup) -> GrowthRates:
         setup.model, 1e-3, noise, 1e-8, law.operating_point[: setup.model.n], INITIAL_VARIANCE
     )
     coil = setup.arm.plant(inductance=True)
-    return growth_rates(EquilibriumLoop(law, filter, coil, 1e-3, math.pi / 2, moving=True), setup.population)[
-        0
-    ]
+    loop = EquilibriumLoop(law, filter, coil, 1e-3, math.pi / 2, moving=True, latency=0)
+    return growth_rates(loop, setup.population)[0]
 
 
 def repair_costs(setup: PaperSetup, repairs: Sequence[Repair]) -> Iterable[Sequence[Any]]:

@@ -1,4 +1,4 @@
-"""What a design is asked for: waypoints, payloads, goals in space, numbers with units and per joint, words.
+"""What a design is asked for: waypoints, payloads, goals in space, workspaces, numbers with units and per joint, words.
 
 Each attempt draws numbers, units and names as text, some of them hostile, reads them as a design does, and compares
 what it gets with its own reading of the same text in decimal fractions.
@@ -24,7 +24,8 @@ from flexhinf.errors import FlexhinfError
 from flexhinf.plant import Parameters
 from flexhinf.robot import Robot, load_robot
 from flexhinf.robot.kinematics import link_frames
-from flexhinf.robot.waypoints import waypoints
+from flexhinf.robot.waypoints import AXES, waypoints
+from flexhinf.robot.workspace import workspace_of
 from fuzz.random_text import HOSTILE, UNITS, USUAL, RandomText, meaning
 from fuzz.tally import Tally
 
@@ -83,12 +84,15 @@ JOINTS, SLIDES = ("belt", "arm"), (True, False)
 
 def run(attempts: int, seed: int) -> Tally:
     """One way to ask for something at a time."""
-    tally = Tally("waypoints, payloads, goals in space, numbers with units, per joint and per sensor")
+    tally = Tally(
+        "waypoints, payloads, goals in space, workspaces, numbers with units, per joint and per sensor"
+    )
     rng = np.random.default_rng([seed, 9])
     ways: tuple[Callable[[RandomText, Path], str], ...] = (
         _waypoints,
         _payload,
         _goal,
+        _workspace,
         _quantity,
         _limits,
         _words,
@@ -284,6 +288,50 @@ def _goal(random: RandomText, folder: Path) -> str:
     if not miss < 1e-5 or np.any(found < low) or np.any(found > high):
         return f"{text!r} of {tool!r}: {found} misses by {miss}"
     return ""
+
+
+# Workspaces -----------------------------------------------------------------------------------------
+def _workspace(random: RandomText, folder: Path) -> str:
+    """``--workspace``: a box of joint positions within the ranges, or of the tool; as stated, or a refusal."""
+    in_space = random.rng.random() < 0.4
+    axes = [random.one(AXES) for _ in range(random.one((1, 2, 3)))] if in_space else []
+    kinds = ["m"] * len(axes) if in_space else ["m", "rad", "rad"][: random.one((1, 2, 2, 2, 2, 3))]
+    known = ("cm", "µm")  # units of a length that `meaning` does not know
+    parts = [[(random.number(), random.unit([kind])) for _ in range(2)] for kind in kinds]
+    parts = [[(number, "mm" if unit in known else unit) for number, unit in pair] for pair in parts]
+    names = [f"{random.one(NAMES) if random.hostile() else axis}=" for axis in axes] or [""] * len(parts)
+    text = ",".join(
+        name + ":".join(n + unit for n, unit in pair) for name, pair in zip(names, parts, strict=True)
+    )
+    expected = [[meaning(*one) for one in pair] for pair in parts]
+    fits = (
+        len(set(names)) == len(names) and {*names} <= {f"{axis}=" for axis in AXES}
+        if in_space
+        else len(parts) == 2
+    )
+    fits &= all(
+        UNITS.get(unit, ("?",))[0] in ("", kind) for pair, kind in zip(parts, kinds) for _, unit in pair
+    )
+    fits &= all(
+        None not in pair and -np.inf < pair[0] < pair[1] < np.inf and (in_space or max(map(abs, pair)) <= 2.5)
+        for pair in expected
+    )
+    try:
+        found = workspace_of(_cart(), Specification(workspace=text).workspace)
+    except FlexhinfError:
+        if fits:
+            return f"{text!r} was refused"
+        raise
+    if not fits:
+        return f"{text!r} was read as {found.lower}, {found.upper}, {found.box}"
+    if in_space:
+        places = [AXES.index(name[0]) for name in names]
+        return "" if _close(np.array(found.box)[:, places].T, expected) else f"{text!r}: {found.box}"
+    return (
+        ""
+        if _close([found.lower, found.upper], np.array(expected).T)
+        else f"{text!r}: {found.lower}, {found.upper}"
+    )
 
 
 # Numbers with units ---------------------------------------------------------------------------------
