@@ -37,7 +37,7 @@ def moves() -> tuple[str, str]:
     drawing.set_facecolor("white")
     (own, sampled) = (
         {key: max(row[key] for row in rows) for key in rows[0]}
-        for rows in (worst_motion(found, found.moves), worst_motion(found, found.sampled))
+        for rows in (worst_motion(found.moves), worst_motion(found.sampled))
     )
     picture = (
         "![Five moves of two-link arms between random goals: angles of both links, and their distances from the "

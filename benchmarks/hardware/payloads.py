@@ -10,7 +10,7 @@ import numpy as np
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.plans import move_reference, quintic_move
-from flexhinf.design.responses import Move, Response, motion_metrics
+from flexhinf.design.responses import Move, Response
 from flexhinf.design.workspace import WorkspaceSetup
 from flexhinf.robot import weigh_payload
 from flexhinf.robot.signals import signal_names
@@ -53,7 +53,7 @@ def carried(setup: WorkspaceSetup, masses: list[float]) -> list[dict[str, Any]]:
 
 def _worst(setup: WorkspaceSetup, moves: list[Move]) -> dict[str, float]:
     """The worst joint of the worst move; `used` is the largest part of a motor's limit."""
-    rows = [row for move in moves for row in motion_metrics(setup.limits, move.response, move.plan)]
+    rows = [row for move in moves for row in move.motion]
     keys = ("remaining_error", "wrong_way_percent", "path_distance")
     used = [np.abs(move.response.inputs).max(axis=0) / setup.limits.effort for move in moves]
     return {key: max(row[key] for row in rows) for key in keys} | {"used": float(np.max(used))}

@@ -90,7 +90,9 @@ def test_figures_of_merit_are_those_of_the_trajectory(setup_of: Benches) -> None
         assert metrics["final_error"] == pytest.approx(max(late), rel=1e-9)
     assert run.time[-1] == pytest.approx(1.5 * move.plan.duration, abs=2e-3)
     broken = replace(run, diverged_at=0.3)
-    assert Move(move.plan, Response(broken, setup.goal, setup.start, setup.joints)).metrics == []
+    assert (
+        Move(move.plan, Response(broken, setup.goal, setup.start, setup.joints), setup.limits).metrics == []
+    )
 
 
 @pytest.mark.slow

@@ -115,7 +115,7 @@ def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
     move = design.moves[0]
     run = dataclasses.replace(move.response.run, diverged_at=0.2)
     gone = dataclasses.replace(move, response=dataclasses.replace(move.response, run=run))
-    rows = page.worst_motion(design, [gone, move])
+    rows = page.worst_motion([gone, move])
     assert np.isinf(rows[0]["remaining_error"])
     assert np.isfinite(rows[1]["remaining_error"])
     assert page._largest([None, 2.0, 1.0]) == 2.0

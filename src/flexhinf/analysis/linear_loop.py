@@ -96,8 +96,11 @@ class DiscreteSystem:
     def poles(self) -> np.ndarray:
         """Continuous equivalents log(z)/T of the eigenvalues, 1/s, slowest first; those at z = 0, and of a loop with a
         queue irrelevant ones (`modes`), are left out."""
-        values = self.modes()[0] if self.queued else self.multipliers
-        poles = np.asarray(np.log(values[np.abs(values) > GONE]) / self.period)
+        # With a short queue what lasts is no echo, and needs no eigenvectors.
+        echoes = self.queued and BRIEF**self.delay < ECHO
+        values = self.modes()[0] if echoes else self.multipliers
+        brief = BRIEF if self.queued else GONE
+        poles = np.asarray(np.log(values[np.abs(values) > brief]) / self.period)
         return poles[np.argsort(-np.real(poles), kind="stable")]
 
     def frequencies(self, count: int = 300) -> np.ndarray:
@@ -282,7 +285,10 @@ class LinearLoop:
         """(j, Φ, Γ_old, Γ_new): x⁺ = Φ x + Γ_old u(k−j−1) + Γ_new u(k−j) for a delay in s."""
         samples = (self.delay if delay is None else delay) / self.period
         j = int(np.floor(samples + WHOLE))
-        fraction = max(samples - j, 0.0) if samples - j > WHOLE else 0.0
+        fraction = samples - j
+        if fraction <= WHOLE:
+            late, new = exponential(self.a, self.b, self.period)
+            return j, late, np.zeros_like(new), new
         early, old = exponential(self.a, self.b, fraction * self.period)
         late, new = exponential(self.a, self.b, (1.0 - fraction) * self.period)
         return j, late @ early, late @ old, new

@@ -61,11 +61,11 @@ class DeployedRun:
                 *required.motion_requirements(s, limits, rows, resolution, WHERE),
             ]
         elif s.move is None:  # from pose to pose of a workspace
-            rows = responses.motion_metrics(limits, response, self.plan)
+            rows = responses.Move.along(self.plan, response, limits).motion
             lines = required.motion_requirements(s, limits, rows, resolution, WHERE)
             lines += required.limit_requirements(limits, response, WHERE)
         else:
-            move = responses.Move.along(self.plan, response)
+            move = responses.Move.along(self.plan, response, limits)
             lines = required.move_requirements(s, limits, move, resolution)
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:

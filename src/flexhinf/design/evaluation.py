@@ -107,11 +107,6 @@ class LawEvaluation:
         return self.setup.move(self.runs.plan, sub_steps=self.runs.sub_steps, dwell=self.runs.dwell)
 
     @cached_property
-    def move_motion(self) -> list[dict[str, Any]]:
-        """`responses.motion_metrics` of the planned move."""
-        return responses.motion_metrics(self.setup.limits, self.move.response, self.move.plan)
-
-    @cached_property
     def load_response(self) -> responses.LoadResponse:
         """Response at the goal to constant torques on all links."""
         return self.setup.load_response(self.runs.load, self.runs.load_duration, self.runs.sub_steps)

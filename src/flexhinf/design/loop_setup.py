@@ -581,7 +581,7 @@ class LoopSetup(LoopPlants):
 
     def move(self, plan: Plan, dwell: float | None = None, **options: Any) -> Move:
         """A planned move, then `dwell` seconds at its end (default: half its duration); options as for `run`."""
-        return Move.along(plan, self.run(**self.along(plan, dwell), **options))
+        return Move.along(plan, self.run(**self.along(plan, dwell), **options), self.limits)
 
     def along(self, plan: Plan, dwell: float | None = None) -> dict[str, Any]:
         """Arguments of `run` and `ensemble` for a planned move: controller, pose at which it takes over, duration and

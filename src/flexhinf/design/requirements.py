@@ -26,7 +26,6 @@ from flexhinf.design.responses import (
     Move,
     Response,
     limit_use,
-    motion_metrics,
     per_joint,
 )
 from flexhinf.design.specification import (
@@ -403,7 +402,7 @@ def move_requirements(
 ) -> list[Requirement]:
     """Requirements on the move; of a move that is planned and not stated, only those that are not met. `resolution`,
     `errors`: as for `motion_requirements`."""
-    rows, stated = motion_metrics(limits, move.response, move.plan), s.move is not None
+    rows, stated = move.motion, s.move is not None
     place = STATED if stated else PLANNED
     motion = motion_requirements(s, limits, rows, resolution, place, errors, always=stated)
     if not stated:

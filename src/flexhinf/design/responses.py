@@ -259,11 +259,12 @@ class Move:
 
     plan: Plan
     response: Response  # Its start and goal are the ends of the plan
+    limits: JointLimits
 
     @staticmethod
-    def along(plan: Plan, response: Response) -> Move:
+    def along(plan: Plan, response: Response, limits: JointLimits) -> Move:
         """A run along a plan, its goal where the plan ends."""
-        return Move(plan, replace(response, goal=plan_ends(plan)[1]))
+        return Move(plan, replace(response, goal=plan_ends(plan)[1]), limits)
 
     @cached_property
     def planned(self) -> np.ndarray:
@@ -295,6 +296,11 @@ class Move:
             }
             for row, position, planned in zip(self.response.metrics, self.response.positions.T, self.planned.T)
         ]  # fmt: skip
+
+    @cached_property
+    def motion(self) -> list[dict[str, Any]]:
+        """`motion_metrics` of the move."""
+        return motion_metrics(self.limits, self.response, self.plan)
 
     largest = _worst("largest_error", "Largest error behind the plan, rad or m.")
     remaining = _worst("final_error", "Largest error in the last tenth of the run, rad or m.")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import zip_longest
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -25,11 +25,11 @@ from flexhinf.design.evaluation import damped_springs
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, sensor_steps
 from flexhinf.design.plans import BEYOND, move_reference, quintic_move
 from flexhinf.design.requirements import REQUIREMENTS, Judged, Requirement
-from flexhinf.design.responses import Move, Response, joint_limits, motion_metrics, with_values
+from flexhinf.design.responses import Move, Response, joint_limits, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
-from flexhinf.loop import Controller, Loop, Supervision
+from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
 from flexhinf.modal import ModalLaw, ProvedRange, Tolerance, error_tolerance, proved_range
 from flexhinf.modal.pair import PairWeights
 from flexhinf.plant import Penalty, Plant
@@ -79,6 +79,14 @@ STILL = 1.0
 HOLD = 0.7
 
 
+class CornerLoop(NamedTuple):
+    """The loop at rest at one pose, of a robot at a corner of its tolerances; as in `PoseLoop`."""
+
+    growth: float
+    damping: float
+    fast_damping: float
+
+
 class PoseLoop(NamedTuple):
     """The loop at rest at one pose. Growth is the largest modulus of the poles in the z plane; below 1 is stable."""
 
@@ -126,10 +134,8 @@ class WorkspaceSetup(LoopPlants):
             return EstimatorNoise.stated(s)
         limit = self.authority * joints.torque_per_input
         links, motors = self.random
-        on_links, on_motors = (
-            links * limit / np.diag(joints.link_inertia),
-            motors * limit / joints.motor_inertia,
-        )
+        on_links = links * limit / np.diag(joints.link_inertia)
+        on_motors = motors * limit / joints.motor_inertia
         return EstimatorNoise(0.0, tuple((s.period * on_links) ** 2), tuple((s.period * on_motors) ** 2))
 
     @cached_property
@@ -184,55 +190,66 @@ class WorkspaceSetup(LoopPlants):
         """The sampled loop linearised at rest at a pose (n,), of a robot with the parameters `values`.
 
         It is built from the gains of law and filter. `EquilibriumLoop` gives the same from derivatives of the traced
-        step, more slowly. States of the controller are the estimator's prediction, the inputs that have not acted yet,
-        the integrals and the last errors.
+        step, more slowly.
         """
-        s, model, plant, n = (
-            self.specification,
-            self.model,
-            with_values(self.smooth_plant, values),
-            len(self.joints),
-        )
-        smooth = tuple(name for name in s.extras if name not in self.left_out)
+        s, states, plant = self.specification, self.model.states, with_values(self.smooth_plant, values)
+        smooth, n = tuple(name for name in s.extras if name not in self.left_out), len(self.joints)
         a, b, g, c = plant.linearise(*self.robot.operating_point(at, smooth, values))
+        whole = np.eye(plant.n)[[plant.index(name) for name in states]]
+        c = whole if self.filter is None else c
+        if at.tobytes() not in self._steps:  # robots at corners of the tolerances have the same controller
+            self._steps[at.tobytes()] = self._step(at)
+        memory, law = self._steps[at.tobytes()]
+        return LinearLoop(
+            s.period, a, b, c, np.zeros((len(c), n)), memory, law, np.zeros((len(memory), n)), np.zeros((n, n)),
+            whole[:n], tuple(states[:n]), g, tuple(plant.disturbances), tuple(plant.inputs),
+            delay=(s.known_latency + s.unknown_samples) * s.period,
+        )  # fmt: skip
+
+    @cached_property
+    def _steps(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def _step(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The controller's step at rest at a pose (n,): its next memory (s, s + p) and the input (n, s + p), by its
+        memory and what is measured. The memory is the estimator's prediction, the inputs that have not acted yet, and
+        the integrals with the half of the last error that the next step adds."""
+        s, model, n = self.specification, self.model, len(self.joints)
         x, u = self.robot.operating_point(at)
         inner, driven, _, seen = model.linearise(x, u)
         moved, driven = exponential(inner, driven, s.period)
         gain, measured = np.eye(model.n), model.outputs
         if self.filter is None:
             seen, measured = np.eye(model.n), model.states
-            c = np.eye(plant.n)[[plant.index(name) for name in model.states]]
         elif isinstance(self.filter, ModalFilter):
             gain = self.filter.gain(x)
         else:
             gain = stationary_gain((moved, seen), self.filter.process_noise, self.filter.measurement_noise)
-        size = model.n + (s.known_latency + 2) * n
-        unit = np.eye(size + len(c))
-        prediction, y = unit[: model.n], unit[size:]
-        integral, error = unit[size - 2 * n : size - n], unit[size - n : size]
-        waiting = [unit[k : k + n] for k in range(model.n, size - 2 * n, n)]  # which acts next first
+        size = model.n + (s.known_latency + 1) * n
+        unit = np.eye(size + len(seen))
+        prediction, integral, y = unit[: model.n], unit[size - n : size], unit[size:]
+        waiting = [unit[k : k + n] for k in range(model.n, size - n, n)]  # which acts next first
         estimate = prediction + gain @ (y - seen @ prediction)
         links = tuple(model.states[:n])
-        position = (
-            y[[measured.index(name) for name in links]] if set(links) <= set(measured) else estimate[:n]
-        )
-        integral = integral + 0.5 * s.period * (error + position)
+        seen_links = [measured.index(name) for name in links if name in measured]
+        half = 0.5 * s.period * (y[seen_links] if len(seen_links) == n else estimate[:n])
         ahead = estimate
         for late in waiting:
             ahead = moved @ ahead + driven @ late
         law = self.law.slope_at(at)
-        waiting.append(law[:, : model.n] @ ahead + law[:, model.n :] @ integral)
-        memory = np.vstack([moved @ estimate + driven @ waiting[0], *waiting[1:], integral, position])
-        positions = np.eye(plant.n)[[plant.index(name) for name in links]]
-        return LinearLoop(
-            s.period, a, b, c, np.zeros((len(c), n)), memory, waiting[-1], np.zeros((size, n)), np.zeros((n, n)),
-            positions, links, g, tuple(plant.disturbances), tuple(plant.inputs),
-            delay=(s.known_latency + s.unknown_samples) * s.period,
-        )  # fmt: skip
+        waiting.append(law[:, : model.n] @ ahead + law[:, model.n :] @ (integral + half))
+        memory = [moved @ estimate + driven @ waiting[0], *waiting[1:], integral + 2.0 * half]
+        return np.vstack(memory), waiting[-1]
 
-    def at_pose(self, at: np.ndarray, values: Mapping[str, Any] | None = None) -> PoseLoop:
+    def at_corner(self, at: np.ndarray, values: Mapping[str, Any]) -> CornerLoop:
         """The loop at rest at a pose (n,), of a robot with the parameters `values`."""
-        s, loop = self.specification, self.linear(at, values)
+        loop = self.linear(at, values).closed_loop
+        growth, limit = float(np.abs(loop.multipliers).max()), self.specification.damped_below_limit
+        return CornerLoop(growth, *loop.damping_about(limit))
+
+    def at_pose(self, at: np.ndarray) -> PoseLoop:
+        """The loop at rest at a pose (n,)."""
+        s, loop = self.specification, self.linear(at)
         soft = damped_springs(loop, self.smooth_plant, self.joints)
         extra = (s.delay_margin_limit or 0.0) * s.period
 
@@ -276,20 +293,31 @@ class WorkspaceSetup(LoopPlants):
         extras = self.specification.extras
         return self.plant_with_friction(np.array(self.robot.home)) or (extras, self.true_plant, None)
 
+    @cached_property
+    def _command(self) -> Callable[[bytes, bytes], tuple[Waypoints, Moving]]:
+        """Plan and reference of a move; sampled robots make the moves of the nominal one."""
+
+        @lru_cache(GOALS)
+        def command(*ends: bytes) -> tuple[Waypoints, Moving]:
+            plan = quintic_move(self.limits, *map(np.frombuffer, ends))
+            return plan, move_reference(self.robot, plan, self.dry_friction)
+
+        return command
+
     def move(self, ends: np.ndarray, values: Mapping[str, Any] | None = None, seed: int = 0) -> Move:
         """A move with feedforward between the rows of `ends` (2, n), and a second of rest; the true robot has the
         parameters `values`, and the dry friction that the robot states."""
         s, (start, goal) = self.specification, ends
-        plan, (extras, plant, parts) = quintic_move(self.limits, start, goal), self.dry_plant
+        (plan, reference), (extras, plant, parts) = self._command(*map(bytes, ends)), self.dry_plant
         plant = with_values(plant, values)
         controller = self.controller(start)
         loop = Loop(plant, controller, parts, quantisation=self.quantisation, delay=s.unknown_delay)
         run = loop.run(
-            reference=move_reference(self.robot, plan, self.dry_friction), noise=self.noise,
+            reference=reference, noise=self.noise,
             duration=s.period * round((plan.duration + STILL) / s.period), seed=s.seed + seed,
             initial_state=self.robot.operating_point(start, extras, values)[0],
         )  # fmt: skip
-        return Move(plan, Response(run, goal, start, self.joints))
+        return Move(plan, Response(run, goal, start, self.joints), self.limits)
 
 
 # The design ---------------------------------------------------------------------------------------------
@@ -303,12 +331,9 @@ class WorkspaceDesign(Judged):
     setup: WorkspaceSetup  # law, estimator and controller at any pose
     poses: np.ndarray  # (N, n), link positions, rad or m
     loops: tuple[PoseLoop, ...]  # linearised and sampled, at rest at each pose
-    # the same of robots at corners of their tolerances; none without tolerances
-    corner_loops: tuple[PoseLoop, ...]
+    corner_loops: tuple[CornerLoop, ...]  # of robots at corners of their tolerances; none without tolerances
     moves: tuple[Move, ...]  # of the nominal robot
-    sampled: tuple[
-        Move, ...
-    ]  # the same moves, of robots at corners of their tolerances; none without tolerances
+    sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
     requirements: tuple[Requirement, ...]
 
     def summary(self) -> dict[str, str]:
@@ -364,7 +389,7 @@ def design_workspace(
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
     loops = tuple(map(setup.at_pose, poses))
     corners = random_corners(robot, POSES, POSES_SEED + 100 * s.seed)
-    cornered = tuple(setup.at_pose(pose, corner) for pose, corner in zip(poses, corners))
+    cornered = tuple(map(setup.at_corner, poses, corners))
     progress(f"moves between {GOALS} goals")
     goals = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
     ends = [goals[k : k + 2] for k in range(GOALS)]
@@ -424,16 +449,17 @@ def tuned_setup(
         s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
         delay_margin=None if delay is None else RESERVE * delay,
     )  # fmt: skip
-    chosen, least = None, [np.inf]
+    chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
     for setup in _candidates(robot, wanted, workspace, progress):
         excess = np.zeros(3)
-        for pose, corner in zip_longest(poses, corners):
+        for k, (pose, corner) in enumerate(order):
             excess = np.maximum(excess, setup.at_pose(pose).excess(*pose_limits(wanted), s.period))
             if corner is not None:
-                loop = setup.at_pose(pose, corner)
+                loop = setup.at_corner(pose, corner)
                 lacking = 1.0 - loop.damping / corner_damping(wanted)
                 excess[0] = max(excess[0], lacking, np.log(loop.growth) / s.period)
             if chosen is not None and excess.tolist() >= least:
+                order.insert(0, order.pop(k))  # the next candidate may fail here too
                 break
         else:
             chosen, least = setup, excess.tolist()
@@ -447,10 +473,8 @@ def _candidates(
     robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None]
 ) -> Iterator[WorkspaceSetup]:
     """Laws and estimators in the order in which they are tried."""
-    modal, problem = (
-        workspace.sample(MODAL_POSES, CHOSEN_SEED),
-        robot.problem(penalty=Penalty({"link_position": 1.0})),
-    )
+    modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
+    problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
@@ -495,7 +519,7 @@ def corner_damping(s: Specification) -> float:
     return min(RINGS, pose_limits(s)[0])
 
 
-def corner_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requirement]:
+def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[Requirement]:
     """Requirements on the loops of robots at corners of their tolerances."""
     if not loops:
         return []
@@ -514,8 +538,7 @@ def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) 
     lines: dict[str, Requirement] = {}
     s, where = setup.specification, f"the worst of {len(moves)} moves, {which}"
     for move in moves:
-        rows = motion_metrics(setup.limits, move.response, move.plan)
-        for line in required.motion_requirements(s, setup.limits, rows, 0.0, where, rests=True):
+        for line in required.motion_requirements(s, setup.limits, move.motion, 0.0, where, rests=True):
             other = lines.get(line.what)
             if other is None or line.found / line.limit > other.found / other.limit:
                 lines[line.what] = line

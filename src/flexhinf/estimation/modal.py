@@ -26,7 +26,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.estimation.kalman import ConstantGainFilter, check_decay, stationary_gain
 from flexhinf.plant import Plant
-from flexhinf.plant.joints import ElasticJoints, LinkCompliance, elastic_joints
+from flexhinf.plant.joints import ElasticJoints, elastic_joints, link_compliance
 from flexhinf.scalars import clip
 from flexhinf.scalars.spectral import eigensystem
 from flexhinf.validation import read_only
@@ -79,7 +79,7 @@ class ModalFilter(ConstantGainFilter):
         joints = elastic_joints(plant, self._about, np.zeros(len(plant.inputs)))
         super().__init__(filter, np.zeros((plant.n, len(plant.outputs))))
         self._seen, self._powers = _sensors(plant, len(plant.inputs))
-        self._compliance = LinkCompliance(plant)
+        self._compliance = link_compliance(plant)
         table = _gain_table(self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints))
         self.initial: Any = read_only(ModalBelief(self.initial.mean, np.sqrt(joints.stiffness), table))
 
@@ -103,9 +103,14 @@ class ModalFilter(ConstantGainFilter):
 
     def gain(self, x: Any) -> np.ndarray:
         """L (4n, p) at the pose of a state (4n,)."""
-        p, unit = self.plant.parameters.vector(), np.eye(len(self.plant.outputs))
-        frame = self._frame(DIRECT, self.initial._replace(mean=np.asarray(x)), p)
-        return np.array([_correction(self._powers, column, *frame) for column in unit]).T
+        _, scale, table = self.initial
+        values, vectors = np.linalg.eigh(
+            self._stiffness(np.asarray(x), scale, self.plant.parameters.vector())
+        )
+        frame = scale, vectors, _series(self._range, values, table)
+        return np.array(
+            [_correction(self._powers, column, *frame) for column in np.eye(len(self.plant.outputs))]
+        ).T
 
     @property
     def pair(self) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:

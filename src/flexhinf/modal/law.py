@@ -28,7 +28,7 @@ from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput
 from flexhinf.modal.pair import DEFAULT_WEIGHTS, PairGains, PairWeights, pair_gains
 from flexhinf.plant import GeneralisedPlant, Plant
-from flexhinf.plant.joints import ElasticJoints, LinkCompliance, elastic_joints, joint_places
+from flexhinf.plant.joints import ElasticJoints, LinkCompliance, elastic_joints, joint_places, link_compliance
 from flexhinf.scalars import solve_definite
 from flexhinf.validation import checked_array, checked_positive
 
@@ -55,7 +55,7 @@ def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
 def modes(plant: Plant, poses: Any, stiffness: Any) -> np.ndarray:
     """λ (N, n), 1/s², ascending, at link positions (N, n): squares of the frequencies of links against fixed motors."""
     poses, root = np.atleast_2d(poses), np.sqrt(stiffness)
-    compliance, p = LinkCompliance(plant), plant.parameters.vector()
+    compliance, p = link_compliance(plant), plant.parameters.vector()
     return np.array([np.linalg.eigvalsh(root[:, None] * compliance.matrix(q, p) * root) for q in poses])
 
 
@@ -122,7 +122,7 @@ class ModalLaw(PlacedLaw):
     @cached_property
     def compliance(self) -> LinkCompliance:
         """M(q)⁻¹ of the plant."""
-        return LinkCompliance(self.plant)
+        return link_compliance(self.plant)
 
     @cached_property
     def _places(self) -> np.ndarray:

@@ -69,11 +69,13 @@ def proved_range(
 
     @lru_cache(3)
     def at(*links: float) -> _Loop:
+        ctx.cap = (
+            TERMS if len(links) > 1 else 1
+        )  # of an interval the second coefficient counts, of one λ the value
         return _loop(gains, links, error, latency, filter, scaling)
 
     place, length, count, cap = low, LONGEST, 0, ctx.cap
     try:
-        ctx.cap = TERMS
         while place < high and length > SHORTEST:
             end, proved = min(high, place * float(np.exp(length))), False
             try:
@@ -167,12 +169,12 @@ def _order(matrix: np.ndarray, k: int) -> arb_mat:
 def _exponential(matrix: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """exp of a square matrix of series, scaled by s_j/s_i; a series is a triangular matrix of its coefficients. By its
     power series, so that a ball is as large as its own entry needs."""
-    size, n, parts = range(TERMS), len(matrix), [_order(matrix * scale, k).tolist() for k in range(TERMS)]
+    size, n, parts = range(ctx.cap), len(matrix), [_order(matrix * scale, k).tolist() for k in range(ctx.cap)]
     power = arb_mat([
         [parts[j - i][row][column] if j >= i else 0 for j in size for column in range(n)]
         for i in size for row in range(n)
     ])  # fmt: skip
-    unit = arb_mat(np.eye(n * TERMS).tolist())
+    unit = arb_mat(np.eye(len(matrix) * ctx.cap).tolist())
     norm = _size(power.entries())
     remainder = float((norm**POWERS * norm.exp() / arb(POWERS).gamma()).abs_upper())
     values = unit

@@ -274,7 +274,7 @@ def design_numbers(design: Design) -> dict[str, Any]:
             "joints": ring_down_rows(ring_down),
         },
         "load": _picked(e.load_response, f"at_s=at {LOADED_RUN}"),
-        "move": {**_picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"), "motion": e.move_motion},
+        "move": {**_picked(e.move, f"duration_s=plan.duration {LOADED_RUN}"), "motion": e.move.motion},
         "payload": [
             {
                 "masses_kg": dict(payload.masses),

@@ -86,7 +86,7 @@ def run_tables(prepared: DeployedRun, run: RealTimeRun) -> list[Any]:
             Column("end error", small, digits=3, key="steady_state_error", scale=factor),
         )
         if prepared.plan is not None:
-            metrics = Move.along(prepared.plan, response).metrics
+            metrics = Move.along(prepared.plan, response, prepared.plants.limits).metrics
             title = f"Joints: distance from the move, {small}"
             errors = {"largest": "largest_error", "rms": "rms_error", "at the end": "final_error"}
             columns = tuple(Column(name, digits=3, key=key, scale=factor) for name, key in errors.items())
@@ -122,7 +122,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
 
     effort = named(f"{number(response.peak.value, 3)} {units.effort}", response.peak.joint)
     if prepared.plan is not None:
-        worst = Move.along(prepared.plan, response).largest
+        worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
         error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
         return f"{text} The move was followed within {named(error, worst.joint)} and needed at most {effort}."
     settling, overshoot = response.settling, response.overshoot

@@ -10,7 +10,7 @@ import numpy as np
 
 from flexhinf.design.design_file import plain
 from flexhinf.design.plans import SPEED, UNLIMITED
-from flexhinf.design.responses import motion_metrics
+from flexhinf.design.responses import Move
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE
 from flexhinf.design.workspace import (
     FASTEST,
@@ -103,11 +103,11 @@ def range_of(design: WorkspaceDesign) -> str:
     return "the stated box in space" if space.box is not None else where
 
 
-def worst_motion(design: WorkspaceDesign, moves: Sequence[Any]) -> list[dict[str, float]]:
+def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
     """The worst joint of each move, by the keys of `COLUMNS`; NaN where a number does not exist."""
     rows = []
     for move in moves:
-        found = motion_metrics(design.setup.limits, move.response, move.plan)
+        found = move.motion
         rows.append({key: _largest([row.get(key) for row in found], bool(found)) for key in COLUMNS})
     return rows
 
@@ -172,7 +172,7 @@ def workspace_page(
 
 
 def _key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
-    rows = worst_motion(design, design.moves)
+    rows = worst_motion(design.moves)
     worst = {key: max(row[key] for row in rows) for key in COLUMNS}
     return [
         KeyNumber(
@@ -243,7 +243,7 @@ def _pose_figure(loops: Sequence[PoseLoop]) -> Any:
 def _move_table(design: WorkspaceDesign) -> Table:
     rows = []
     for which, moves in (("nominal robot", design.moves), ("corners of the tolerances", design.sampled)):
-        found = worst_motion(design, moves)
+        found = worst_motion(moves)
         if found:
             columns = [np.array([factor * row[key] for row in found]) for key, (_, factor) in COLUMNS.items()]
             rows.append(
@@ -266,7 +266,7 @@ def _move_table(design: WorkspaceDesign) -> Table:
 def _joint_table(design: WorkspaceDesign) -> Table:
     """Of each joint the largest number of all moves, and the move."""
     moves = [*design.moves, *design.sampled]
-    found = [motion_metrics(design.setup.limits, move.response, move.plan) for move in moves]
+    found = [move.motion for move in moves]
     names = [str(k + 1) for k in range(len(design.moves))]
     names += [f"{names[k % len(names)]} of a sampled robot" for k in range(len(design.sampled))]
     rows = []
@@ -304,7 +304,7 @@ def _goal_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
 def _move_figure(design: WorkspaceDesign) -> Any:
     """The move in which most error remains, or that is furthest from its path."""
     moves = (*design.moves, *design.sampled)
-    rows = worst_motion(design, moves)
+    rows = worst_motion(moves)
     key = next(
         (key for key in ("remaining_error", "path_distance") if not np.isnan(rows[0][key])), "path_distance"
     )
@@ -399,12 +399,12 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
             for line in design.requirements
         ],
         "poses": [
-            {"pose": pose.tolist(), **dict(zip(PoseLoop._fields, finite(list(loop))))}
+            {"pose": pose.tolist(), **dict(zip(loop._fields, finite(list(loop))))}
             for pose, loop in zip(design.poses, design.loops)
         ],
-        "corner_poses": [dict(zip(PoseLoop._fields, finite(list(loop)))) for loop in design.corner_loops],
-        "moves": _known(worst_motion(design, design.moves)),
-        "sampled_moves": _known(worst_motion(design, design.sampled)),
+        "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
+        "moves": _known(worst_motion(design.moves)),
+        "sampled_moves": _known(worst_motion(design.sampled)),
     }  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -147,6 +147,12 @@ class LinkCompliance:
     def matrix(self, q: Any, p: Any) -> Any:
         """M(q)⁻¹ (n, n): the accelerations q̈1 per torque at the links, at the parameter vector p."""
         return apply(self.traced, q, p)[0].reshape(len(q), -1)
+
+
+@lru_cache(16)
+def link_compliance(plant: Plant) -> LinkCompliance:
+    """M(q)⁻¹ of a plant, traced once for its laws and filters."""
+    return LinkCompliance(plant)
 
 
 @dataclass(frozen=True, eq=False)

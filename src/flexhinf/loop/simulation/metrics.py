@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial, reduce
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,6 +50,9 @@ LASTING = 2.0
 
 #: Relative rounding of times, and of the edge of the settling band.
 ROUNDING = 1e-9
+
+#: A path is straight if no point of it is further from the way between its ends, in units of the travel.
+STRAIGHT = 1e-12
 
 
 def damping_ratio(poles: np.ndarray) -> np.ndarray:
@@ -197,14 +201,23 @@ def path_distance(positions: np.ndarray, path: np.ndarray, travel: np.ndarray) -
     (n,).
     """
     points, corners = positions / travel, path / travel
+    straight = corners[[0, -1]]
+    if np.abs(corners - _nearest(corners, *straight)).max() <= STRAIGHT:
+        corners = straight
     nearest, distance = np.zeros_like(points), np.full(len(points), np.inf)
-    for begin, way in zip(corners, np.diff(corners, axis=0)):
-        length = max(float(way @ way), np.finfo(float).tiny)
-        at = begin + np.clip((points - begin) @ way / length, 0.0, 1.0)[:, None] * way
+    for begin, end in pairwise(corners):
+        at = _nearest(points, begin, end)
         squared = np.sum((points - at) ** 2, axis=1)
         nearer = squared < distance
         nearest[nearer], distance[nearer] = at[nearer], squared[nearer]
     return peak_of(points - nearest) * travel
+
+
+def _nearest(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The points (N, n) of the straight way between two points (n,) that are nearest to points (N, n)."""
+    way = end - begin
+    length = max(float(way @ way), np.finfo(float).tiny)
+    return begin + np.clip((points - begin) @ way / length, 0.0, 1.0)[:, None] * way
 
 
 def at_end(time: np.ndarray, signal: np.ndarray) -> np.ndarray:

@@ -255,7 +255,7 @@ def move(design: Design) -> Blocks:
             "in the last tenth of the run",
             "table-move",
         ),
-        motion_table(e, e.move_motion, "table-move-motion"),
+        motion_table(e, e.move.motion, "table-move-motion"),
     )  # fmt: skip
 
 
