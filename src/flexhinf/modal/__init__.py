@@ -1,8 +1,8 @@
 """One law for the whole workspace: an arm as pairs of a link and a motor, with gains that are functions of M(q).
 
-With K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ an arm of n elastic joints is n pairs: `pair`. The gains of
-a pair are functions of its λ alone, so one table serves every pose: `law`. `tolerance` says which errors of the model
-every pair stands at once.
+With K^½ M(q)⁻¹ K^½ = V Λ Vᵀ, z = Vᵀ K^½ q and w = Vᵀ K^½ θ an arm of n elastic joints is n pairs. The gains of a pair
+depend on its λ alone, so one table serves every pose. `pair` has the gains of a pair, `law` the law of the arm.
+`tolerance` computes which errors of the model all pairs tolerate; `stability` proves for which λ a pair is stable.
 """
 
 import lazy_loader

@@ -1,15 +1,19 @@
-"""A pair: one mode of an arm with elastic joints, which is an arm of one elastic joint; its law as a function of λ.
+"""A pair, which is one mode of an arm with elastic joints, and its law as a function of λ.
+
+A pair is an arm of one elastic joint, with the positions z of the link and w of the motor in units of K^½ times that of
+a joint, (N·m)^½:
 
     z″ = λ (w − z + d_z),      w″ = −κ (w − z − f − d_w) − β w′,      ė = z.
 
-Input f and disturbances are in units of w: d_z and d_w are errors of the torque at the link and at the motor, as those
-of inertia, Coriolis forces, payload and stiffness are. The linear H∞ law of this problem (`flexhinf.linear_law`)
-makes ‖(h, f)‖ ≤ γ ‖(d_z, d_w)‖, with the penalty h of `PairWeights`: errors (d_z, d_w) = Δ (h, f) with ‖Δ‖ < 1/γ do
-not destabilise it. What errors of the accelerations are covered says `flexhinf.modal.tolerance`.
+The input f and the disturbances have the unit of w. d_z and d_w are errors of the torque at the link and at the motor,
+which come from wrong inertia and stiffness, a payload and Coriolis forces. The linear H∞ law of this problem
+(`flexhinf.linear_law`) keeps ‖(h, f)‖ ≤ γ ‖(d_z, d_w)‖ for the penalty h of `PairWeights`. So errors
+(d_z, d_w) = Δ (h, f) with ‖Δ‖ < 1/γ leave the pair stable, by the small gain theorem. `flexhinf.modal.tolerance`
+computes which errors of the accelerations that covers.
 
-Gains k(λ) are kept as sums of simple poles, k(λ) = k_∞ + Σ k_j p_j / (λ + p_j), fitted to the laws of a grid. So the
-gain of a whole arm needs no eigenvectors, but one linear equation for each p_j, see `flexhinf.modal.law`; and λ → ∞ is
-a rigid joint.
+The gains are sums of simple poles, k(λ) = k_∞ + Σ k_j p_j / (λ + p_j), fitted to the laws at a grid of λ. The gain of a
+whole arm then needs one linear equation for each p_j, and no eigenvectors (`flexhinf.modal.law`). A rigid joint is the
+limit λ → ∞.
 """
 
 from __future__ import annotations
@@ -31,20 +35,21 @@ POLE_RATIO, GRID_RATIO = 3.0, 1.5
 #: Range of the weight of the vibration, and steps of its bisection.
 VIBRATION, BISECTIONS = (0.02, 10.0), 10
 
-#: Modes to the origin of the z plane say nothing about damping, nor does what oscillates below this, rad/s.
+#: Oscillations slower than this, rad/s, have no damping ratio; nor have modes at the origin of the z plane.
 SLOW = 2.0
 
 
 class Pair(NamedTuple):
-    """Numbers of a pair, 1/s², 1/s² and 1/s: √λ is the frequency of the link on its spring, √κ that of the motor."""
+    """Numbers of a pair. √λ is the frequency of the link on its spring with the motor held, √κ that of the motor with
+    the link held, rad/s."""
 
-    link: float  # λ
-    motor: float  # κ
-    damping: float  # β
+    link: float  # λ, 1/s²
+    motor: float  # κ, 1/s²
+    damping: float  # β, 1/s
 
     @property
     def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A (5, 5), B (5, 1) and G (5, 2) of the states (z, z′, w, w′, e), the input f and (d_z, d_w)."""
+        """A (5, 5), B (5, 1) and G (5, 2) of ẋ = A x + B f + G (d_z, d_w) with x = (z, z′, w, w′, e)."""
         a, b, g = np.zeros((5, 5)), np.zeros((5, 1)), np.zeros((5, 2))
         a[0, 1] = a[2, 3] = a[4, 0] = 1.0
         a[1, [0, 2]] = -self.link, self.link
@@ -54,7 +59,7 @@ class Pair(NamedTuple):
         return a, b, g
 
     def held(self, duration: float) -> tuple[np.ndarray, np.ndarray]:
-        """The states after a duration, s: of the states before (5, 5), and of f, d_z, d_w that are held (5, 3)."""
+        """Matrices (5, 5) and (5, 3) of x after a duration (s), by x before it and by (f, d_z, d_w) held over it."""
         from scipy.linalg import expm
 
         a, b, g = self.matrices
@@ -64,13 +69,14 @@ class Pair(NamedTuple):
         return moved[:5, :5], moved[:5, 5:]
 
     def modes(self, gains: np.ndarray, period: float) -> np.ndarray:
-        """Modes of the sampled loop f = −gains · (z, z′, w, w′, e) in the z plane, the state known or predicted."""
+        """Modes (5,), in the z plane, of the loop f = −gains · x sampled with a period (s); gains (5,), x is known."""
         moved, driven = self.held(period)
         return np.linalg.eigvals(moved - np.outer(driven[:, 0], gains))
 
 
 def smallest_damping(modes: np.ndarray, period: float, fastest: float = np.inf) -> float:
-    """Smallest damping ratio of oscillations, |Im s| > 2 rad/s and |s| < fastest, of modes in the z plane; else 1."""
+    """Smallest damping ratio −Re s/|s| of modes z = exp(s period) that oscillate, with |Im s| > 2 rad/s and |s| below
+    `fastest` (rad/s); 1 if none does. `modes` (k,) are in the z plane, the period is in s."""
     s = np.log(modes[np.abs(modes) > 1e-9].astype(complex)) / period
     s = s[(np.abs(s.imag) > SLOW) & (np.abs(s) < fastest)]
     return float((-s.real / np.abs(s)).min(initial=1.0))
@@ -78,27 +84,29 @@ def smallest_damping(modes: np.ndarray, period: float, fastest: float = np.inf) 
 
 @dataclass(frozen=True)
 class PairWeights:
-    """What the law of a pair is to do, as a function of λ.
+    """The penalty of a pair's H∞ problem as a function of λ. Its form is ours.
 
     Parameters
     ----------
     bandwidth : float
-        ω₀, rad/s; a soft pair gets less, ω = (ω₀⁻⁴ + (share √λ)⁻⁴)^-¼.
+        Largest bandwidth ω₀, rad/s. That of a pair is ω = (ω₀⁻⁴ + (share √λ)⁻⁴)^-¼, less where the pair is soft.
     share : float
-        Largest bandwidth as a share of √λ.
+        Largest bandwidth of a soft pair as a multiple of √λ.
     damping : float
-        Damping ratio of the vibration of slow pairs; faster ones get s(λ) of it, s(λ) = (1 + λ²/fast⁴)⁻¹.
+        Damping ratio of the vibration of slow pairs. A pair gets s(λ) of it, s(λ) = (1 + λ²/fast⁴)⁻¹.
     fast : float
-        Where the damping fades, rad/s, and the law leaves the vibration alone.
+        Frequency √λ at which the damping fades out, rad/s. The law leaves faster vibrations alone.
     integral : float
-        Weight of the integral.
+        Weight of the integral, a number.
     gamma : float
         γ as a multiple of γ*; infinite for the LQR.
 
-    The penalty is h = (r ω y, r y′, c (w′ − z′)/√κ, integral · r ω² e), R2 = 1, with the input r = √(m²ω² + (β/κ)²) per
-    velocity that inertia m = 1/λ + 1/κ and friction take at ω; c is the least with which the LQR has the damping. y is
-    z of slow pairs, and of fast ones the centre of the masses 1/λ and 1/κ, which their vibration does not move: so
-    it is not fed back where a sample more of delay would excite it.
+    The penalty is h = (r ω y, r y′, c (w′ − z′)/√κ, integral · r ω² e) with R2 = 1. r = √(m²ω² + (β/κ)²) is the input
+    per velocity that the inertia m = 1/λ + 1/κ and friction take at ω. c is the smallest number with which the LQR
+    gives the vibration its damping. y is z for slow pairs, and for fast ones the centre of the masses 1/λ and 1/κ. A
+    vibration does not move that centre, so the law does not feed back what one more sample of delay would excite.
+
+    Raises `InvalidInput` for a number that is not positive, or γ ≤ γ*.
     """
 
     bandwidth: float = 18.0
@@ -123,11 +131,11 @@ class PairWeights:
         )
 
     def slowness(self, link: Any) -> Any:
-        """s(λ): 1 for slow pairs, 0 for fast ones."""
+        """s(λ) of λ (any shape), 1/s²: 1 for slow pairs, 0 for fast ones."""
         return 1.0 / (1.0 + (link / self.fast**2) ** 2)
 
     def problem(self, pair: Pair, vibration: float) -> PolynomialPlant:
-        """The synthesis problem of a pair, c = vibration."""
+        """The synthesis problem of a pair with the weight c = `vibration`."""
         a, b, g = pair.matrices
         speed = (self.bandwidth**-4 + self.share**-4 * pair.link**-2) ** -0.25
         inertia, friction = 1.0 / pair.link + 1.0 / pair.motor, pair.damping / pair.motor
@@ -142,7 +150,7 @@ class PairWeights:
         return PolynomialPlant(dict(zip(units, a.T)), g, b, dict(zip(units, h.T)), np.eye(1))
 
     def gains(self, pair: Pair, period: float) -> np.ndarray:
-        """k (5,) of f = −k · (z, z′, w, w′, e)."""
+        """k (5,) of f = −k · (z, z′, w, w′, e), sampled with a period (s); NumericalFailure if there is no solution."""
         from scipy.linalg import expm
 
         wanted = self.damping * self.slowness(pair.link)
@@ -169,18 +177,15 @@ DEFAULT_WEIGHTS = PairWeights()
 
 @dataclass(frozen=True, eq=False)
 class PairGains:
-    """k(λ) (5,) of f = −k · (z, z′, w, w′, e) as a sum of simple poles, for λ between two ends.
+    """k(λ) (5,) of f = −k · (z, z′, w, w′, e) as a sum of simple poles, for λ between two ends; from `pair_gains`."""
 
-    `poles` (P,), 1/s², and `coefficients` (r, P + 1), the last column k_∞; κ and β are those of all pairs. Rows beyond
-    the five gains are other functions of λ.
-    """
-
-    ends: tuple[float, float]
-    motor: float
-    damping: float
-    period: float
-    poles: np.ndarray
-    coefficients: np.ndarray
+    ends: tuple[float, float]  # smallest and largest λ, 1/s²
+    motor: float  # κ of all pairs, 1/s²
+    damping: float  # β of all pairs, 1/s
+    period: float  # s
+    poles: np.ndarray  # p_j (P,), 1/s²
+    coefficients: np.ndarray  # (r, P + 1): k_j, and k_∞ last; rows beyond five are other functions of λ
+    weights: PairWeights  # by which the gains were computed
 
     def __post_init__(self) -> None:
         count = len(self.poles)
@@ -189,7 +194,7 @@ class PairGains:
         vars(self).update(read_only(vars(self)))
 
     def __call__(self, link: Any) -> np.ndarray:
-        """All functions at λ: (r,) of a number, (N, r) of (N,)."""
+        """All r functions at λ, 1/s²: (r,) for a number, (N, r) for an array (N,)."""
         link = np.asarray(link, dtype=float)[..., None]
         return (
             np.concatenate([self.poles / (link + self.poles), np.ones_like(link)], axis=-1)
@@ -197,11 +202,11 @@ class PairGains:
         )
 
     def pair(self, link: float) -> Pair:
-        """The pair of λ."""
+        """The pair with this λ, 1/s²."""
         return Pair(link, self.motor, self.damping)
 
     def links(self, count: int, fastest: float = np.inf) -> np.ndarray:
-        """λ between the ends, evenly spaced in log λ, (count,), √λ up to `fastest` (rad/s)."""
+        """λ (count,), 1/s², between the ends and with √λ up to `fastest` (rad/s), evenly spaced in log λ."""
         return np.geomspace(self.ends[0], max(self.ends[0], min(self.ends[1], fastest**2)), count)
 
     @cached_property
@@ -218,9 +223,10 @@ def pair_gains(
     period: float,
     weights: PairWeights = DEFAULT_WEIGHTS,
 ) -> PairGains:
-    """The laws of pairs with λ between two ends, 1/s², κ and β, sampled with a period (s).
+    """The gains of pairs with λ between two ends (1/s²), κ = `motor` (1/s²) and β = `damping` (1/s), sampled with a
+    period (s); s(λ) is their sixth function.
 
-    A sixth function, s(λ), selects slow pairs. A NumericalFailure says that a sampled loop is unstable.
+    Raises `InvalidInput` for ends that are not 0 < low < high, `NumericalFailure` where a sampled pair is unstable.
     """
     low, high = ends
     if not 0.0 < low < high < np.inf:
@@ -247,7 +253,7 @@ def pair_gains(
         ]
     )
     fitted[:2] -= fitted[2:4]
-    gains = PairGains((low, high), motor, damping, period, poles, fitted)
+    gains = PairGains((low, high), motor, damping, period, poles, fitted, weights)
     if not gains.sweep[0] < 1.0:
         raise NumericalFailure(
             "The sampled loop of a pair is unstable.",

@@ -1,23 +1,24 @@
-"""Proof that every pair of a range of λ is stable with all errors of the model up to a size, in ball arithmetic.
+"""Proof in ball arithmetic that every pair of a range of λ is stable with all errors of the model up to a size.
 
-Between samples a pair is ẋ = M x + G d, a = C x, with x = (z, z′, w, w′, f) and d added to the accelerations a of link
-and motor; the motor's d and a are divided by a scaling s. Errors d = Δ a with ‖Δ‖ ≤ δ, linear or not, changing with
-time or not, that mix pairs but neither links with motors, have ∫ δ²|a|² − |d|² ≥ 0. Over one period h
+Between samples a pair is ẋ = M x + G d, a = C x, with x = (z, z′, w, w′, f), the accelerations a of link and motor, and
+errors d that are added to these; the motor's a and d are divided by a scaling s. Errors d = Δ a with ‖Δ‖ ≤ δ have
+∫ δ²|a|² − |d|² ≥ 0. They may be nonlinear, change with time, and mix pairs, but not links with motors. Over a period h
 
     max over d of  V(x(h)) + ∫ δ²|a|² − |d|²   =   max over v of  V(A x + v) + xᵀ Q x − vᵀ W⁻¹ v,
 
     Φ = exp(h [ M  GGᵀ ; −δ²CᵀC  −Mᵀ ]),   W = Φ₁₂ Φ₂₂⁻¹,   Q = −Φ₂₂⁻¹ Φ₂₁,   A = Φ₁₁ − W Φ₂₁,
 
-as long as Φ₂₂ is regular up to h: nothing is sampled between samples [chen1995]. With the controller's memory, the
-latency and the filter (`flexhinf.modal.tolerance.sampled_pair`) the loop is ξ⁺ = A ξ + v with other A and Q, and
-V = ξᵀ P ξ falls under all these errors if [boyd1994]
+if Φ₂₂ is regular up to h [chen1995]; this is exact between the samples too. With the controller's memory, the latency
+and the filter (`flexhinf.modal.tolerance.sampled_pair`) the loop is ξ⁺ = A ξ + v with other A and Q, and V = ξᵀ P ξ
+falls under all these errors if [boyd1994]
 
     L(λ) = [ P − Q   Aᵀ ; A   P⁻¹ − W ] > 0,
 
-which for δ = 0 is stability. In an interval of λ, P is that of its middle. L differs from the line between its values
-at the ends by at most a quarter of (length)² times its second Taylor coefficient, which balls enclose.
+which for δ = 0 is stability. P is constant in an interval of λ: it is computed in the middle. L differs from the line
+between its values at the ends by at most a quarter of (length)² times its second Taylor coefficient, which balls
+enclose.
 
-So it holds for arms at rest, in small motions, at any pose whose λ are in the range, with motors alike (J = K/κ,
+The proof is of small motions of an arm at rest, at any pose whose λ are in the range, with motors alike (J = K/κ,
 B = βJ), springs without damping and gravity without slope. The filter's model is the pair's exact one over a period.
 """
 
@@ -33,11 +34,11 @@ from flint import arb, arb_mat, arb_series, ctx
 from flexhinf.modal.pair import PairGains
 from flexhinf.modal.tolerance import sampled_pair
 
-#: Largest and smallest length of an interval in log λ; parts of a period in which Φ₂₂ is enclosed.
+#: Largest and smallest length of an interval in log λ; number of parts of a period in which Φ₂₂ is enclosed.
 LONGEST, SHORTEST, PARTS = 0.4, 1e-3, 32
 
-#: Shares of the distance of the slowest mode from the unit circle that P leaves; size of what makes P definite, and
-#: doublings of its iteration.
+#: Shares, tried in turn, of the slowest mode's distance from the unit circle that P leaves as room; the number added to
+#: make P definite; doublings of its iteration.
 ROOM, SMALL, DOUBLINGS = (0.5, 0.15, 0.03), 1e-6, 40
 
 #: Terms of series in λ, in units of the interval's lower end: value, slope and second coefficient.
@@ -48,22 +49,28 @@ POWERS = 48
 
 
 class ProvedRange(NamedTuple):
-    """Pairs with λ from `low` to `high`, 1/s², are stable with errors up to `error`; none is where they are equal."""
+    """Pairs with λ from `low` to `high` are proved to be stable; nothing is proved where these are equal."""
 
-    low: float
-    high: float
-    error: float
-    intervals: int
+    low: float  # 1/s²
+    high: float  # 1/s²
+    error: float  # largest ‖Δ‖, a share of the accelerations
+    intervals: int  # of the proof
 
 
 def proved_range(
     gains: PairGains, error: float = 0.0, fastest: float = np.inf, latency: int = 0, filter: Any = None,
     scaling: float = 1.0,
 ) -> ProvedRange:  # fmt: skip
-    """The λ, from the slowest on and with √λ up to `fastest` (rad/s), of which stability with errors up to `error` is
-    proved, see this module.
+    """The λ, from the slowest on, for which pairs are proved to be stable with errors up to `error`; see this module.
 
-    `latency`, and a ModalFilter or the true state, are as for `flexhinf.modal.error_tolerance`; `scaling` is s.
+    Parameters
+    ----------
+    gains, fastest, latency, filter
+        As for `flexhinf.modal.error_tolerance`.
+    error : float
+        Largest ‖Δ‖, a share of the accelerations; 0 for stability alone.
+    scaling : float
+        s, a number; `Tolerance.scaling` suits the error.
     """
     low, high = gains.ends[0], min(gains.ends[1], fastest**2)
 

@@ -1,16 +1,17 @@
-"""Errors of the model that every pair tolerates, all at the same time: small gain, one scaling per frequency for all λ.
+"""Errors of the model that all pairs tolerate together: small gain with one scaling for all λ.
 
-Let the accelerations that the springs make of the links, M⁻¹ K (θ − q), and those that motors and springs make of the
-rotors, J⁻¹ (u − K (θ − q)), be wrong by (1 + Δ₁) and (1 + Δ₂), any linear operators that mix joints and change with
-time. Of the pairs these are a_z = λ (w − z) and a_w = κ (f + z − w), with d_z = Δ₁ a_z and d_w = Δ₂ a_w added, where Δ
-is turned by V and scaled by K^½. The loop is stable if, at every frequency, one number s > 0 has
+The springs accelerate the links by M⁻¹ K (θ − q), motors and springs the rotors by J⁻¹ (u − K (θ − q)). Let the true
+accelerations be (1 + Δ₁) and (1 + Δ₂) times these, with linear operators Δ that may mix joints. For the pairs the
+accelerations are a_z = λ (w − z) and a_w = κ (f + z − w), and d_z = Δ₁ a_z and d_w = Δ₂ a_w are added; this Δ is turned
+by V and scaled by K^½. Let N(λ) be the closed loop of a pair from (d_z, d_w) to (a_z, a_w). By the small gain
+theorem the arm is stable if at every frequency there is a number s > 0 with
 
-    ‖Δ‖ · max over λ of σ̄ [ N₁₁  s N₁₂ ; N₂₁/s  N₂₂ ] < 1,
+    ‖Δ‖ · max over λ of σ̄ [ N₁₁  s N₁₂ ; N₂₁/s  N₂₂ ] < 1.
 
-N(λ) from (d_z, d_w) to (a_z, a_w): the scaling commutes with Δ, which may mix pairs, but not links with motors, and
-only those frequencies that sampling makes equal. So it holds for Δ that do not change with time, and for all
-poses whose λ are in the range. Between samples d and a are pieces of a period (lifting, [chen1995]); the norms of
-their blocks bound σ̄. With one s for all frequencies Δ may be any operator; `flexhinf.modal.stability` proves it.
+The scaling by s commutes with a Δ that mixes pairs, but neither links with motors nor frequencies, other than those
+that sampling makes equal: one that does not change with time. With one s for all frequencies, Δ may change with time.
+The statement holds for all poses whose λ are in the range. Between samples, d and a are lifted to pieces of a period
+[chen1995]; the norms of their blocks bound σ̄. `flexhinf.modal.stability` proves the second case in ball arithmetic.
 """
 
 from __future__ import annotations
@@ -22,32 +23,40 @@ from numpy.polynomial import chebyshev
 
 from flexhinf.modal.pair import PairGains
 
-#: Pieces of a sampling period, pairs, frequencies, and scalings.
+#: Numbers of pieces of a sampling period, of pairs, of frequencies and of scalings.
 PIECES, PAIRS, FREQUENCIES, SCALINGS = 4, 30, 400, 121
 
 
 class Tolerance(NamedTuple):
-    """Sizes ‖Δ‖ of errors that are covered: of any, with one scaling s for all frequencies, and of errors that do not
-    change with time, with an s of each frequency."""
+    """Largest ‖Δ₁‖ = ‖Δ₂‖ that small gain covers, as shares of the accelerations."""
 
-    error: float
-    constant: float
-    scaling: float
+    error: float  # of any errors, with one scaling for all frequencies
+    constant: float  # of errors that do not change with time, with a scaling for each frequency
+    scaling: float  # s of `error`
 
 
 def tolerated_error(gains: PairGains, fastest: float = 350.0, latency: int = 0, filter: Any = None) -> float:
-    """Largest ‖Δ₁‖ = ‖Δ₂‖, of errors that do not change with time; arguments as for `error_tolerance`."""
+    """Largest ‖Δ₁‖ = ‖Δ₂‖ of errors that do not change with time; arguments as for `error_tolerance`."""
     return error_tolerance(gains, fastest, latency, filter).constant
 
 
 def error_tolerance(
     gains: PairGains, fastest: float = 350.0, latency: int = 0, filter: Any = None, count: int = PAIRS
 ) -> Tolerance:
-    """Largest ‖Δ₁‖ = ‖Δ₂‖ that small gain covers, for pairs with √λ up to `fastest` (rad/s); see this module.
+    """Which errors small gain covers, by the inequality of this module; computed at some λ and frequencies, not proved.
 
-    The law reads the state that a ModalFilter estimates, or the true one, as of `latency` samples before its input
-    acts and predicted over them by the model. Sampled at `count` λ and 400 frequencies, so a computed number and not a
-    proof.
+    Parameters
+    ----------
+    gains : PairGains
+        The law of the pairs.
+    fastest : float
+        Largest √λ, rad/s.
+    latency : int
+        Samples between a measurement and its input; the model predicts the state over them.
+    filter : ModalFilter, optional
+        The estimator. Without one the law reads the true state.
+    count : int
+        Number of λ. There are 400 frequencies.
     """
     spectrum, scalings = (
         np.exp(1j * np.geomspace(1e-3, np.pi, FREQUENCIES)),
@@ -67,13 +76,31 @@ def error_tolerance(
 def sampled_pair(
     moved: Any, gain: Any, period: float, latency: int, observer: tuple[Any, np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The sampled loop of a pair, as rows of its states: x = (z, z′, w, w′) and the input, which act over a period,
-    (5, n); and the controller's memory after it, (n − 4, n).
+    """The sampled loop of a pair as two matrices that multiply its n states, which are x = (z, z′, w, w′) and the
+    controller's memory.
 
-    `moved` (4, 5) is the model's x after a period, of x and the input, `gain` (5,) that of x and the integral, and
-    `observer` the filter's ℓ(λ) (4, k) and H (k, 4). All are numbers, or series in λ. The memory is the filter's
-    prediction, the integral and the last position (trapezoidal rule), and the inputs that wait, that which acts next
-    first; states are x, then the memory.
+    The memory is the filter's prediction (4,), the integral (trapezoidal rule), the last position, and the inputs that
+    have not acted yet, the next one first. All numbers may be series in λ.
+
+    Parameters
+    ----------
+    moved : (4, 5)
+        The model's x after a period, by x and the input.
+    gain : (5,)
+        That of x and of the integral.
+    period : float
+        s.
+    latency : int
+        Samples.
+    observer : (4, k) and (k, 4), optional
+        Gain ℓ(λ) of the filter and its output matrix H; the state is known without.
+
+    Returns
+    -------
+    acting : (5, n)
+        x, and the input that acts over the period.
+    memory : (n − 4, n)
+        The memory after it.
     """
     unit = np.eye(6 + latency + (0 if observer is None else 4))
     estimate, position, others = unit[:4], unit[0], unit[-2 - latency :]
