@@ -6,16 +6,19 @@ import dataclasses
 import re
 from html import unescape
 from importlib import import_module
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.responses import motion_metrics
-from flexhinf.modal import ProvedRange
+from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page
+from flexhinf.pages.page import files_section
 
 design_room = import_module("flexhinf.design.workspace")
 
@@ -54,7 +57,7 @@ def text_of(html):
 def test_the_page_has_its_sections_and_figures(made, design):
     html = made().html()
     assert [section.id for section in made().sections] == [
-        "specification", "poses", "moves", "tolerance", "files",
+        "specification", "poses", "moves", "tolerance", "law", "files",
     ]  # fmt: skip
     assert re.findall(r'id="(figure-[a-z]+)"', html) == ["figure-poses", "figure-move"]
     text = text_of(html)
@@ -99,7 +102,39 @@ def test_every_joint_has_its_worst_move(made, design):
     found = [motion_metrics(design.setup.limits, move.response, move.plan)[0] for move in moves]
     errors = [1e3 * row["remaining_error"] for row in found]
     assert unnamed(text, float(f"{max(errors):.3g}"), f"(move {np.argmax(errors) % 2 + 1}") == []
-    assert unnamed(text, "70 %") == []
+
+
+def test_limits_are_told_of_a_robot_that_has_some(design, tolerated):
+    """The paper's arm states none: no share of them and no ripple in moves, but what is assumed."""
+    limited = dataclasses.replace(design.specification, saturation=60.0)
+    limited = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=limited))
+    for of, told in ((design, False), (limited, True)):
+        assert (unnamed(text_of(page._goal_table(of, tolerated).html()), "70 %") == []) == told
+        assert (unnamed(text_of(page._move_table(of).html()), "ripple") == []) == told
+        assert (unnamed(text_of(page._law_table(of).html()), "assumed") == []) != told
+
+
+def test_the_law_can_be_made_again_from_the_page(made, design):
+    """Bandwidth, γ, share and integral, and the random torques of its estimator."""
+    (section,) = [part for part in made().sections if part.id == "law"]
+    gains, (links, motors) = design.setup.law.gains, design.setup.random
+    w = gains.weights
+    numbers = (w.bandwidth, w.gamma, w.share, w.integral, w.damping, 100.0 * links, 100.0 * motors)
+    assert unnamed(text_of(section.html()), *numbers) == []
+    again = pair_gains(gains.ends, gains.motor, gains.damping, gains.period, w)
+    np.testing.assert_array_equal(again.coefficients, gains.coefficients)
+    seeds = (
+        design_room.POSES_SEED,
+        design_room.GOALS_SEED,
+        design_room.SAMPLED_SEED,
+        design_room.CHOSEN_SEED,
+    )
+    assert unnamed(text_of(made().settings.html()), *seeds) == []
+
+
+def test_files_stand_in_the_order_of_their_numbers():
+    text = files_section([f"runs/move-{k}.nc" for k in (10, 1, 2)]).html()
+    assert text.index("move-2") < text.index("move-10")
 
 
 def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolerated):
@@ -122,6 +157,18 @@ def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
     assert np.isnan(page._largest([None, None]))
 
 
-def test_the_terminal_has_the_same_tables(design):
-    tables = page.workspace_tables(design)
-    assert len(tables) == 3
+def test_the_terminal_shows_what_is_missed_within_a_screen(design):
+    """At most 25 lines of 80 columns with the path of the page, whatever is missed; and what to try."""
+    missed = tuple(
+        dataclasses.replace(line, found=2.0 * line.limit + 1.0 if line.at_most else 0.0)
+        for line in design.requirements
+    )
+    for of in (design, dataclasses.replace(design, requirements=missed)):
+        screen = Console(width=80, file=StringIO())
+        screen.print(*page.workspace_tables(of), page.workspace_text(of), sep="\n")
+        text = screen.file.getvalue()
+        assert len(text.splitlines()) < 25
+        assert max(map(len, text.splitlines())) <= 80
+        assert unnamed(text, "joint ranges", "remaining error") == []
+        assert (unnamed(text, "NOT MET") == []) == (not of.met)
+        assert (unnamed(text, "--workspace", "--remaining-error", "--damping") == []) == (not of.met)

@@ -510,7 +510,8 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
         *(replace(row, what=what, criterion="a pole outside the unit circle").judge(
             None, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, growths in unstable.items()),
         required.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
-        REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where),
+        REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where,
+            criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit"),
     ]  # fmt: skip
 
 

@@ -35,7 +35,8 @@ from flexhinf.pages.drawing import (
     thin,
     units_of,
 )
-from flexhinf.pages.page import comparison_settings, files_section, limit_text, requirement_text
+from flexhinf.pages.page import files_section, limit_text, requirement_text
+from flexhinf.pages.settings import comparison_settings
 from flexhinf.report import (
     Cell,
     Column,
@@ -174,6 +175,7 @@ def comparison_page(
     return Page(
         f"Control laws compared on {robot.name}",
         f"{robot.name}, {joint_count(len(own.setup.joints))}, {robot.drive} driven; step from {start} to {goal}. "
+        "All laws are for this goal alone; flexhinf design without a pose makes one for the workspace. "
         f"{count_text(len(comparison.compared), 'law')} with the same commands, load, move, robots, seeds and limits. "
         f"“{DESIGN}” is the law as flexhinf design makes it (preset {comparison.synthesis.design_problem.preset}, "
         f"{law_name(comparison.synthesis.chosen.degree)}, {ESTIMATORS[s.estimator]}); {_whole(NL_HINF)} is the same "

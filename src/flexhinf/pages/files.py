@@ -27,7 +27,13 @@ from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
-from flexhinf.pages.workspace import workspace_numbers, workspace_page, workspace_tables, workspace_verdict
+from flexhinf.pages.workspace import (
+    workspace_numbers,
+    workspace_page,
+    workspace_tables,
+    workspace_text,
+    workspace_verdict,
+)
 from flexhinf.report import finite, to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.
@@ -101,7 +107,7 @@ def write_report(result: Design | WorkspaceDesign | Comparison, folder: str | Pa
 def terminal_blocks(design: Design | WorkspaceDesign) -> tuple[list[Any], list[str], str]:
     """Tables, notes and verdict of a design for a terminal."""
     if isinstance(design, WorkspaceDesign):
-        return workspace_tables(design), [], workspace_verdict(design)
+        return workspace_tables(design), [], workspace_text(design)
     return design_tables(design), notes(design), verdict(design)
 
 

@@ -3,6 +3,7 @@ with who states it, the list of files, and tables for a terminal."""
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -12,18 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.evaluation import LawEvaluation
-from flexhinf.design.loop_setup import INITIAL_VARIANCE
-from flexhinf.design.pipeline import Comparison, Design
+from flexhinf.design.pipeline import Design
 from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import ROBOT, Response
-from flexhinf.design.specification import FIELDS, TOLERANCE, Specification
-from flexhinf.design.synthesis.steps import Synthesis
-from flexhinf.estimation import MODEL_STEP
+from flexhinf.design.responses import Response
+from flexhinf.design.specification import FIELDS, TOLERANCE
 from flexhinf.loop.simulation.metrics import peak_of
-from flexhinf.options import option_name
 from flexhinf.pages.design import frequency, law, region, runs, step, weights
-from flexhinf.pages.design.weights import effort_unit, state_weights
 from flexhinf.pages.drawing import (
     Blocks,
     effort_text,
@@ -37,6 +32,7 @@ from flexhinf.pages.drawing import (
     units_of,
     with_figures,
 )
+from flexhinf.pages.settings import design_settings
 from flexhinf.report import (
     Cell,
     Column,
@@ -46,7 +42,6 @@ from flexhinf.report import (
     Paragraph,
     Provenance,
     Section,
-    Setting,
     Settings,
     Status,
     Table,
@@ -54,7 +49,6 @@ from flexhinf.report import (
     number,
 )
 from flexhinf.robot import catalogue, load_robot
-from flexhinf.robot.signals import signal_names
 
 
 # Requirements: limit, achieved value, place and criterion; then the inputs of the motors ---------------------
@@ -386,9 +380,6 @@ def robots_table() -> Any:
     ).terminal()
 
 
-#: Name, value, unit and source.
-Rows = list[tuple[Any, ...]]
-
 #: What a file is, by its name or its ending; the first that fits.
 MEANING = (
     ("design.toml", "the request and its result; `flexhinf design design.toml` makes the design again"),
@@ -401,183 +392,12 @@ MEANING = (
 )
 
 
-def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
-    """Settings of a comparison in groups: the comparison first, then the design's own law."""
-    own, criterion, runs = comparison.own.evaluation, comparison.criterion, comparison.scenario
-    assert own is not None
-    rows = [
-        ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
-        ("tuned for", criterion.text, "", "ours"),
-        *(
-            (x.label, f"{'≥' if x.at_least else '≤'} {x.value:.4g}", x.unit, x.origin)
-            for x in criterion.limits
-        ),
-        ("shared limit", criterion.mode, "", "option --tune"),
-        ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
-        ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
-        ("load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s, in equilibrium at the goal"),
-        ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
-        ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
-    ]
-    return {
-        "Comparison": [Setting(*row) for row in rows],
-        **design_settings(comparison.synthesis, own, region=False),
-    }
-
-
-def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Setting]]:
-    """Settings of a design in groups, in the order in which the design uses them; of its `region` too."""
-    robot = e.setup.robot
-    spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
-    return {
-        name: [Setting(*row) for row in rows]
-        for name, rows in {
-            "Robot": [
-                ("joints", list(robot.joint_names), "", robot.name),
-                *(
-                    (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
-                    for p in robot.parameters
-                ),
-            ],
-            "Synthesis": _synthesis(synthesis, e, region),
-            "Estimator": _estimator(e),
-            "Simulation": _simulation(e),
-        }.items()
-    }
-
-
-def _source(s: Specification, name: str, otherwise: str = "") -> str:
-    value = getattr(s, name)
-    if otherwise and value is None:
-        return otherwise
-    default = not otherwise and value == getattr(Specification(), name)
-    return f"{'default of' if default else 'option'} {option_name(name)}"
-
-
-def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
-    s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
-    proved, degrees = synthesis.proved, [c.degree for c in synthesis.choices]
-    counted, last = "for the number of states", list[Any]()
-    if region and proved is None:
-        checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
-        last = [
-            ("checked γ/γ*", s.checked_gamma_ratio, "", _source(s, "checked_gamma_ratio")),
-            ("checked penalty", checked, "", _source(s, "checked_penalty")),
-            ("rays", synthesis.rays, "", _source(s, "rays", counted)),
-        ]
-    if proved is not None:
-        source = _source(s, "checked_penalty", "the robot's own, or Eq. (11)")
-        last = [
-            ("γ that is proved", proved.gamma, "", "searched"),
-            ("penalty whose gain is proved", str(proved.problem.penalty.states), "", source),
-            ("R2 of that penalty", proved.problem.r2, "", source),
-        ]
-    home = "the robot's home" if s.move is None else "the last waypoint of --move"
-    return [
-        ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
-        ("pose", synthesis.goal, _position_unit(e), _source(s, "pose", home)),
-        *(
-            (f"weight of {name.replace('_', ' ')}", weight, unit, chosen.source)
-            for name, weight, unit in state_weights(problem, e.setup.joints)
-        ),
-        ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
-        ("disturbances", list(problem.disturbance_names), "", _source(s, "disturbances")),
-        ("integrated errors", list(problem.integrate), "", "ours"),
-        ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
-        ("γ/γ*", chosen.gamma / chosen.gamma_star, "", "searched" if proved else _source(s, "gamma_ratio")),
-        ("degrees of V tried", degrees, "", "option --degrees" if s.degrees else counted),
-        ("degree of V", synthesis.chosen.degree, "", "by the cost of the step" if len(degrees) > 1 else ""),
-        *last,
-    ]
-
-
-def _position_unit(e: LawEvaluation) -> str:
-    units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
-    return ", ".join(units[:1] if len(set(units)) == 1 else units)
-
-
-def _estimator(e: LawEvaluation) -> Rows:
-    s, plant, noise = e.setup.specification, e.setup.model, e.setup.process_noise
-    own: Rows = [("estimator", s.estimator, "", _source(s, "estimator"))]
-    if s.estimator == "none":
-        return [*own, ("fed back", "the true state", "", "option --estimator none")]
-    links, motors = (
-        list(levels) if isinstance(levels, tuple) else levels
-        for levels in (noise.link_velocities, noise.motor_velocities)
-    )
-    initial = "stationary covariance of the filter in equilibrium at the goal"
-    return [
-        *own,
-        ("measured", list(plant.outputs), "", _source(s, "measured")),
-        *(
-            (
-                f"Rⁿ of {name.replace('_', ' ')}",
-                float(value),
-                f"({plant.unit(name)})²",
-                _source(s, "measurement_noise"),
-            )
-            for name, value in zip(plant.outputs, e.setup.noise_variances)
-        ),
-        ("simulated noise", "white, of these variances", "", "ours"),
-        ("Rᵛ on every state", noise.all_states, "per sample", noise.source),
-        ("Rᵛ on link velocities, added", links, "per sample", noise.source),
-        ("Rᵛ on motor velocities, added", motors, "per sample", noise.source),
-        ("initial estimate", "the equilibrium at the start of the run", "", "ours"),
-        ("P0", initial if noise.largest else f"{INITIAL_VARIANCE:g} I", "", "ours"),
-        ("model", "the nominal robot without extras", "", "ours"),
-        *([("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")] if s.estimator == "ukf" else []),
-    ]
-
-
-def _simulation(e: LawEvaluation) -> Rows:
-    s, runs, filter, limits = e.setup.specification, e.scenario, e.loop.filter, e.setup.limits
-    assert runs is not None
-    extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
-    bounds = (
-        np.broadcast_to(np.inf if limits.saturated is None else limits.saturated, limits.speed.shape),
-        limits.speed,
-    )
-    peaked = not np.array_equal(bounds[0], limits.saturation)
-    sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
-    inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
-    stated = [source if source == ROBOT else f"option {source}" for source in sources]
-    quanta = [0.0] if e.setup.quantisation is None else np.atleast_1d(e.setup.quantisation).tolist()
-    steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
-    position, units = _position_unit(e), units_of(e)
-    rows: Rows = [
-        ("start pose", e.setup.start, position, _source(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
-        ("command",
-        "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
-        "", _source(s, "shaping")),
-        ("move", runs.plan.name, "", _source(s, "move", "ours: the way of the step")),
-        ("true plant", f"nominal numbers{extras}", "", _source(s, "extras")),
-        ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
-         "ours: their slope at standstill holds only for the smallest velocities"),
-        ("sampling period", s.period, "s", _source(s, "period")),
-        ("latency, known to the estimator", s.known_latency, "samples", _source(s, "latency")),
-        ("delay of the inputs on top of it", s.unknown_delay, "s", _source(s, "unknown_delay")),
-        ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
-         _source(s, "quantisation")),
-        ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, position,
-         _source(s, "integral_dead_zone", "ours: against limit cycles")),
-        ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
-        ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
-        ("length of the step", runs.step_duration, "s", _source(s, "duration", "by the slowest mode, 0.5 to 20 s")),
-        ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
-         _source(s, "load", "a tenth of what the motors give at the peak of the step")),
-        ("sampled robots", len(runs.robots), "", seed),
-        (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
-    ]  # fmt: skip
-    if filter is not None:
-        most = f"{filter.stages} stages, step × fastest mode ≤ {MODEL_STEP[filter.stages]}"
-        rows.append((steps, filter.sub_steps, "", f"estimator's model: {most}"))
-    return rows
-
-
 def files_section(files: Sequence[str]) -> Section:
     """Table of the files; those of one folder with the same meaning share a row."""
     grouped: dict[tuple[str, str], list[str]] = {}
-    for name in sorted(files):
+    for name in sorted(
+        files, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+    ):
         path = PurePath(name)
         folder, _, file = name.rpartition("/")
         grouped.setdefault(

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
-from flexhinf.design.design_file import plain
 from flexhinf.design.plans import SPEED, UNLIMITED
+from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
-from flexhinf.design.specification import FIELDS, OF_WORKSPACE
+from flexhinf.design.specification import FIELDS
 from flexhinf.design.workspace import (
+    ACCELERATION,
+    BANDWIDTHS,
+    CHOSEN_POSES,
+    CHOSEN_SEED,
     FASTEST,
+    GOALS_SEED,
     HOLD,
     LATEST,
     LOUDEST,
+    POSES_SEED,
+    SAMPLED_SEED,
+    STILL,
     PoseLoop,
     Robustness,
     WorkspaceDesign,
@@ -33,19 +42,22 @@ from flexhinf.pages.drawing import (
     Units,
     count_text,
     draw_figure,
+    effort_text,
     joint_count,
     joint_panel,
     line_style,
+    listed,
     pose_text,
 )
 from flexhinf.pages.page import files_section, requirement_table, requirement_text
+from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups, source_of
 from flexhinf.report import (
+    INK,
     KeyNumber,
     Page,
     Paragraph,
     Provenance,
     Section,
-    Setting,
     Settings,
     Status,
     Table,
@@ -53,6 +65,8 @@ from flexhinf.report import (
     house_style,
     number,
 )
+from flexhinf.report.blocks import WIDTH
+from flexhinf.robot.waypoints import LIMITS
 
 #: What the section about tolerance begins with.
 PAIRS = (
@@ -61,50 +75,82 @@ PAIRS = (
     "range holds at every pose that has its vibrations there."
 )
 
-#: Columns of the table of moves: key of `motion_metrics`, heading, factor of the number that is shown.
+#: Columns of the table of moves: key of `motion_metrics`, heading, unit, factor of the number that is shown.
 COLUMNS = {
-    "remaining_error": ("remains, {small}", 1e3), "wrong_way_percent": ("wrong way, %", 1.0),
-    "path_distance": ("off the path, {small}", 1e3), "ripple_percent": ("ripple, % of the limit", 1.0),
+    "remaining_error": ("remaining error", "{small}", 1e3), "wrong_way_percent": ("motion the wrong way", "%", 1.0),
+    "path_distance": ("distance from the path", "{small}", 1e3), "ripple_percent": ("ripple of the motors", "%", 1.0),
 }  # fmt: skip
+
+#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so.
+NEAR, BRIEF = 0.2, 6
 
 
 def workspace_verdict(design: WorkspaceDesign) -> str:
     """Whether the requirements are met, and by what."""
     missed = _missed_text(design)
-    tested = f"{count_text(len(design.loops), 'random pose')}, {count_text(len(design.moves), 'move')}"
-    if design.corner_loops:
-        tested += ", the poses again with robots at corners of their tolerances"
-    if design.sampled:
-        tested += f", {count_text(len(design.sampled), 'move')} of robots at corners of their tolerances"
-    judged = f"Not met: {missed}" if missed else "Every requirement is met"
-    return f"{judged}. One controller for {range_of(design)}; looked at: {tested}."
+    return f"{f'Not met: {missed}' if missed else 'Every requirement is met'}. {_scope(design)}"
+
+
+def _scope(design: WorkspaceDesign) -> str:
+    poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
+    again = "both" if design.corner_loops and design.sampled else "the poses" if design.corner_loops else ""
+    again = f", {again} again with robots at corners of their tolerances" if again else ""
+    return f"One controller for {range_of(design)}, judged at {poses} and in {moves}{again}."
 
 
 def _missed_text(design: WorkspaceDesign) -> str:
     return "; ".join(map(requirement_text, design.missed))
 
 
+def advice(design: WorkspaceDesign) -> str:
+    """What to try where a requirement is not met; nothing if all are."""
+    s, missed = design.specification, design.missed
+    both = {"link_position", "motor_position"} <= {*s.measured} or s.estimator == "none"
+    options = dict.fromkeys(FIELDS[line.field].option for line in missed if line.field)
+    slow = s.estimator != "none" and design.setup.law.gains.weights.bandwidth < max(BANDWIDTHS)
+    tried = {
+        "sensors of links and motors (--measured link_position,motor_position)": not both,
+        "finer sensors (--measurement-noise), which allow a faster law": slow,
+        "narrower tolerances, of a payload too": any("corner" in line.where for line in missed),
+        "a smaller --workspace": True,
+        f"other limits ({', '.join(options)})": bool(options),
+    }
+    return f"To try: {'; '.join(text for text, applies in tried.items() if applies)}." if missed else ""
+
+
 def workspace_tables(design: WorkspaceDesign) -> list[Any]:
-    """Requirements, poses and moves for a terminal."""
-    return [
-        t.terminal()
-        for t in (
-            requirement_table(design.requirements, design.specification.in_degrees),
-            _pose_table(design),
-            _move_table(design),
-        )
-    ]
+    """Requirements that are not met or near their limits, for a terminal."""
+    lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)[:BRIEF]
+    title = "Requirements that are not met, or nearly not (* our default)"
+    return [requirement_table(lines, design.specification.in_degrees, title).terminal()] if lines else []
+
+
+def _near(line: Requirement) -> bool:
+    return not line.met or (line.limit > 0.0 and abs(line.found / line.limit - 1.0) <= NEAR)
+
+
+def workspace_text(design: WorkspaceDesign) -> str:
+    """The verdict for a terminal, under `workspace_tables`: what is met, the worst numbers, what to try."""
+    missed = ", ".join(dict.fromkeys(line.what for line in design.missed))
+    met = f"Not met: {missed}." if missed else f"All {len(design.requirements)} requirements are met."
+    worst = ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in _key_numbers(design))
+    parts = f"{met} {_scope(design)}", f"At worst: {worst}.", advice(design)
+    return "\n".join(fill(part, WIDTH, break_on_hyphens=False) for part in parts if part)
 
 
 def range_of(design: WorkspaceDesign) -> str:
     """The workspace in words."""
     space = design.setup.workspace
-    where = "the joint ranges" if space.path is None else "the stated moves"
+    where = (
+        "the joint ranges" if design.specification.workspace == LIMITS else "the stated ranges of the joints"
+    )
+    where = where if space.path is None else "the stated moves"
     return "the stated box in space" if space.box is not None else where
 
 
 def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
-    """The worst joint of each move, by the keys of `COLUMNS`; NaN where a number does not exist."""
+    """The worst joint of each move, by the keys of `COLUMNS`; NaN where a number does not exist, as a ripple without
+    limits of the motors."""
     rows = []
     for move in moves:
         found = move.motion
@@ -112,10 +158,12 @@ def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
     return rows
 
 
-def _titles(design: WorkspaceDesign) -> list[str]:
-    """Headings of `COLUMNS`, small deviations in the units of the joints."""
-    small = Units(design.setup.model, design.setup.joints).small[0]
-    return [title.format(small=small) for title, _ in COLUMNS.values()]
+def _columns(design: WorkspaceDesign) -> dict[str, tuple[str, str, float]]:
+    """Those of `COLUMNS` that the robot has, small deviations in the units of the joints."""
+    setup = design.setup
+    small, limited = Units(setup.model, setup.joints).small[0], setup.limits.limits_effort
+    kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
+    return {key: (title, unit.format(small=small), factor) for key, (title, unit, factor) in kept.items()}
 
 
 def _largest(values: Sequence[float | None], exists: bool = True) -> float:
@@ -135,7 +183,7 @@ def workspace_page(
                 requirement_table(design.requirements, s.in_degrees),
                 *(Paragraph(" ".join(text.split())) for text in warnings),
             ],
-            (f"Loops at {len(loops)} poses", "poses"): [_pose_table(design), _pose_figure(loops)],
+            (f"Loops at {len(loops)} poses", "poses"): [_pose_table(design), _pose_figure(design)],
             (f"{count_text(len(design.moves), 'move')} between random goals", "moves"): [
                 _move_table(design),
                 _joint_table(design),
@@ -147,6 +195,7 @@ def workspace_page(
                 _margin_table(design, tolerated),
                 _pair_table(design, tolerated),
             ],
+            ("The law and its estimator", "law"): [_law_table(design)],
         }
     return Page(
         f"A controller for the workspace of {robot.name}",
@@ -157,110 +206,105 @@ def workspace_page(
             *(Section(title, tuple(blocks), anchor) for (title, anchor), blocks in sections.items()),
             *([files_section(files)] if files else []),
         ),
-        Settings({"Specification": [
-            Setting(name.replace("_", " "), str(plain(name, getattr(s, name))))
-            for name in OF_WORKSPACE if getattr(s, name) != FIELDS[name].default
-        ]}),
+        Settings(settings_in_groups({
+            "Robot": robot_rows(robot),
+            "Estimator": [] if s.estimator == "none" else sensor_rows(setup),
+            "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
+        })),
         Provenance(shlex.join(command), s.seed),
         _key_numbers(design),
         [
             Status("met", f"{len(design.requirements)} requirements.") if design.met else
-            Status("not met", f"{_missed_text(design)}."),
+            Status("not met", f"{_missed_text(design)}. {advice(design)}"),
             Status("not proved", _not_proved(design, tolerated)),
         ],
     )  # fmt: skip
 
 
 def _key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
-    rows = worst_motion(design.moves)
-    worst = {key: max(row[key] for row in rows) for key in COLUMNS}
+    moves = (*design.moves, *design.sampled)
+    rows, least = worst_motion(moves), min(l.damping for l in (*design.loops, *design.corner_loops))
+    below, worst = f"below {design.specification.damped_below_limit:g} rad/s", f"worst of {len(moves)} moves"
     return [
-        KeyNumber(
-            "least damping",
-            number(min(loop.damping for loop in (*design.loops, *design.corner_loops)), 3),
-            "",
-            "at any pose",
-        ),
+        KeyNumber("least damping", number(least, 3), "", below),
         *(
-            KeyNumber(
-                title.partition(",")[0], number(factor * worst[key], 3), title.partition(",")[2], "worst"
-            )
-            for title, (key, (_, factor)) in zip(_titles(design), COLUMNS.items())
-            if not np.isnan(worst[key])
+            KeyNumber(title, number(factor * max(row[key] for row in rows), 3), unit, worst)
+            for key, (title, unit, factor) in _columns(design).items()
         ),
     ]
 
 
 def _pose_table(design: WorkspaceDesign) -> Table:
-    loops, (damping, ripple) = design.loops, pose_limits(design.specification)
-    s = design.specification
-    period, fastest = s.period, s.damped_below_limit
+    loops, corners, (damping, ripple) = design.loops, design.corner_loops, pose_limits(design.specification)
+    s, least = design.specification, f"damping ratio below {design.specification.damped_below_limit:g} rad/s"
     with np.errstate(divide="ignore"):
-        slowest = [-period / np.log(loop.growth) if loop.growth < 1.0 else np.inf for loop in loops]
+        slowest = [-s.period / np.log(loop.growth) if loop.growth < 1.0 else np.inf for loop in loops]
     rows = [
-        (
-            f"damping ratio of oscillations up to {fastest:g} rad/s",
-            *_ends([loop.damping for loop in loops]),
-            f"≥ {damping:g}",
-        ),
-        ("damping ratio of faster ones", *_ends([loop.fast_damping for loop in loops]), "stable"),
-        ("the same, springs with 0.5 % more damping", *_ends([loop.damped_fast for loop in loops]), ""),
-        *(
-            []
-            if not design.corner_loops
-            else [
-                (
-                    f"damping ratio up to {fastest:g} rad/s, robots at corners of their tolerances",
-                    *_ends([loop.damping for loop in design.corner_loops]),
-                    f"≥ {corner_damping(s):g}",
-                )
-            ]
-        ),
+        (least, *_ends([loop.damping for loop in loops]), f"≥ {damping:g}"),
+        *([(f"{least}, robots at corners of their tolerances", *_ends([loop.damping for loop in corners]),
+            f"≥ {corner_damping(s):g}")] if corners else []),
+        *([("damping ratio above it", *_ends([loop.fast_damping for loop in loops]), "stable"),
+           ("damping ratio above it, springs damped by 0.5 % more", *_ends([loop.damped_fast for loop in loops]), "")]
+          if _oscillates(loops) else []),
         ("ripple by the sensors' noise, %", *_ends([loop.ripple for loop in loops]), f"≤ {ripple:g}"),
-        ("slowest mode: time constant, s", *_ends(slowest), "stable"),
-    ]
+        ("time constant of the slowest mode, s", *_ends(slowest), "stable"),
+    ]  # fmt: skip
     caption = "Sampled loops, linearised at rest at each pose, with the estimator and the latency."
-    return Table(("of the loops at random poses", "least", "largest", "required"), rows, caption)
+    if not _oscillates(loops):
+        caption += f" No pose has an oscillation above {s.damped_below_limit:g} rad/s."
+    return Table(("loop", "least", "largest", "required"), rows, caption)
+
+
+def _oscillates(loops: Sequence[PoseLoop]) -> bool:
+    """Whether there are oscillations that need not be damped."""
+    return any(loop.fast_damping < 1.0 for loop in loops)
 
 
 def _ends(values: Sequence[float]) -> tuple[str, str]:
     return number(min(values), 4), number(max(values), 4)
 
 
-def _pose_figure(loops: Sequence[PoseLoop]) -> Any:
-    shares = np.linspace(0.0, 100.0, len(loops))
+def _pose_figure(design: WorkspaceDesign) -> Any:
+    s = design.specification
+    below = f"{s.damped_below_limit:g} rad/s"
+    curves = {f"below {below}": [loop.damping for loop in design.loops]}
+    if design.corner_loops:
+        curves["the same, robots at corners"] = [loop.damping for loop in design.corner_loops]
+    if _oscillates(design.loops):
+        curves[f"above {below}"] = [loop.fast_damping for loop in design.loops]
     lines = [
-        Line(shares, np.sort([getattr(loop, key) for loop in loops]), name, line_style(k))
-        for k, (key, name) in enumerate(
-            {"damping": "slow oscillations", "fast_damping": "faster ones"}.items()
-        )
+        Line(np.linspace(0.0, 100.0, len(values)), np.sort(values), name, line_style(k))
+        for k, (name, values) in enumerate(curves.items())
     ]
-    panel = Panel("smallest damping ratio", "", lines, across="poses with less (%)")
-    caption = "The smallest damping ratio at each pose, in ascending order."
+    required = [(pose_limits(s)[0], INK, "required below it")]
+    panel = Panel("smallest damping ratio", "", lines, across="share of the poses (%)", dashed=required)
+    caption = (
+        "The smallest damping ratio at each pose, in ascending order: 20 % of the poses have less than a curve has at "
+        "20 %. Required is that of the nominal robot."
+    )
     return draw_figure("poses", [panel], caption, "Damping over the workspace")
 
 
 def _move_table(design: WorkspaceDesign) -> Table:
-    rows = []
-    for which, moves in (("nominal robot", design.moves), ("corners of the tolerances", design.sampled)):
+    rows, columns = [], _columns(design)
+    for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
         found = worst_motion(moves)
-        if found:
-            columns = [np.array([factor * row[key] for row in found]) for key, (_, factor) in COLUMNS.items()]
-            rows.append(
-                (
-                    which,
-                    *(
-                        "–" if np.isnan(c).any() else f"{number(np.median(c), 3)}, {number(c.max(), 3)}"
-                        for c in columns
-                    ),
-                )
-            )
-    head = ("moves of the", *(f"{title}: median, worst" for title in _titles(design)))
+        values = [[factor * row[key] for row in found] for key, (_, _, factor) in columns.items()]
+        cells = (f"{number(float(np.median(each)), 3)}, {number(max(each), 3)}" for each in values if found)
+        rows += [(which, *cells)] if found else []
+    speed = design.setup.limits.speed
+    speeds = [f"{SPEED:.0%} of the speed limits".replace("%", " %")] if np.isfinite(speed).any() else []
+    if not np.isfinite(speed).all():
+        speeds.append(f"{SPEED * UNLIMITED:g} rad/s or m/s where none is stated")
     caption = (
-        f"Quintics at half the speed limits ({SPEED * UNLIMITED:g} rad/s or m/s where there is none), each from rest, "
-        f"with feedforward; what remains is the largest error in the last {WINDOW:g} s."
+        "The worst joint of each move: median, then largest number of all moves. Moves are quintics with up to "
+        f"{listed(speeds)}, from rest, with feedforward; the remaining error is the largest in the last {WINDOW:g} s."
     )
-    return Table(head, rows, caption, stacks=True)
+    return Table(("moves of", *_heads(design)), rows, caption, stacks=True)
+
+
+def _heads(design: WorkspaceDesign) -> list[str]:
+    return [f"{title}, {unit}" for title, unit, _ in _columns(design).values()]
 
 
 def _joint_table(design: WorkspaceDesign) -> Table:
@@ -268,62 +312,55 @@ def _joint_table(design: WorkspaceDesign) -> Table:
     moves = [*design.moves, *design.sampled]
     found = [move.motion for move in moves]
     names = [str(k + 1) for k in range(len(design.moves))]
-    names += [f"{names[k % len(names)]} of a sampled robot" for k in range(len(design.sampled))]
+    names += [f"{names[k % len(names)]}, at a corner" for k in range(len(design.sampled))]
     rows = []
     for k, joint in enumerate(design.setup.joints):
         cells = [joint]
-        for key, (_, factor) in COLUMNS.items():
-            values = [row[k].get(key) if row else np.inf for row in found]
-            known = np.array([np.nan if value is None else value for value in values], dtype=float)
-            worst = None if np.isnan(known).all() else int(np.nanargmax(known))
+        for key, (_, _, factor) in _columns(design).items():
+            values = [row[k].get(key, np.nan) if row else np.inf for row in found]
+            worst = None if np.isnan(values).all() else int(np.nanargmax(values))
             cells.append(
-                "–" if worst is None else f"{number(factor * known[worst], 3)} (move {names[worst]})"
+                "–" if worst is None else f"{number(factor * values[worst], 3)} (move {names[worst]})"
             )
         rows.append(cells)
-    head = ("joint", *_titles(design))
-    return Table(head, rows, "The worst move of each joint; goals are in the next table.", stacks=True)
+    caption = "The worst move of each joint, by the nominal robot or by one at a corner of its tolerances."
+    return Table(("joint", *_heads(design)), rows, caption, stacks=True)
 
 
 def _goal_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     slides, degrees = design.robot.links.slides, design.specification.in_degrees
-    rows = [
-        (
-            str(k + 1),
-            pose_text(move.response.start, slides, degrees),
-            pose_text(move.response.goal, slides, degrees),
+    ends = [design.moves[0].response.start, *(move.response.goal for move in design.moves)]
+    rows = [(str(k), pose_text(pose, slides, degrees)) for k, pose in enumerate(ends)]
+    caption = "Random goals. Move 1 goes from goal 0 to goal 1, move 2 from there to goal 2."
+    if design.setup.limits.limits_effort:
+        left = f"{tolerated.heavy} of the {len(design.loops)}" if tolerated.heavy else "none of the"
+        caption += (
+            f" The motors hold them with {100.0 * HOLD:g} % of their limits; {left} poses above need more."
         )
-        for k, move in enumerate(design.moves)
-    ]
-    caption = (
-        f"Random goals that the motors hold with {100.0 * HOLD:g} % of their limits. Of the "
-        f"{len(design.loops)} random poses above {tolerated.heavy} need more and could be no goal."
-    )
-    return Table(("move", "from", "to"), rows, caption, stacks=True)
+    return Table(("goal", "pose"), rows, caption)
 
 
 def _move_figure(design: WorkspaceDesign) -> Any:
-    """The move in which most error remains, or that is furthest from its path."""
+    """The move in which most error remains."""
     moves = (*design.moves, *design.sampled)
-    rows = worst_motion(moves)
-    key = next(
-        (key for key in ("remaining_error", "path_distance") if not np.isnan(rows[0][key])), "path_distance"
-    )
-    worst = int(np.nanargmax([row[key] for row in rows]))
+    worst = int(np.argmax([row["remaining_error"] for row in worst_motion(moves)]))
     move, joints, units = moves[worst], design.setup.joints, Units(design.setup.model, design.setup.joints)
-    run, (small, factor) = move.response, units.small
-    time, authority = run.run.time, design.setup.authority
+    run, (small, factor), limited = move.response, units.small, design.setup.limits.limits_effort
+    time = run.run.time
+    inputs = 100.0 * run.inputs / design.setup.authority if limited else run.inputs
     planned = np.reshape(move.plan(time), (len(time), -1))
     panels = [
         joint_panel("position", units.position, time, joints, run.positions),
         joint_panel("error", small, time, joints, factor * (run.positions - planned), zero=True),
-        joint_panel("input", "% of the limit", time, joints, 100.0 * run.inputs / authority, zero=True),
+        joint_panel("input", "% of the limit" if limited else units.effort, time, joints, inputs, zero=True),
     ]
     which = "nominal robot" if worst < len(design.moves) else "robot at a corner of its tolerances"
     caption = (
-        f"Move {worst % len(design.moves) + 1} of the {which}, the one with the largest {key.replace('_', ' ')}. "
-        f"Error: position of the link less that of the plan, which ends after {number(move.plan.duration, 3)} s. A "
-        "motor without a limit has the one that the estimator takes it to have."
+        f"Move {worst % len(design.moves) + 1} of the {which}, the one with the largest remaining error. Error: "
+        f"position of the link less that of the plan, which ends after {number(move.plan.duration, 3)} s."
     )
+    if limited and not np.isfinite(design.setup.limits.effort).all():
+        caption += " A motor without a limit is shown with the one that is assumed below."
     return draw_figure("move", panels, caption, "The worst move")
 
 
@@ -331,10 +368,10 @@ def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     s = design.specification
     extra, gain = s.delay_margin_limit or 0.0, gain_limit(s)
     rows = [
-        ("extra delay beside the latency, samples", _margin(tolerated.delay, LATEST), f"≥ {extra:g}"),
+        ("extra delay on top of the latency, samples", _margin(tolerated.delay, LATEST), f"≥ {extra:g}"),
         ("the same, springs damped by 0.5 % more", _margin(tolerated.damped_delay, LATEST), ""),
-        ("all inputs at once times", _margin(tolerated.louder, LOUDEST), f"≥ {gain:g}"),
-        ("all inputs at once times", _margin(1.0 / tolerated.softer, LOUDEST, "1/"), f"≤ 1/{gain:g}"),
+        ("largest factor of all inputs at once", _margin(tolerated.louder, LOUDEST), f"≥ {gain:g}"),
+        ("smallest factor", _margin(1.0 / tolerated.softer, LOUDEST, "1/"), f"≤ 1/{gain:g}"),
     ]
     caption = "Where the loop becomes unstable, at the pose that is nearest to it with the required delay or factor."
     return Table(("margin", "found", "required"), rows, caption)
@@ -370,9 +407,7 @@ def _pair_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
         "For motors made alike, gravity without slope, springs without damping, small motions. An error of an "
         "acceleration is that of a mass, a spring or a motor: 10 % more mass at all links is one of 9 %."
     )
-    return Table(
-        ("of the vibrations one by one", "range or size", "how it is known"), rows, caption, stacks=True
-    )
+    return Table(("each vibration by itself", "range or size", "how it is known"), rows, caption, stacks=True)
 
 
 def _not_proved(design: WorkspaceDesign, tolerated: Robustness) -> str:
@@ -388,12 +423,74 @@ def _not_proved(design: WorkspaceDesign, tolerated: Robustness) -> str:
     )
 
 
+def _law_table(design: WorkspaceDesign) -> Table:
+    """What the law and its estimator are made from, and who says so."""
+    setup, s, gains = design.setup, design.specification, design.setup.law.gains
+    w, r = gains.weights, setup.noise_levels
+    tried = ", ".join(f"{each:g}" for each in BANDWIDTHS)
+    rows = [
+        ("bandwidth ω₀", f"{w.bandwidth:g} rad/s", f"searched among {tried} at {CHOSEN_POSES} poses"),
+        ("largest bandwidth of a soft vibration", f"{w.share:g} × its frequency", "ours"),
+        ("damping ratio of vibrations", f"{w.damping:g}, fading out at {w.fast:g} rad/s", "ours"),
+        ("weight of the integral", f"{w.integral:g}", "ours"),
+        ("γ/γ*", f"{w.gamma:g}", "ours"),
+        ("motors made alike: √κ, β", f"{number(np.sqrt(gains.motor), 3)} rad/s, {number(gains.damping, 3)} 1/s",
+         "means of the robot's"),
+    ]  # fmt: skip
+    if s.estimator != "none":
+        stated = s.process_noise is not None or s.torque_noise is not None
+        own = " and ".join(f"{100.0 * share:g} %" for share in setup.random)
+        rows += [
+            ("estimator", "Kalman filter with the stationary gain of the pose", "ours"),
+            ("Rᵛ on all states, added on velocities of links, motors",
+             f"{r.all_states:g}, {r.link_velocities:g}, {r.motor_velocities:g}", r.source) if stated else
+            ("random torques on links and motors, each sample", f"{own} of the limits", "searched with the bandwidth"),
+        ]  # fmt: skip
+    if not np.isfinite(setup.limits.effort).all():
+        limits = f"{effort_text(np.round(setup.authority, 2))} {Units(setup.model, setup.joints).effort}"
+        why = f"assumed where none is stated: weight and {ACCELERATION:g} rad/s² (m/s²)"
+        rows.append(("limits of the motors, for ripple and estimator", limits, why))
+    caption = (
+        "`flexhinf.modal.ModalLaw.tuned` makes this law of these `PairWeights`; the gains at a pose are those of its "
+        "vibrations. The search takes the fastest that keeps the requirements on poses with a tenth in reserve, or the "
+        "nearest to that."
+    )
+    return Table(("number", "value", "from"), rows, caption, stacks=True)
+
+
+def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
+    """Settings: where the design is judged, by which random numbers."""
+    s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.dry_plant[0])
+    stated, seed = source_of(s, "workspace"), 100 * s.seed
+    return [
+        (
+            "workspace, smallest positions",
+            space.lower,
+            "",
+            "the robot's file" if s.workspace == LIMITS else stated,
+        ),
+        ("workspace, largest positions", space.upper, "", "±180° where a turning joint has no range"),
+        (
+            "true plant of the moves",
+            f"the robot{f', with {dry}' if dry else ''}",
+            "",
+            "--extras, and the robot's file",
+        ),
+        ("poses that are judged", len(design.loops), "", f"seed {POSES_SEED + seed}, as are their corners"),
+        ("moves", len(design.moves), "", f"goals by seed {GOALS_SEED + seed}"),
+        ("moves of robots at corners", len(design.sampled), "", f"seed {SAMPLED_SEED + seed}"),
+        ("poses of the search", CHOSEN_POSES, "", f"seed {CHOSEN_SEED}, whatever --seed"),
+        ("rest at the end of a move", STILL, "s", "ours"),
+    ]
+
+
 def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
     """What design.json holds of a controller for a workspace."""
     law = design.setup.law.gains
     return {
         "version": 1, "kind": "workspace", "met": design.met,
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
+        "weights": finite(vars(law.weights)), "random_torques": list(design.setup.random),
         "requirements": [
             {key: getattr(line, key) for key in ("what", "where", "limit", "found", "unit", "met")}
             for line in design.requirements

@@ -1,0 +1,215 @@
+"""Every assumption and setting of a result, each with who states it: robot, synthesis, estimator, loop and runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.evaluation import LawEvaluation
+from flexhinf.design.loop_setup import INITIAL_VARIANCE, LoopPlants
+from flexhinf.design.pipeline import Comparison
+from flexhinf.design.responses import ROBOT
+from flexhinf.design.specification import Specification
+from flexhinf.design.synthesis.steps import Synthesis
+from flexhinf.estimation import MODEL_STEP
+from flexhinf.options import option_name
+from flexhinf.pages.design.weights import effort_unit, state_weights
+from flexhinf.pages.drawing import Units, effort_text
+from flexhinf.report import Setting
+from flexhinf.robot import Robot
+from flexhinf.robot.signals import signal_names
+
+#: Name, value, unit and source.
+Rows = list[tuple[Any, ...]]
+
+
+def comparison_settings(comparison: Comparison) -> dict[str, list[Setting]]:
+    """Settings of a comparison in groups: the comparison first, then the design's own law."""
+    own, criterion, runs = comparison.own.evaluation, comparison.criterion, comparison.scenario
+    assert own is not None
+    rows = [
+        ("laws", [row.name for row in comparison.rows], "", "option --laws, or the default"),
+        ("tuned for", criterion.text, "", "ours"),
+        *(
+            (x.label, f"{'≥' if x.at_least else '≤'} {x.value:.4g}", x.unit, x.origin)
+            for x in criterion.limits
+        ),
+        ("shared limit", criterion.mode, "", "option --tune"),
+        ("measurement noise", "of the sampled robots only, not of the nominal one", "", "ours"),
+        ("command", "the whole step at once, integrals at zero, for every law", "", "ours"),
+        ("load begins at", "a tenth of its run", "", f"{runs.load_duration:g} s, in equilibrium at the goal"),
+        ("plan of the move", float(runs.plan.duration), "s", "the same for every law"),
+        ("sensors", "those of the design or of the law's proponents", "", "see the table of laws"),
+    ]
+    return {
+        "Comparison": [Setting(*row) for row in rows],
+        **design_settings(comparison.synthesis, own, region=False),
+    }
+
+
+def design_settings(synthesis: Synthesis, e: LawEvaluation, region: bool = True) -> dict[str, list[Setting]]:
+    """Settings of a design in groups, in the order in which the design uses them; of its `region` too."""
+    return settings_in_groups({
+        "Robot": robot_rows(e.setup.robot),
+        "Synthesis": _synthesis(synthesis, e, region),
+        "Estimator": _estimator(e),
+        "Simulation": _simulation(e),
+    })  # fmt: skip
+
+
+def settings_in_groups(groups: Mapping[str, Rows]) -> dict[str, list[Setting]]:
+    """Rows as settings."""
+    return {name: [Setting(*row) for row in rows] for name, rows in groups.items()}
+
+
+def robot_rows(robot: Robot) -> Rows:
+    """Settings: the joints and every number of a robot with its tolerance."""
+    spreads = {p.name: f" ({p.spread})" if p.range is not None else f" {p.spread}" for p in robot.parameters}
+    return [
+        ("joints", list(robot.joint_names), "", robot.name),
+        *(
+            (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
+            for p in robot.parameters
+        ),
+    ]
+
+
+def sensor_rows(setup: LoopPlants) -> Rows:
+    """Settings: what is measured, and with which noise."""
+    plant, source = setup.model, source_of(setup.specification, "measurement_noise")
+    return [
+        ("measured", list(plant.outputs), "", source_of(setup.specification, "measured")),
+        *(
+            (f"Rⁿ of {name.replace('_', ' ')}", float(value), f"({plant.unit(name)})²", source)
+            for name, value in zip(plant.outputs, setup.noise_variances)
+        ),
+        ("simulated noise", "white, of these variances", "", "ours"),
+    ]
+
+
+def loop_rows(setup: LoopPlants) -> Rows:
+    """Settings: when an input acts, and the limits of the joints."""
+    s, limits, units = setup.specification, setup.limits, Units(setup.model, setup.joints)
+    bounds = (
+        np.broadcast_to(np.inf if limits.saturated is None else limits.saturated, limits.speed.shape),
+        limits.speed,
+    )
+    peaked = not np.array_equal(bounds[0], limits.saturation)
+    sources = limits.peak_source if peaked else limits.saturation_source, limits.speed_source
+    inputs, speeds = (effort_text(bound) if np.isfinite(bound).any() else "none" for bound in bounds)
+    stated = [source if source == ROBOT else f"option {source}" for source in sources]
+    quanta = [0.0] if setup.quantisation is None else np.atleast_1d(setup.quantisation).tolist()
+    return [
+        ("sampling period", s.period, "s", source_of(s, "period")),
+        ("latency, known to the estimator", s.known_latency, "samples", source_of(s, "latency")),
+        ("delay of the inputs on top of it", s.unknown_delay, "s", source_of(s, "unknown_delay")),
+        ("quantisation of the measurements", quanta[0] if len(set(quanta)) == 1 else quanta, "",
+         source_of(s, "quantisation")),
+        ("limits of the inputs", inputs, units.effort if limits.saturated is not None else "", stated[0]),
+        ("limits of the speeds", speeds, units.speed if limits.limits_speed else "", stated[1]),
+    ]  # fmt: skip
+
+
+def source_of(s: Specification, name: str, otherwise: str = "") -> str:
+    """Who states a field: an option, our default, or `otherwise` where it is None."""
+    value = getattr(s, name)
+    if otherwise and value is None:
+        return otherwise
+    default = not otherwise and value == getattr(Specification(), name)
+    return f"{'default of' if default else 'option'} {option_name(name)}"
+
+
+def _synthesis(synthesis: Synthesis, e: LawEvaluation, region: bool) -> Rows:
+    s, problem, chosen = e.setup.specification, synthesis.problem, synthesis.design_problem
+    proved, degrees = synthesis.proved, [c.degree for c in synthesis.choices]
+    counted, last = "for the number of states", list[Any]()
+    if region and proved is None:
+        checked = "0.9 × the designed one" if s.checked_penalty is None else str(s.checked_penalty)
+        last = [
+            ("checked γ/γ*", s.checked_gamma_ratio, "", source_of(s, "checked_gamma_ratio")),
+            ("checked penalty", checked, "", source_of(s, "checked_penalty")),
+            ("rays", synthesis.rays, "", source_of(s, "rays", counted)),
+        ]
+    if proved is not None:
+        source = source_of(s, "checked_penalty", "the robot's own, or Eq. (11)")
+        last = [
+            ("γ that is proved", proved.gamma, "", "searched"),
+            ("penalty whose gain is proved", str(proved.problem.penalty.states), "", source),
+            ("R2 of that penalty", proved.problem.r2, "", source),
+        ]
+    home = "the robot's home" if s.move is None else "the last waypoint of --move"
+    return [
+        ("preset", chosen.preset, "", "option --preset" if s.preset else "by what is required"),
+        ("pose", synthesis.goal, _position_unit(e), source_of(s, "pose", home)),
+        *(
+            (f"weight of {name.replace('_', ' ')}", weight, unit, chosen.source)
+            for name, weight, unit in state_weights(problem, e.setup.joints)
+        ),
+        ("R2", np.asarray(problem.penalty.effort), effort_unit(problem), chosen.effort_source),
+        ("disturbances", list(problem.disturbance_names), "", source_of(s, "disturbances")),
+        ("integrated errors", list(problem.integrate), "", "ours"),
+        ("γ* of the problem", chosen.gamma_star, "", "bisection, relative 1e-8"),
+        ("γ/γ*", chosen.gamma / chosen.gamma_star, "", "searched" if proved else source_of(s, "gamma_ratio")),
+        ("degrees of V tried", degrees, "", "option --degrees" if s.degrees else counted),
+        ("degree of V", synthesis.chosen.degree, "", "by the cost of the step" if len(degrees) > 1 else ""),
+        *last,
+    ]
+
+
+def _position_unit(e: LawEvaluation) -> str:
+    units = [e.setup.model.unit(name) for name in signal_names("link_position", e.setup.joints)]
+    return ", ".join(units[:1] if len(set(units)) == 1 else units)
+
+
+def _estimator(e: LawEvaluation) -> Rows:
+    s, noise = e.setup.specification, e.setup.process_noise
+    own: Rows = [("estimator", s.estimator, "", source_of(s, "estimator"))]
+    if s.estimator == "none":
+        return [*own, ("fed back", "the true state", "", "option --estimator none")]
+    links, motors = (
+        list(levels) if isinstance(levels, tuple) else levels
+        for levels in (noise.link_velocities, noise.motor_velocities)
+    )
+    initial = "stationary covariance of the filter in equilibrium at the goal"
+    return [
+        *own,
+        *sensor_rows(e.setup),
+        ("Rᵛ on every state", noise.all_states, "per sample", noise.source),
+        ("Rᵛ on link velocities, added", links, "per sample", noise.source),
+        ("Rᵛ on motor velocities, added", motors, "per sample", noise.source),
+        ("initial estimate", "the equilibrium at the start of the run", "", "ours"),
+        ("P0", initial if noise.largest else f"{INITIAL_VARIANCE:g} I", "", "ours"),
+        ("model", "the nominal robot without extras", "", "ours"),
+        *([("α, β, κ", "1, 2, 0", "", "Table 3 of Elsa & Akbari 2014")] if s.estimator == "ukf" else []),
+    ]
+
+
+def _simulation(e: LawEvaluation) -> Rows:
+    s, runs, filter, position = e.setup.specification, e.scenario, e.loop.filter, _position_unit(e)
+    assert runs is not None
+    extras = f", with {', '.join(s.extras)}" if s.extras else ", no extras"
+    steps, seed = "Runge–Kutta steps per period", f"uniform within the tolerances, seed ({s.seed}, 7)"
+    rows: Rows = [
+        ("start pose", e.setup.start, position, source_of(s, "start", "ours: 0.1 rad (10 mm) from the goal")),
+        ("command",
+        "the goal, from the first sample on" if e.setup.command is None else e.setup.command.name,
+        "", source_of(s, "shaping")),
+        ("move", runs.plan.name, "", source_of(s, "move", "ours: the way of the step")),
+        ("true plant", f"nominal numbers{extras}", "", source_of(s, "extras")),
+        ("extras that the linear loop leaves out", list(e.setup.left_out) or "none", "",
+         "ours: their slope at standstill holds only for the smallest velocities"),
+        *loop_rows(e.setup),
+        ("dead zone of the integrals", "none" if e.setup.dead_zone is None else e.setup.dead_zone, position,
+         source_of(s, "integral_dead_zone", "ours: against limit cycles")),
+        ("length of the step", runs.step_duration, "s", source_of(s, "duration", "by the slowest mode, 0.5 to 20 s")),
+        ("load", runs.load, e.setup.model.unit(e.setup.model.disturbances[0]),
+         source_of(s, "load", "a tenth of what the motors give at the peak of the step")),
+        ("sampled robots", len(runs.robots), "", seed),
+        (steps, runs.sub_steps, "", "true plant: step × fastest mode ≤ 0.01"),
+    ]  # fmt: skip
+    if filter is not None:
+        most = f"{filter.stages} stages, step × fastest mode ≤ {MODEL_STEP[filter.stages]}"
+        rows.append((steps, filter.sub_steps, "", f"estimator's model: {most}"))
+    return rows
