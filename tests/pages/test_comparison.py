@@ -46,7 +46,7 @@ def test_every_question_has_its_section(report_comparison: Comparison) -> None:
         "laws",
     ]
     html = page.html()
-    assert html.index("Criterion:") < html.index('class="verdict"')
+    assert html.index("workspace") < html.index("Criterion:") < html.index('class="verdict"')
     assert not re.search(r"\bnan\b|\binf\b", re.sub(r"<svg.*?</svg>", "", html, flags=re.DOTALL))
     assert not re.search(r"\bin \d+ of \d+", html)
 

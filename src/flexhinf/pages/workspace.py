@@ -121,7 +121,7 @@ def advice(design: WorkspaceDesign) -> str:
 def workspace_tables(design: WorkspaceDesign) -> list[Any]:
     """Requirements that are not met or near their limits, for a terminal."""
     lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)[:BRIEF]
-    title = "Requirements that are not met, or nearly not (* our default)"
+    title = "Requirements that are missed or nearly missed (* our default)"
     return [requirement_table(lines, design.specification.in_degrees, title).terminal()] if lines else []
 
 
@@ -463,19 +463,10 @@ def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
     s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.dry_plant[0])
     stated, seed = source_of(s, "workspace"), 100 * s.seed
     return [
-        (
-            "workspace, smallest positions",
-            space.lower,
-            "",
-            "the robot's file" if s.workspace == LIMITS else stated,
-        ),
-        ("workspace, largest positions", space.upper, "", "±180° where a turning joint has no range"),
-        (
-            "true plant of the moves",
-            f"the robot{f', with {dry}' if dry else ''}",
-            "",
-            "--extras, and the robot's file",
-        ),
+        ("workspace", s.workspace if isinstance(s.workspace, str) else range_of(design), "", stated),
+        ("its smallest positions", space.lower, "", "±180° for a turning joint without a range"),
+        ("its largest positions", space.upper),
+        ("true plant of the moves", f"the robot{dry and f', with {dry}'}", "", "its file, and --extras"),
         ("poses that are judged", len(design.loops), "", f"seed {POSES_SEED + seed}, as are their corners"),
         ("moves", len(design.moves), "", f"goals by seed {GOALS_SEED + seed}"),
         ("moves of robots at corners", len(design.sampled), "", f"seed {SAMPLED_SEED + seed}"),
