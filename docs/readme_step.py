@@ -46,11 +46,12 @@ def moves() -> tuple[str, str]:
     left, best_left = 1e3 * sampled["remaining_error"], 1e3 * own["remaining_error"]
     off, best_off = 1e3 * sampled["path_distance"], 1e3 * own["path_distance"]
     text = (
-        f"The figure shows {DRAWN} moves between random goals, each by another robot at a corner of its tolerances, "
-        "with [the controller below](#one-controller-for-the-whole-workspace), which does not know that robot, dry "
-        "friction, noisy encoders and one sample of latency. A move begins with a peak, since weight and springs are "
-        "not those that the controller expects. The robot's file has no speed limits, so a link is moved at up to "
-        f"{SPEED * UNLIMITED:g} rad/s. Of {len(found.sampled)} such moves at most {left:.2f} mrad remain "
+        f"The figure shows {DRAWN} moves between random goals with [the controller "
+        "below](#one-controller-for-the-whole-workspace), with dry friction, noisy encoders and one sample of latency. "
+        "Each move is made by another robot at a corner of its tolerances, which the controller does not know. So it "
+        "begins with a peak: weight and springs are not those that the controller expects. The robot's file has no "
+        f"speed limits, so a link moves at up to {SPEED * UNLIMITED:g} rad/s. "
+        f"Of {len(found.sampled)} such moves at most {left:.2f} mrad remain "
         f"({best_left:.2f} mrad with the nominal robot), no link is further off its path than {off:.1f} mrad "
         f"({best_off:.1f} mrad) or goes the wrong way by more than {sampled['wrong_way_percent']:.1f} % of its travel. "
         f"At {len(found.loops)} random poses every oscillation below {found.specification.damped_below_limit:g} rad/s "

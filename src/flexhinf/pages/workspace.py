@@ -276,11 +276,11 @@ def _pose_figure(design: WorkspaceDesign) -> Any:
         Line(np.linspace(0.0, 100.0, len(values)), np.sort(values), name, line_style(k))
         for k, (name, values) in enumerate(curves.items())
     ]
-    required = [(pose_limits(s)[0], INK, "required below it")]
+    required = [(pose_limits(s)[0], INK, "required of the nominal robot")]
     panel = Panel("smallest damping ratio", "", lines, across="share of the poses (%)", dashed=required)
     caption = (
         "The smallest damping ratio at each pose, in ascending order: 20 % of the poses have less than a curve has at "
-        "20 %. Required is that of the nominal robot."
+        "20 %."
     )
     return draw_figure("poses", [panel], caption, "Damping over the workspace")
 
