@@ -76,13 +76,15 @@ def proved_range(
 
     @lru_cache(3)
     def at(*links: float) -> _Loop:
-        ctx.cap = (
-            TERMS if len(links) > 1 else 1
-        )  # of an interval the second coefficient counts, of one λ the value
-        return _loop(gains, links, error, latency, filter, scaling)
+        ctx.cap = TERMS if len(links) > 1 else 1  # of one λ the value counts alone
+        try:
+            return _loop(gains, links, error, latency, filter, scaling)
+        finally:
+            ctx.cap = TERMS  # a smaller one would cut the second coefficient off wherever it is read
 
     place, length, count, cap = low, LONGEST, 0, ctx.cap
     try:
+        ctx.cap = TERMS
         while place < high and length > SHORTEST:
             end, proved = min(high, place * float(np.exp(length))), False
             try:
