@@ -75,6 +75,42 @@ def test_all_pairs_are_proved_stable_and_are(gains, filter, latency):
         assert np.abs(parts[1]).max() < 1.0
 
 
+@pytest.mark.oracle
+def test_between_the_ends_of_an_interval_the_loop_is_where_the_proof_says(gains, filter, monkeypatch):
+    """A in the middle less the mean of the ends, by the pairs of those λ, against the second coefficient."""
+    asked, positive = [], stability._positive
+
+    def spied(ends, between, bend, root):
+        most = np.array([[float(e.abs_upper()) for e in row] for row in between.order(2)[0].tolist()])
+        asked.append(([stability._numbers(end.order(0)[0]) for end in ends], most * float(bend)))
+        return positive(ends, between, bend, root)
+
+    monkeypatch.setattr(stability, "_positive", spied)
+    first = proved_range(gains, fastest=1.3 * np.sqrt(ENDS[0]), latency=1, filter=filter).low
+    (low, high), bound = asked[0]
+    table = filter.pair[1]
+
+    def loop(link):
+        place = (2.0 * np.log(link) - LOW - HIGH) / (HIGH - LOW)
+        observer = np.polynomial.chebyshev.chebval(place, table).reshape(4, 2), SEEN
+        period = np.hstack(model(gains, link))
+        # The proof counts motors from links.
+        apart = np.eye(4) - np.eye(4, k=-2)
+        acting, memory = sampled_pair(period, gains(link)[:5], PERIOD, 1, observer)
+        return apart, np.vstack([period @ acting, memory])
+
+    apart, start = loop(first)
+    turn = np.eye(len(low))
+    turn[:4, :4] = turn[4:8, 4:8] = apart
+    np.testing.assert_allclose(low, turn @ start @ np.linalg.inv(turn), atol=1e-6)
+    ends = first * np.exp(np.array([0.0, stability.LONGEST]))
+    matrices = [turn @ loop(link)[1] @ np.linalg.inv(turn) for link in (*ends, ends.mean())]
+    np.testing.assert_allclose(high, matrices[1], atol=1e-6)
+    distance = np.abs((matrices[0] + matrices[1]) / 2.0 - matrices[2])
+    assert distance.max() > 1e-5
+    assert np.all(distance <= bound + 1e-9)
+
+
 def test_the_proof_ends_where_pairs_are_unstable(gains):
     loud = pair_gains(ENDS, 110.0**2, 12.0, PERIOD)
     vars(loud).update(coefficients=LOUDER * loud.coefficients)
