@@ -82,6 +82,18 @@ def test_modes_that_count_are_roots_of_the_characteristic_equation() -> None:
         assert np.isin(loud[np.abs(loud) ** samples >= ECHO], values).all()
 
 
+def test_what_lasts_in_a_loop_with_a_short_queue_is_no_echo() -> None:
+    """The poles of up to four samples of delay, which need no eigenvectors, are those that `modes` finds with them."""
+    rng = np.random.default_rng(5)
+    for samples in (1, 2, 4, 5) * 5:
+        a, e, k = rng.normal(size=(5, 5)), rng.normal(size=(5, 2)), rng.normal(size=(2, 5))
+        system = delayed(0.9 * a / np.abs(np.linalg.eigvals(a)).max(), e, 0.3 * k, samples)
+        expected = system.period * system.poles
+        found = np.log(system.modes()[0])
+        assert np.sort(found.real) == pytest.approx(np.sort(expected.real), abs=1e-9)
+        assert np.sort(found.imag) == pytest.approx(np.sort(expected.imag), abs=1e-9)
+
+
 def soft(made: SimpleNamespace, gain: float, delay: int) -> EquilibriumLoop:
     """A damped oscillator under weak feedback, which stands any delay."""
     plant = Plant(

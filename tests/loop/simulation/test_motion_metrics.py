@@ -59,6 +59,17 @@ def test_the_nearest_point_of_a_path_is_that_of_a_search_through_all_its_points(
     assert path_distance(positions, path, travel) == pytest.approx(expected, rel=1e-3)
 
 
+def test_a_straight_path_of_many_points_is_the_way_between_its_ends_and_one_that_turns_back_is_not() -> None:
+    ends, travel = np.array([[0.2, 1.0], [1.0, -1.0]]), np.array([0.8, 2.0])
+    shares = np.append(0.0, np.geomspace(1e-9, 1.0, 200))[:, None]
+    positions = ends[0] + np.random.default_rng(2).normal(size=(30, 2))
+    many = path_distance(positions, ends[0] + shares * (ends[1] - ends[0]), travel)
+    assert many == pytest.approx(path_distance(positions, ends, travel), rel=1e-12)
+    assert path_distance(np.array([[1.4]]), np.array([[0.0], [1.5], [1.0]]), np.ones(1)) == pytest.approx(
+        [0.0]
+    )
+
+
 def test_a_late_joint_is_on_its_path_and_a_resting_path_is_a_point() -> None:
     late = np.linspace([0.0, 1.0], [1.0, -1.0], 50) ** np.array([[1.0, 1.0]])
     assert path_distance(late, np.array([[0.0, 1.0], [1.0, -1.0]]), np.ones(2)) == pytest.approx([0.0, 0.0])
