@@ -19,7 +19,7 @@ compensated by the input of the reference: u_d of the inverse dynamics, or u* at
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,9 @@ POSES, SEED = 500, 0
 
 #: The range of λ is made wider by this factor at both ends, for poses between the sampled ones, payloads, tolerances.
 MARGIN = 1.5
+
+#: Searches with other sensors or limits try the same laws.
+_kept_gains = lru_cache(32)(pair_gains)
 
 
 def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
@@ -111,7 +114,7 @@ class ModalLaw(PlacedLaw):
         )
         kappa = float(np.exp(np.log(joints.stiffness / joints.motor_inertia).mean()))
         beta = float((joints.motor_damping / joints.motor_inertia).mean())
-        gains = pair_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)
+        gains = _kept_gains((found.min() / MARGIN, found.max() * MARGIN), kappa, beta, period, weights)
         return cls(plant=plant, equilibrium=equilibrium, integrate=problem.integrate, gains=gains)
 
     @cached_property
