@@ -92,6 +92,7 @@ def test_the_lowest_degree_takes_a_small_step_and_its_start_is_judged(two: Desig
     assert any("outside" in note for note in notes(two)) is not two.inside
 
 
+@pytest.mark.slow
 def test_the_rigid_design_fails_on_it_from_the_link_side(two: Design) -> None:
     assert two.rigid is not None
     link, motor = two.rigid.loops
