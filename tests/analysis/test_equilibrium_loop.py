@@ -181,6 +181,23 @@ def test_no_rest_is_infinite_and_spoils_no_other(
         loop.linear(arm.corner({"mass": 1.0}))
 
 
+def test_a_search_that_strays_far_says_nothing_and_spoils_no_other(
+    made: SimpleNamespace, two_link: Robot
+) -> None:
+    """Inputs that are late are linearised after the search: only where it found a rest."""
+    plant = two_link.plant()
+    x, u = two_link.operating_point([0.5, 0.3])
+    gains = np.hstack([np.zeros((2, 4)), np.diag([60.0, 30.0]), np.diag([6.0, 3.0])])
+    loop = EquilibriumLoop(made.Gains(plant, gains, x, u), None, plant, PERIOD, delay=1)
+    far = np.zeros(len(loop.start))
+    far[[plant.index(name) for name in plant.states if name.startswith("link_velocity")]] = 1e70
+    modes = loop.modes([{}, {}], near=np.array([np.full(len(far), np.nan), far]))
+    assert modes.rate[0] == loop.modes([{}]).rate[0]
+    assert math.isfinite(modes.rate[0])
+    assert math.isinf(modes.rate[1])
+    assert np.isnan(modes.equilibrium[1]).all()
+
+
 def test_plants_do_not_mix(made: SimpleNamespace, arm: Robot, cubic: HJISolution) -> None:
     plant, rng = arm.plant(inductance=True), np.random.default_rng(3)
     loop = EquilibriumLoop(cubic, made.filter(arm.plant(), np.zeros(4)), plant, PERIOD, math.pi)

@@ -287,11 +287,12 @@ class EquilibriumLoop:
             at = slice(k, k + each)
             gains = fixed[at] if fixed is not None and fixed.ndim == 2 else fixed
             z, slope, exists = self._equilibrium(vectors[at], gains, None if near is None else near[at])
+            z = np.where(exists[:, None], z, np.nan)
             if self.delay:
                 slope = self._period(z, vectors[at], gains, waits=True)[1]
             multipliers = np.full(slope.shape[:2], np.inf, dtype=complex)
             multipliers[exists] = np.linalg.eigvals(slope[exists])
-            parts.append((np.where(exists[:, None], z, np.nan), multipliers))
+            parts.append((z, multipliers))
         equilibria, multipliers = (np.concatenate(each) for each in zip(*parts))
         return Modes(self.period, equilibria, multipliers)
 
