@@ -118,7 +118,13 @@ def test_modes_are_those_of_links_against_fixed_motors(made):
 
 @pytest.mark.oracle
 @pytest.mark.parametrize(
-    ("name", "least"), [("planar-two-link", 0.2), ("seven-link", 0.2), ("panda", 0.2), ("ur5", 0.2)]
+    ("name", "least"),
+    [
+        ("planar-two-link", 0.2),
+        ("seven-link", 0.2),
+        pytest.param("panda", 0.2, marks=pytest.mark.slow),
+        pytest.param("ur5", 0.2, marks=pytest.mark.slow),
+    ],
 )
 def test_sampled_loops_at_200_poses(made, name, least):
     """State known, one sample of latency predicted, gravity at every pose: stable, and damped below 350 rad/s."""
