@@ -50,12 +50,12 @@ class Arm:
     speed: np.ndarray  # largest velocity
 
     @staticmethod
-    def of(robot: Any, values: Mapping[str, float] | None = None) -> Arm:
-        """The numbers of a robot, or of one with other parameter values (all of them, by name).
+    def of(robot: Any, values: Mapping[str, Any] | None = None) -> Arm:
+        """The numbers of a robot, or of one with other parameters of its plant, as `Robot.corner` returns them.
 
         Raises `fh.InvalidInput` for a rigid joint, a motor without a limit, and a sliding joint without a range.
         """
-        p = dict(robot.plant_parameters(values))
+        p = dict(robot.plant_parameters() if values is None else values)
         n, named = len(robot.joint_names), Parameters(p)
         tree, mass, centre, inertia = robot.links.rigid(named)
         ends = [

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from typing import Any
-
-import numpy as np
 
 import flexhinf as fh
 from benchmarks.hardware.robots import ROBOTS as HARDWARE, files_of
 from benchmarks.workspace.arm import Arm
 
-__all__ = ["ROBOTS", "Entry", "sampled", "true_arms"]
+__all__ = ["ROBOTS", "Entry", "true_arms"]
 
 #: Robots of the condition "sampled", each with every uncertain number at one end of its tolerance; and their seed.
 SAMPLES, SEED = 8, 11
@@ -54,26 +51,9 @@ ROBOTS = {
 }  # fmt: skip
 
 
-def sampled(robot: Any, count: int = SAMPLES, seed: int = SEED) -> list[dict[str, float]]:
-    """Parameter values of robots at random corners of the tolerances.
-
-    All moments of inertia of a link are at the same end: otherwise they would be those of no rigid body.
-    """
-    rng, found = np.random.default_rng(seed), []
-    for _ in range(count):
-        ends: dict[str, int] = {}
-        for p in robot.uncertain:
-            ends.setdefault(re.sub("^inertia_[xyz]{2}", "inertia", p.name), int(rng.integers(2)))
-        values = {
-            p.name: p.interval[ends[re.sub("^inertia_[xyz]{2}", "inertia", p.name)]] for p in robot.uncertain
-        }
-        found.append(robot.nominal | values)
-    return found
-
-
 def true_arms(entry: Entry, kind: str) -> list[Arm]:
     """The true robots of a condition: "nominal", with the "payload", or "sampled"."""
     if kind == "sampled":
         robot = entry.robot()
-        return [Arm.of(robot, values) for values in sampled(robot)]
+        return [Arm.of(robot, values) for values in robot.random_corners(SAMPLES, SEED)]
     return [Arm.of(entry.robot(payload=kind == "payload"))]

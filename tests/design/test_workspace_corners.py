@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.workspace import (
-    PoseLoop,
-    WorkspaceSetup,
-    corner_requirements,
-    random_corners,
-)
+from flexhinf.design import requirements, workspace
+from flexhinf.design.plans import settled
+from flexhinf.design.workspace import PoseLoop, WorkspaceSetup, corner_requirements, standstill_requirement
+from flexhinf.loop import Loop
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
+from flexhinf.robot.parameters import random_signs
 from flexhinf.robot.workspace import workspace_of
 
 BOTH = ("link_position", "motor_position")
@@ -34,14 +37,94 @@ def setup_of(payload: str) -> WorkspaceSetup:
 
 def test_every_number_is_at_an_end_of_its_interval() -> None:
     robot = fh.load_robot("planar-two-link", payload="0..0.5..1kg")
-    corners = random_corners(robot, 40, 3)
+    corners = robot.random_corners(40, 3)
     between = {p.name: p.interval for p in robot.uncertain}
     for k, joint in enumerate(robot.joint_names):
         assert {corner["stiffness"][k] for corner in corners} == set(between[f"stiffness_{joint}"])
     carried = {round(corner["mass"][1], 9) for corner in corners}
     assert carried == {link + load for link in between["mass_elbow"] for load in (0.0, 1.0)}
     assert len({tuple(corner["mass"]) for corner in corners}) == 8  # links and payload apart
-    assert random_corners(fh.load_robot("scara"), 0, 3) == []
+    exact = tuple(replace(p, tolerance=0.0, range=None) for p in robot.parameters)
+    assert replace(robot, parameters=exact).random_corners(4, 3) == robot.random_corners(0, 3) == []
+
+
+@pytest.mark.oracle
+def test_links_at_random_corners_are_rigid_bodies() -> None:
+    """No principal moment exceeds the sum of the others; with a sign for each moment it may."""
+    robot = fh.load_robot("planar-two-link")
+
+    def excess(corner: Mapping[str, Any]) -> float:
+        """Largest moment less the others, relative, of links whose products of inertia are zero."""
+        moments = np.asarray(corner["inertia"])[:, [0, 3, 5]]
+        return float(np.max(2.0 * moments.max(axis=1) / moments.sum(axis=1) - 1.0))
+
+    corners = robot.random_corners(40, 3)
+    assert max(map(excess, corners)) <= 1e-12
+    assert {float(corner["inertia"][1, 5]) for corner in corners} == set(robot["inertia_zz_elbow"].interval)
+    alone = random_signs(len(robot.uncertain), 40, 3)
+    assert max(excess(robot.corner(row)) for row in alone.tolist()) > 0.01
+
+
+def test_products_of_inertia_grow_with_the_moments() -> None:
+    """A negative one is at its lower end where the moments are at their upper ends."""
+    robot = fh.load_robot("planar-two-link")
+    skew = replace(robot["inertia_xy_elbow"], value=-1e-3, tolerance=robot["inertia_zz_elbow"].tolerance)
+    parameters = tuple(skew if p.name == skew.name else p for p in robot.parameters)
+    found = [corner["inertia"][1] for corner in replace(robot, parameters=parameters).random_corners(20, 3)]
+    ratios = np.array([inertia[1] / inertia[5] for inertia in found])
+    np.testing.assert_allclose(ratios, skew.value / robot["inertia_zz_elbow"].value, rtol=1e-12)
+    assert len({float(inertia[1]) for inertia in found}) == 2
+
+
+# Where moves begin, and how they end ---------------------------------------------------------------------
+@pytest.mark.oracle
+@pytest.mark.parametrize("measured", [BOTH, ("motor_position",)])
+def test_a_settled_start_stays_where_it_is(measured: tuple[str, ...]) -> None:
+    """The run of the loop itself, without noise and friction, on a robot with twice the payload of the model: from the
+    settled start its links stay, from the start of a controller that does not know the payload they sag."""
+    setup = setup_of("0..0.5..1kg")
+    setup = replace(setup, specification=replace(setup.specification, measured=measured))
+    heavy = setup.robot.corner([1.0 if "payload" in p.name else 0.0 for p in setup.robot.uncertain])
+    q = np.array([0.4, -0.9])
+    controller, drifts = setup.controller(q), []
+    state, held, memory = settled(setup.robot, setup.limits, controller, setup.linear(q, heavy), q, (), heavy)
+    loop = Loop(setup.true_plant.with_parameters(**setup.true_plant.parameters.known(heavy)), controller)
+    for own in ({"memory": memory}, {}):
+        run = loop.prepared(duration=0.3, initial_state=state, initial_input=held)
+        run, *_ = replace(run, arrays=run.arrays | own).run()
+        drifts.append(np.ptp(run.signals["state"][:, :2], axis=0).max())
+    assert drifts[0] < 1e-5  # of second order in the twist that 0.5 kg makes
+    assert drifts[1] > 1e-3
+    beside = np.abs(state[:2] - q).max()
+    assert beside == 0.0 if measured == BOTH else 1e-6 < beside < 0.02  # the twist of springs by 0.5 kg
+
+
+@pytest.mark.slow
+def test_a_law_that_is_faster_than_a_soft_arm_swings_at_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dry friction nearly holds the motors; the requirement sees the cycle of links and integrals, and the share of the
+    bandwidth for a robot with dry friction ends it."""
+    robot, found = fh.load_robot("planar-two-link"), []
+    s = fh.Specification(workspace="limits", measured=BOTH, measurement_noise=1e-8)
+    for shares in ((2.0, 2.0), workspace.SHARE):
+        monkeypatch.setattr(workspace, "SHARE", shares)
+        setup = workspace.tuned_setup(robot, s, workspace_of(robot, "limits"))
+        goals = setup.goals(5, 7)
+        made = [(goals[k : k + 2], None, k) for k in range(4)]
+        found.append(standstill_requirement(setup, made, [setup.move(*one) for one in made]))
+    assert [line.met for line in found] == [False, True]
+    assert found[0].found > 1.3 * found[1].found
+    assert found[0].limit == pytest.approx(3e-4)
+
+
+def test_the_rest_is_judged_by_the_remaining_error_or_the_sensors() -> None:
+    setup = setup_of("1kg")
+    swings = np.array([2e-4, 2.4e-4])
+    s = setup.specification
+    cases = [(s, 0.0, 2.5e-4), (s, 3e-4, 3e-4), (replace(s, remaining_error=4e-4), 0.0, 1e-4)]
+    for stated, resolution, limit in cases:
+        line = requirements.standstill_requirement(stated, setup.limits, swings, resolution, "")
+        assert (line.limit, line.found, line.joint) == (pytest.approx(limit), 2.4e-4, "elbow")
+    assert requirements.standstill_requirement(s, setup.limits, np.array([np.inf, 0.0]), 0.0, "").met is False
 
 
 @pytest.mark.oracle

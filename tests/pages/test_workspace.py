@@ -16,6 +16,7 @@ from tests.refusals import unnamed
 import flexhinf as fh
 from flexhinf.design import Specification
 from flexhinf.design.responses import motion_metrics
+from flexhinf.design.robustness import LATEST, robustness
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page
 from flexhinf.pages.page import files_section
@@ -36,7 +37,7 @@ def design():
 
 @pytest.fixture(scope="module")
 def tolerated(design):
-    return design_room.robustness(design)
+    return robustness(design)
 
 
 @pytest.fixture
@@ -87,7 +88,7 @@ def test_margins_are_where_the_loop_becomes_unstable(design, tolerated):
         loop = dataclasses.replace(loop, b=by * loop.b, d=by * loop.d)
         return np.abs(loop.system(loop.delay + late * period).multipliers).max()
 
-    if tolerated.delay < 0.99 * design_room.LATEST:
+    if tolerated.delay < 0.99 * LATEST:
         assert radius("late", 0.98 * tolerated.delay) < 1.0 < radius("late", 1.02 * tolerated.delay)
     assert radius("louder", by=0.98 * tolerated.louder) < 1.0 < radius("louder", by=1.02 * tolerated.louder)
     assert radius("softer", by=1.02 * tolerated.softer) < 1.0

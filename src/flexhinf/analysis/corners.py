@@ -23,6 +23,7 @@ import numpy as np
 
 from flexhinf.analysis.equilibrium_loop import EquilibriumLoop
 from flexhinf.errors import refuse_if
+from flexhinf.robot.parameters import random_signs
 
 #: Signs (one per uncertain number) → parameters of a plant: `Robot.corner`. Parameters that a plant does not have are
 #: left out.
@@ -141,7 +142,7 @@ def corners(uncertain: int, count: int, seed: int = 0) -> np.ndarray:
         return np.array(list(itertools.product((-1.0, 1.0), repeat=uncertain))).reshape(
             2**uncertain, uncertain
         )
-    return np.random.default_rng([seed, 1]).choice([-1.0, 1.0], (count, uncertain))
+    return random_signs(uncertain, count, [seed, 1])
 
 
 def corner_population(

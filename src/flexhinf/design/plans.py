@@ -1,9 +1,9 @@
-"""Commands from one pose to another: the shaped step, the planned move, and the stated move."""
+"""Commands from one pose to another: the shaped step, the planned move, and the stated move; a settled start."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from flexhinf.analysis import modes
+from flexhinf.analysis import LinearLoop, modes
 from flexhinf.design.problem.weights import required_bandwidth
 from flexhinf.design.responses import JointLimits, Plan, joint_limits, plan_ends, start_and_goal
 from flexhinf.design.specification import RUN_SAMPLES, Specification
@@ -39,6 +39,9 @@ INSTANTS = 20_000
 
 #: Limits of the move's velocity, acceleration and jerk, as multiples of the travel times ω, ω², ω³ for a bandwidth ω.
 VELOCITY, ACCELERATION, JERK = 0.4, 0.4, 0.8
+
+#: How often a settled pose is corrected where the links are beside the command.
+CORRECTIONS = 4
 
 #: Largest fraction of the effort limit, after the holding input, that feedforward may use; the rest is left for
 #: feedback. The second factor slows the move until it keeps this, at most as often as the third number says.
@@ -208,3 +211,35 @@ def _slower(robot: Robot, s: Specification, limits: JointLimits) -> str:
             longest = factor * s.move.times[-1]
             return f"waypoints {factor:.3g} times as far apart in time: the move keeps its limits in {longest:.3g} s"
     return ""
+
+
+def settled(
+    robot: Robot, limits: JointLimits, controller: Controller, loop: LinearLoop, at: np.ndarray, extras: Sequence[str],
+    values: Mapping[str, Any] | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """State and input of a true robot, with the parameters `values`, and memory of a controller that begins at a pose
+    (n,), all as they are once the loop has come to rest there.
+
+    Integrals and estimate supply what the model does not know, and the tracked positions are at the command; where
+    these are estimates, the links are beside it. `loop` is linearised at the pose; states of its controller are the
+    prediction, inputs that wait, integrals and the last errors.
+    """
+    n, size, estimator = len(at), len(loop.memory), controller.estimator
+    x, u = robot.operating_point(at)
+    seen = np.eye(len(x)) if estimator is None else estimator.plant.linearise(x, u)[3]
+    integrals, tracked = slice(size - 2 * n, size - n), slice(size - n, size)
+    kept = np.delete(np.arange(size), integrals)  # the integrals stand still where the errors are zero
+    rows = np.vstack([loop.memory[kept, :size] - np.eye(size)[kept], loop.law[:, :size]])
+    beside, state, held, found = np.zeros(n), x, u, np.zeros(size)
+    for _ in range(CORRECTIONS):
+        pose = np.clip(at + beside, limits.lower, limits.upper)
+        state, held = robot.operating_point(pose, extras, values)
+        y = loop.c @ state - seen @ x
+        right = np.concatenate([-loop.memory[kept, size:] @ y, held - u - loop.law[:, size:] @ y])
+        found = np.linalg.solve(rows, right)
+        beside = beside - found[tracked]
+    held = np.clip(held, controller.limits.lower, controller.limits.upper)
+    memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
+    for name, value in {"integral": found[integrals], "position": at, "started": 1.0}.items():
+        memory[controller.memory.places[name]] = value
+    return state, held, memory

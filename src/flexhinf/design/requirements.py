@@ -50,6 +50,9 @@ SPRING_DAMPING = 5e-3
 #: Default remaining error of a run that ends soon after its motion, as a fraction of the joint's travel.
 REMAINING_SHARE = 5e-3
 
+#: Largest amplitude of a link at rest, with dry friction and noise, in parts of the remaining error that is allowed.
+STANDSTILL_SHARE = 0.25
+
 #: The requirement of the links' speeds.
 SPEED = "link speed"
 
@@ -324,6 +327,23 @@ def motion_requirements(
         named = of_several(limits.joints, k) if found else ""
         lines.append(REQUIREMENTS[name].judge(s, most[k], values[k], place, unit=unit, joint=named))
     return [line for line in lines if always or not line.met]
+
+
+def standstill_requirement(
+    s: Specification, limits: JointLimits, amplitudes: np.ndarray, resolution: float, where: str
+) -> Requirement:
+    """The requirement that links rest after a move, for their amplitudes (n,) there, rad or m.
+
+    `resolution`: of a link position, rad or m, which the limit is at least.
+    """
+    allowed = per_joint(limits.joints, "remaining_error", s.remaining_error or REMAINING_ERROR)
+    most = np.maximum(resolution, STANDSTILL_SHARE * allowed)
+    k = int(np.argmax(amplitudes / most))
+    return REQUIREMENTS["limit_cycle"].judge(
+        None, most[k], amplitudes[k], where, unit=limits.position_units[k], joint=of_several(limits.joints, k),
+        criterion="largest amplitude of a link position in the last half of the rest; the limit is "
+        f"{STANDSTILL_SHARE:g} of the remaining error that is allowed, and at least what the sensors resolve",
+    )  # fmt: skip
 
 
 def limit_requirements(

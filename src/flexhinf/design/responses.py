@@ -302,6 +302,17 @@ class Move:
         """`motion_metrics` of the move."""
         return motion_metrics(self.limits, self.response, self.plan)
 
+    @cached_property
+    def swing(self) -> np.ndarray:
+        """Amplitude (n,) of each link position in the last half of the rest after the plan, rad or m; infinite where
+        the run diverged."""
+        run, rests = self.response, self.response.run.time > self.plan.duration
+        if run.diverged_at is not None:
+            return np.full(len(run.goal), np.inf)
+        return np.array(
+            [metrics.limit_cycle(run.run.time[rests], q).amplitude for q in run.positions[rests].T]
+        )
+
     largest = _worst("largest_error", "Largest error behind the plan, rad or m.")
     remaining = _worst("final_error", "Largest error in the last tenth of the run, rad or m.")
     peak = _worst("peak_input", "Largest |input| of all motors.")

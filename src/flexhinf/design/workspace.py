@@ -18,22 +18,22 @@ import numpy as np
 
 from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
-from flexhinf.analysis.optimiser import bisected
 from flexhinf.design import requirements as required
 from flexhinf.design.design_file import check_stated_units, tool_of
 from flexhinf.design.evaluation import damped_springs
-from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants, sensor_steps
-from flexhinf.design.plans import BEYOND, move_reference, quintic_move
+from flexhinf.design.loop_setup import DEVIATIONS, EstimatorNoise, LoopPlants, sensor_steps
+from flexhinf.design.plans import BEYOND, move_reference, quintic_move, settled
 from flexhinf.design.requirements import REQUIREMENTS, Judged, Requirement
 from flexhinf.design.responses import Move, Response, joint_limits, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
 from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
 from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
-from flexhinf.modal import ModalLaw, ProvedRange, Tolerance, error_tolerance, proved_range
+from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.plant import Penalty, Plant
 from flexhinf.robot import Robot, kinematics
+from flexhinf.robot.elastic import stated_friction
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
 
@@ -45,9 +45,12 @@ CHOSEN_SEED, POSES_SEED, GOALS_SEED, SAMPLED_SEED = 17, 1, 7, 11
 #: Poses by which the range of λ is found.
 MODAL_POSES = 500
 
-#: Bandwidths that are tried, rad/s, the fastest first; largest bandwidth of a soft pair, as a multiple of √λ; weight of
-#: integrals, and γ/γ*.
-BANDWIDTHS, SHARE, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 2.0, 0.5, 1.5
+#: Bandwidths that are tried, rad/s, the fastest first; weight of integrals, and γ/γ*.
+BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
+
+#: Largest bandwidth of a soft pair, as a multiple of √λ, without and with dry friction. Friction nearly holds a motor
+#: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle.
+SHARE = (2.0, 1.0)
 
 #: Random torques that the estimator expects each sample, in parts of the motors' limits, on links and on motors, in the
 #: order in which they are tried. Without encoders of links, or with much noise, torques on motors hide the vibration.
@@ -72,8 +75,8 @@ ROUNDING = 1e-6
 #: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
 ACCELERATION = 50.0
 
-#: Rest at the end of a move, s.
-STILL = 1.0
+#: Rest at the end of a move, s, and at the end of the one that is made again to see whether the links rest.
+STILL, LONG = 1.0, 20.0
 
 #: A goal is left out if holding the arm there needs more than this share of a motor's limit.
 HOLD = 0.7
@@ -304,20 +307,41 @@ class WorkspaceSetup(LoopPlants):
 
         return command
 
-    def move(self, ends: np.ndarray, values: Mapping[str, Any] | None = None, seed: int = 0) -> Move:
-        """A move with feedforward between the rows of `ends` (2, n), and a second of rest; the true robot has the
-        parameters `values`, and the dry friction that the robot states."""
+    def move(
+        self, ends: np.ndarray, values: Mapping[str, Any] | None = None, seed: int = 0, dwell: float = STILL
+    ) -> Move:
+        """A move with feedforward between the rows of `ends` (2, n), and a dwell, s; the true robot has the parameters
+        `values`, and the dry friction that the robot states. The loop has held it at the start for long."""
         s, (start, goal) = self.specification, ends
-        (plan, reference), (extras, plant, parts) = self._command(*map(bytes, ends)), self.dry_plant
-        plant = with_values(plant, values)
-        controller = self.controller(start)
-        loop = Loop(plant, controller, parts, quantisation=self.quantisation, delay=s.unknown_delay)
-        run = loop.run(
+        (plan, reference), controller = self._command(*map(bytes, ends)), self.controller(start)
+        linear, extras = self.linear(start, values), self.dry_plant[0]
+        state, held, memory = settled(self.robot, self.limits, controller, linear, start, extras, values)
+        run = self.loop(controller, values).prepared(
             reference=reference, noise=self.noise,
-            duration=s.period * round((plan.duration + STILL) / s.period), seed=s.seed + seed,
-            initial_state=self.robot.operating_point(start, extras, values)[0],
+            duration=s.period * round((plan.duration + dwell) / s.period), seed=s.seed + seed,
+            initial_state=state, initial_input=held,
         )  # fmt: skip
-        return Move(plan, Response(run, goal, start, self.joints), self.limits)
+        trajectory, *_ = replace(run, arrays=run.arrays | {"memory": memory}).run()
+        return Move(plan, Response(trajectory, goal, start, self.joints), self.limits)
+
+    def power_on(self, ends: np.ndarray, values: Mapping[str, Any], seed: int = 0) -> Response:
+        """The first second at the start of a move, of a controller that does not know the robot's parameters."""
+        s, at = self.specification, ends[0]
+        run = self.loop(self.controller(at), values).run(
+            noise=self.noise, duration=s.period * round(STILL / s.period), seed=s.seed + seed,
+            initial_state=self.robot.operating_point(at, self.dry_plant[0], values)[0],
+        )  # fmt: skip
+        return Response(run, at, at, self.joints)
+
+    def unknown_load(self, ends: np.ndarray, values: Mapping[str, Any]) -> float:
+        """Largest difference of an input that holds the start of a move from the model's, as a share of its limit."""
+        held = [self.robot.operating_point(ends[0], (), own)[1] for own in (values, None)]
+        return float((np.abs(held[0] - held[1]) / self.authority).max())
+
+    def loop(self, controller: Controller, values: Mapping[str, Any] | None = None) -> Loop:
+        """A controller and the true robot with its dry friction and the parameters `values`."""
+        plant, late = with_values(self.dry_plant[1], values), self.specification.unknown_delay
+        return Loop(plant, controller, self.dry_plant[2], quantisation=self.quantisation, delay=late)
 
 
 # The design ---------------------------------------------------------------------------------------------
@@ -334,6 +358,7 @@ class WorkspaceDesign(Judged):
     corner_loops: tuple[CornerLoop, ...]  # of robots at corners of their tolerances; none without tolerances
     moves: tuple[Move, ...]  # of the nominal robot
     sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
+    power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
     requirements: tuple[Requirement, ...]
 
     def summary(self) -> dict[str, str]:
@@ -388,20 +413,24 @@ def design_workspace(
     progress(f"loops at {POSES} poses")
     poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
     loops = tuple(map(setup.at_pose, poses))
-    corners = random_corners(robot, POSES, POSES_SEED + 100 * s.seed)
+    corners = robot.random_corners(POSES, POSES_SEED + 100 * s.seed)
     cornered = tuple(map(setup.at_corner, poses, corners))
     progress(f"moves between {GOALS} goals")
     goals = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
-    ends = [goals[k : k + 2] for k in range(GOALS)]
-    moves, sampled = tuple(setup.move(pair, seed=k) for k, pair in enumerate(ends)), ()
+    nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
+    moves, sampled, power_on = tuple(setup.move(*one) for one in nominal), (), None
     lines = (*pose_requirements(s, loops), *corner_requirements(s, cornered))
     lines += tuple(move_requirements(setup, moves, "nominal robot"))
-    if draws := sampled_moves(robot, s):
+    robots = robot.random_corners(sampled_moves(robot, s), SAMPLED_SEED + 100 * s.seed)
+    others = [(nominal[k % GOALS][0], values, k) for k, values in enumerate(robots)]
+    if others:
         progress("moves of sampled robots")
-        robots = enumerate(random_corners(robot, draws, SAMPLED_SEED + 100 * s.seed))
-        sampled = tuple(setup.move(ends[k % GOALS], corner, k) for k, corner in robots)
+        sampled = tuple(setup.move(*one) for one in others)
         lines += tuple(move_requirements(setup, sampled, "robots at corners of their tolerances"))
-    return WorkspaceDesign(setup, poses, loops, cornered, moves, sampled, lines)
+        power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
+    if setup.dry_plant[2] is not None:  # dry friction
+        lines += (standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]),)
+    return WorkspaceDesign(setup, poses, loops, cornered, moves, sampled, power_on, lines)
 
 
 def stated_workspace(robot: Robot, stated: Any) -> Workspace:
@@ -410,12 +439,6 @@ def stated_workspace(robot: Robot, stated: Any) -> Workspace:
         return workspace_of(robot, stated)
     place, _, tool = stated.partition("@")
     return workspace_of(robot, place, tool_of(tool))
-
-
-def random_corners(robot: Robot, count: int, seed: int) -> list[dict[str, Any]]:
-    """Parameters of robots at random corners of their tolerances, payloads included; none without tolerances."""
-    rng, size = np.random.default_rng(seed), len(robot.uncertain)
-    return [robot.corner(rng.choice([-1.0, 1.0], size).tolist()) for _ in range(count if size else 0)]
 
 
 def sampled_moves(robot: Robot, s: Specification) -> int:
@@ -444,7 +467,7 @@ def tuned_setup(
     """The fastest law, and for it the first estimator of `RANDOM`, whose loops at some random poses meet the
     requirements with a reserve, for the nominal robot and one at a corner of the tolerances; or the nearest to it."""
     poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
-    corners, delay = random_corners(robot, CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
+    corners, delay = robot.random_corners(CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
     wanted = replace(
         s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
         delay_margin=None if delay is None else RESERVE * delay,
@@ -475,10 +498,11 @@ def _candidates(
     """Laws and estimators in the order in which they are tried."""
     modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
+    share = SHARE[bool(stated_friction(robot.plant_parameters()))]
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
-        weights = PairWeights(bandwidth=bandwidth, share=SHARE, integral=INTEGRAL, gamma=GAMMA)
+        weights = PairWeights(bandwidth=bandwidth, share=share, integral=INTEGRAL, gamma=GAMMA)
         law = ModalLaw.tuned(problem, s.period, weights, modal)
         for random in RANDOM[: 1 if stated else None]:
             yield WorkspaceSetup(robot, s, workspace, law, random)
@@ -498,12 +522,11 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
     """Requirements on the loops at all poses."""
     where, (damping, ripple), gain = f"{len(loops)} random poses, sampled loop", pose_limits(s), gain_limit(s)
     extra = 1e3 * s.period * (s.delay_margin_limit or 0.0)
+    gains = [max(loop.louder, loop.softer) for loop in loops]
     unstable = {
         "unstable poses": [loop.growth for loop in loops],
         f"poses unstable with {extra:g} ms more delay": [loop.late for loop in loops],
-        f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}": [
-            max(l.louder, l.softer) for l in loops
-        ],
+        f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}": gains,
     }
     row = REQUIREMENTS["corners"]
     return [
@@ -526,11 +549,10 @@ def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[R
         return []
     where = f"{len(loops)} random poses, each of another robot at a corner of the tolerances"
     unstable = int(np.sum([loop.growth >= 1.0 for loop in loops]))
+    damping = min(loop.damping for loop in loops)
     return [
         REQUIREMENTS["corners"].judge(None, 0.0, unstable, where),
-        required.damping_requirement(
-            None, corner_damping(s), min(loop.damping for loop in loops), s.damped_below_limit, where
-        ),
+        required.damping_requirement(None, corner_damping(s), damping, s.damped_below_limit, where),
     ]
 
 
@@ -546,52 +568,11 @@ def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) 
     return list(lines.values())
 
 
-# Beyond what is required ---------------------------------------------------------------------------------
-#: Largest extra delay, samples, and largest factor of the inputs up to which margins are searched for; share of that
-#: range to which they are found.
-LATEST, LOUDEST, ACCURACY = 20.0, 100.0, 3e-4
-
-#: Fastest pairs whose tolerated errors are computed, rad/s.
-FASTEST = 350.0
-
-
-class Robustness(NamedTuple):
-    """What a controller of a workspace tolerates, beyond what is required of it."""
-
-    delay: float  # extra delay until instability, samples, at the pose with the largest growth under the required one
-    damped_delay: float  # the same with springs that are damped more
-    louder: float  # factor of all inputs until instability, at the pose that the required factor brings nearest to it
-    softer: float  # the same below 1
-    heavy: int  # number of the judged poses that need more than `HOLD` of a motor's limit
-    tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
-    proved: ProvedRange  # pairs whose stability is proved, latency and filter included
-
-
-def robustness(design: WorkspaceDesign) -> Robustness:
-    """Margins at the worst poses, and what holds for every pair."""
-    setup, s = design.setup, design.specification
-
-    def margin(key: str, end: float) -> float:
-        """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the worst loop is unstable."""
-        loop = setup.linear(design.poses[np.argmax([getattr(loop, key) for loop in design.loops])])
-        if key.startswith("damped"):
-            loop = damped_springs(loop, setup.smooth_plant, setup.joints)
-        late = key.endswith("late")
-
-        def stable(size: float) -> bool:
-            by, extra = (1.0, size * s.period) if late else (np.exp(size), 0.0)
-            changed = replace(loop, b=by * loop.b, d=by * loop.d)
-            return changed.system(loop.delay + extra).stable
-
-        largest, _ = bisected(stable, 0.0, end, ACCURACY * abs(end), relative=False)
-        return largest if late else float(np.exp(largest))
-
-    gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
-    held = np.array([setup.robot.operating_point(pose)[1] for pose in design.poses])
-    return Robustness(
-        margin("late", LATEST), margin("damped_late", LATEST),
-        margin("louder", np.log(LOUDEST)), margin("softer", -np.log(LOUDEST)),
-        int(np.any(np.abs(held) > HOLD * setup.limits.effort, axis=1).sum()),
-        error_tolerance(gains, FASTEST, s.known_latency, filter),
-        proved_range(gains, 0.0, np.inf, s.known_latency, filter),
+def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Sequence[Move]) -> Requirement:
+    """The requirement that links rest, for the move at whose end they swing most, made again with a longer rest;
+    `runs` are the arguments of `WorkspaceSetup.move`."""
+    worst = int(np.argmax([move.swing.max() for move in moves]))
+    return required.standstill_requirement(
+        setup.specification, setup.limits, setup.move(*runs[worst], LONG).swing,
+        setup.position_resolution(DEVIATIONS), f"{LONG:g} s of rest after the worst of {len(moves)} moves",
     )  # fmt: skip

@@ -12,30 +12,26 @@ import numpy as np
 from flexhinf.design.plans import SPEED, UNLIMITED
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
+from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
 from flexhinf.design.workspace import (
     ACCELERATION,
     BANDWIDTHS,
     CHOSEN_POSES,
     CHOSEN_SEED,
-    FASTEST,
     GOALS_SEED,
     HOLD,
-    LATEST,
-    LOUDEST,
     POSES_SEED,
     SAMPLED_SEED,
     STILL,
     PoseLoop,
-    Robustness,
     WorkspaceDesign,
     corner_damping,
     gain_limit,
     pose_limits,
-    robustness,
 )
 from flexhinf.estimation import ModalFilter
-from flexhinf.loop.simulation.metrics import WINDOW
+from flexhinf.loop.simulation.metrics import WINDOW, peak_of
 from flexhinf.pages.drawing import (
     Line,
     Panel,
@@ -189,6 +185,7 @@ def workspace_page(
                 _joint_table(design),
                 _goal_table(design, tolerated),
                 _move_figure(design),
+                *_power_on(design),
             ],
             ("What it tolerates beyond that", "tolerance"): [
                 Paragraph(PAIRS),
@@ -362,6 +359,22 @@ def _move_figure(design: WorkspaceDesign) -> Any:
     if limited and not np.isfinite(design.setup.limits.effort).all():
         caption += " A motor without a limit is shown with the one that is assumed below."
     return draw_figure("move", panels, caption, "The worst move")
+
+
+def _power_on(design: WorkspaceDesign) -> list[Paragraph]:
+    """How far the sampled robot whose weight the model knows least moves where it is switched on."""
+    run = design.power_on
+    if run is None:
+        return []
+    swing, units = peak_of(run.positions - run.goal), Units(design.setup.model, design.setup.joints)
+    worst, least = int(np.argmax(swing)), "" if run.diverged_at is None else "at least "
+    return [
+        Paragraph(
+            "Moves begin where the loop has held the robot for long. At power-on it does not know the load yet: of "
+            f"the sampled robot with the largest unknown one {run.joints[worst]} moves by {least}"
+            f"{units.small_text(swing[worst], 3)} in the first second."
+        )
+    ]
 
 
 def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:

@@ -262,6 +262,11 @@ class Parameter:
         return f"± {self.tolerance:g} %" if self.tolerance else ""
 
 
+def random_signs(parameters: int, count: int, seed: Any) -> np.ndarray:
+    """Signs (count, parameters) of random corners, −1 or 1; `seed` is a number or several."""
+    return np.random.default_rng(seed).choice([-1.0, 1.0], (count, parameters))
+
+
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}

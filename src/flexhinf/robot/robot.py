@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -32,6 +33,7 @@ from flexhinf.robot.parameters import (
     PlantValues,
     check_parameters,
     checked_limits,
+    random_signs,
 )
 from flexhinf.robot.signals import (
     MECHANICAL,
@@ -452,3 +454,17 @@ class Robot(Summarised):
                     "−1, 0 or 1",
                 )
         return self.plant_parameters({p.name: p.at(float(signs.get(p.name, 0.0))) for p in self.parameters})
+
+    def random_corners(self, count: int, seed: int) -> list[dict[str, Any]]:
+        """Parameters as of `corner` at random corners of the tolerances; none without tolerances.
+
+        All moments of inertia of a link are at their large or at their small ends: otherwise they may be those of no
+        rigid body.
+        """
+        names = [re.sub("inertia(_per_mass)?_[xyz]{2}", "inertia", p.name) for p in self.uncertain]
+        groups = list(dict.fromkeys(names))
+        signs = random_signs(len(groups), count if groups else 0, seed)[
+            :, [groups.index(name) for name in names]
+        ]
+        turned = [-1.0 if p.value < 0.0 and p.name != name else 1.0 for p, name in zip(self.uncertain, names)]
+        return [self.corner(row) for row in (signs * turned).tolist()]
