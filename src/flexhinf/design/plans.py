@@ -221,25 +221,24 @@ def settled(
     (n,), all as they are once the loop has come to rest there.
 
     Integrals and estimate supply what the model does not know, and the tracked positions are at the command; where
-    these are estimates, the links are beside it. `loop` is linearised at the pose; states of its controller are the
-    prediction, inputs that wait, integrals and the last errors.
+    these are estimates, the links are beside it. `loop` is linearised at the pose; the memory of its controller begins
+    with the estimator's prediction and ends with the integrals.
     """
     n, size, estimator = len(at), len(loop.memory), controller.estimator
     x, u = robot.operating_point(at)
     seen = np.eye(len(x)) if estimator is None else estimator.plant.linearise(x, u)[3]
-    integrals, tracked = slice(size - 2 * n, size - n), slice(size - n, size)
-    kept = np.delete(np.arange(size), integrals)  # the integrals stand still where the errors are zero
-    rows = np.vstack([loop.memory[kept, :size] - np.eye(size)[kept], loop.law[:, :size]])
+    change = loop.memory - np.eye(*loop.memory.shape)
+    rows = np.vstack([change[: size - n], loop.law])  # the integrals stand still where the errors are zero
     beside, state, held, found = np.zeros(n), x, u, np.zeros(size)
     for _ in range(CORRECTIONS):
         pose = np.clip(at + beside, limits.lower, limits.upper)
         state, held = robot.operating_point(pose, extras, values)
         y = loop.c @ state - seen @ x
-        right = np.concatenate([-loop.memory[kept, size:] @ y, held - u - loop.law[:, size:] @ y])
-        found = np.linalg.solve(rows, right)
-        beside = beside - found[tracked]
+        right = np.concatenate([np.zeros(size - n), held - u]) - rows[:, size:] @ y
+        found = np.linalg.solve(rows[:, :size], right)
+        beside = beside - change[size - n :] @ np.concatenate([found, y]) / loop.period
     held = np.clip(held, controller.limits.lower, controller.limits.upper)
     memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
-    for name, value in {"integral": found[integrals], "position": at, "started": 1.0}.items():
+    for name, value in {"integral": found[size - n :], "position": at, "started": 1.0}.items():
         memory[controller.memory.places[name]] = value
     return state, held, memory
