@@ -573,6 +573,6 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
     `runs` are the arguments of `WorkspaceSetup.move`."""
     worst = int(np.argmax([move.swing.max() for move in moves]))
     return required.standstill_requirement(
-        setup.specification, setup.limits, setup.move(*runs[worst], LONG).swing,
+        setup.specification, setup.limits, setup.move(*runs[worst], dwell=LONG).swing,
         setup.position_resolution(DEVIATIONS), f"{LONG:g} s of rest after the worst of {len(moves)} moves",
     )  # fmt: skip
