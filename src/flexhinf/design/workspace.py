@@ -52,11 +52,18 @@ BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
 #: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle.
 SHARE = (2.0, 1.0)
 
+#: Weights with encoders of the motors alone. A soft spring that is not seen is not moved faster than it vibrates, and no
+#: vibration is damped more than is required, with a reserve.
+MOTORS_WEIGHTS = {"share": 0.5, "damping": 0.3}
+
 #: Random torques that the estimator expects each sample, in parts of the motors' limits, on links and on motors, in the
-#: order in which they are tried. Without encoders of links, or with much noise, torques on motors hide the vibration.
+#: order in which they are tried. With much noise, torques on motors hide the vibration; with encoders of the motors
+#: alone always, and half their ratio is the damping with which the estimator finds it.
 RANDOM = (
     (0.0025, 0.03), (0.00125, 0.03), (0.0006, 0.01), (0.02, 0.03), (0.01, 0.01), (0.005, 0.005), (0.001, 0.01),
+    (0.0006, 0.04),
 )  # fmt: skip
+MOTORS_RANDOM = (0.033, 0.03), (0.011, 0.01), (0.0045, 0.01), (0.002, 0.01)
 
 #: Least damping of slow oscillations; factor of all inputs at once that a loop tolerates, up and down.
 DAMPING, GAIN = 0.2, 2.0
@@ -465,7 +472,9 @@ def tuned_setup(
     robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None
 ) -> WorkspaceSetup:
     """The fastest law, and for it the first estimator of `RANDOM`, whose loops at some random poses meet the
-    requirements with a reserve, for the nominal robot and one at a corner of the tolerances; or the nearest to it."""
+    requirements with a reserve, for the nominal robot and one at a corner of the tolerances; or the nearest to it.
+
+    With encoders of the motors alone what is only preferred does not count: it would cost bandwidth."""
     poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
     corners, delay = robot.random_corners(CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
     wanted = replace(
@@ -473,10 +482,11 @@ def tuned_setup(
         delay_margin=None if delay is None else RESERVE * delay,
     )  # fmt: skip
     chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
+    needed = np.array([1.0, 1.0, 0.0 if motors_alone(robot, s) else 1.0])
     for setup in _candidates(robot, wanted, workspace, progress):
         excess = np.zeros(3)
         for k, (pose, corner) in enumerate(order):
-            excess = np.maximum(excess, setup.at_pose(pose).excess(*pose_limits(wanted), s.period))
+            excess = np.maximum(excess, needed * setup.at_pose(pose).excess(*pose_limits(wanted), s.period))
             if corner is not None:
                 loop = setup.at_corner(pose, corner)
                 lacking = 1.0 - loop.damping / corner_damping(wanted)
@@ -500,12 +510,18 @@ def _candidates(
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     share = SHARE[bool(stated_friction(robot.plant_parameters()))]
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
+    special, tried = (MOTORS_WEIGHTS, MOTORS_RANDOM) if motors_alone(robot, s) else ({"share": share}, RANDOM)
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
-        weights = PairWeights(bandwidth=bandwidth, share=share, integral=INTEGRAL, gamma=GAMMA)
+        weights = PairWeights(bandwidth=bandwidth, integral=INTEGRAL, gamma=GAMMA, **special)
         law = ModalLaw.tuned(problem, s.period, weights, modal)
-        for random in RANDOM[: 1 if stated else None]:
+        for random in tried[: 1 if stated else None]:
             yield WorkspaceSetup(robot, s, workspace, law, random)
+
+
+def motors_alone(robot: Robot, s: Specification) -> bool:
+    """Whether an estimator sees the motors and nothing else."""
+    return s.estimator != "none" and all(name.startswith("motor") for name in robot.plant(s.measured).outputs)
 
 
 def pose_limits(s: Specification) -> tuple[float, float]:

@@ -45,6 +45,11 @@ SENSORS = {
 #: gain's largest value.
 SLOWEST, FASTEST, DEGREE = 5.0, 2.0, 48
 
+#: Where no sensor sees the links, random torques on links fade by (1 + λ²/fast⁴)⁻¹, fast in rad/s, and the series has
+#: another degree. Faster vibrations would be estimated from the motors alone, and a sample more of delay would excite
+#: them.
+FADING, MOTORS_DEGREE = 380.0, 96
+
 
 class ModalBelief(NamedTuple):
     """A mean (4n,), K^½ (n,), and Chebyshev coefficients (DEGREE + 1, 4k) of ℓ for k sensors at each joint."""
@@ -62,7 +67,8 @@ class ModalFilter(ConstantGainFilter):
     filter : RecursiveFilter
         Model, discretisation and noises. The model is an arm with elastic joints, and all joints have the same
         sensors: encoders of links, of motors, torque sensors, in any mix. Of R^v and R^n the variances count, and of
-        unlike joints their geometric mean, in units of K^½.
+        unlike joints their geometric mean, in units of K^½. Without encoders of links and torque sensors, what R^v
+        adds to links fades for fast pairs, see `FADING`.
     about : (4n,), optional
         State at which R^v is stated, by default the initial mean: what it adds to the velocities there is taken for
         random torques on links and motors, which act at every pose.
@@ -184,6 +190,7 @@ def _gain_table(
 
     (low, high), (kappa, beta), (link, motor, d, f), unit = ends, pair, random, np.eye(4)
     seen, noise = np.frombuffer(sensors).reshape(-1, 4), np.diag(measured)
+    fading, degree = (0.0, DEGREE) if seen[:, :2].any() else (FADING**-4, MOTORS_DEGREE)
 
     def gains(places: np.ndarray) -> np.ndarray:
         rows = []
@@ -191,14 +198,15 @@ def _gain_table(
             twist = unit[2] - unit[0]
             drift = np.array([unit[1], value * twist, unit[3], -kappa * twist - beta * unit[3]])
             transition = expm(period * drift)
-            added = np.diag([link, value**2 * d, motor, kappa**2 * f])
+            acting = value / (1.0 + fading * value**2)
+            added = np.diag([link, acting**2 * d, motor, kappa**2 * f])
             gain = stationary_gain((transition, seen), added, noise)
             check_decay((unit - gain @ seen) @ transition)
             rows.append(gain.ravel())
         return np.array(rows)
 
     interpolated: Any = gains
-    return read_only(chebyshev.chebinterpolate(interpolated, DEGREE))
+    return read_only(chebyshev.chebinterpolate(interpolated, degree))
 
 
 def _mean(variances: np.ndarray) -> float:
