@@ -144,7 +144,7 @@ def test_the_loop_is_that_of_the_running_controller(case):
 
 
 def test_encoders_of_the_motors_alone_damp_the_scara_and_hold_what_it_does_not_know() -> None:
-    """The design knows of a payload of 1 mg; 1 kg makes the wrist's vibration a quarter slower, and no loop unstable."""
+    """The design knows of a payload of 1 mg; 1 kg slows the wrist's vibration, and no loop is unstable."""
     made = setup("scara", "1e-6kg@wrist:0.03,0,-0.06", measured=("motor_position",))
     for q in made.workspace.sample(6, 5):
         limits = workspace.pose_limits(made.specification)

@@ -72,7 +72,7 @@ DAMPING, GAIN = 0.2, 2.0
 #: per cent.
 RESERVE, QUIET = 1.1, 1.2
 
-#: Where no law has all that is wanted, a later one has to miss it by less than this share of what an earlier one does.
+#: Where no law has all that is wanted, a later one has to miss less than this share of what an earlier one misses.
 LESS = 0.9
 
 #: Offsets of the encoders are taken in with this time constant, s. A difference of 0.5 mrad between link and motor
