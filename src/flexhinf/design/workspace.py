@@ -71,7 +71,6 @@ DAMPING, GAIN = 0.2, 2.0
 #: The search asks for this factor more than each limit, since other poses are judged; and prefers a ripple below this,
 #: per cent.
 RESERVE, QUIET = 1.1, 1.2
-
 #: Where no law has all that is wanted, a later one has to miss less than this share of what an earlier one misses.
 LESS = 0.9
 
@@ -476,7 +475,6 @@ def tuned_setup(
 ) -> WorkspaceSetup:
     """The fastest law, and for it the first estimator of `RANDOM`, whose loops at some random poses meet the
     requirements with a reserve, for the nominal robot and one at a corner of the tolerances; or the nearest to it.
-
     With encoders of the motors alone what is only preferred does not count: it would cost bandwidth."""
     poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
     corners, delay = robot.random_corners(CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
@@ -485,9 +483,8 @@ def tuned_setup(
         delay_margin=None if delay is None else RESERVE * delay,
     )  # fmt: skip
     chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
-    needed = np.array([1.0, 1.0, 0.0 if motors_alone(robot, s) else 1.0])
     for setup in _candidates(robot, wanted, workspace, progress):
-        excess = np.zeros(3)
+        excess, needed = np.zeros(3), np.array([1.0, 1.0, setup.random not in MOTORS_RANDOM])
         for k, (pose, corner) in enumerate(order):
             excess = np.maximum(excess, needed * setup.at_pose(pose).excess(*pose_limits(wanted), s.period))
             if corner is not None:
@@ -513,18 +510,16 @@ def _candidates(
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     share = SHARE[bool(stated_friction(robot.plant_parameters()))]
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
-    special, tried = (MOTORS_WEIGHTS, MOTORS_RANDOM) if motors_alone(robot, s) else ({"share": share}, RANDOM)
+    alone = s.estimator != "none" and all(
+        name.startswith("motor") for name in robot.plant(s.measured).outputs
+    )
+    special, tried = (MOTORS_WEIGHTS, MOTORS_RANDOM) if alone else ({"share": share}, RANDOM)
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
         weights = PairWeights(bandwidth=bandwidth, integral=INTEGRAL, gamma=GAMMA, **special)
         law = ModalLaw.tuned(problem, s.period, weights, modal)
         for random in tried[: 1 if stated else None]:
             yield WorkspaceSetup(robot, s, workspace, law, random)
-
-
-def motors_alone(robot: Robot, s: Specification) -> bool:
-    """Whether an estimator sees the motors and nothing else."""
-    return s.estimator != "none" and all(name.startswith("motor") for name in robot.plant(s.measured).outputs)
 
 
 def pose_limits(s: Specification) -> tuple[float, float]:
