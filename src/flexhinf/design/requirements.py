@@ -330,11 +330,11 @@ def motion_requirements(
 
 
 def standstill_requirement(
-    s: Specification, limits: JointLimits, amplitudes: np.ndarray, resolution: float, where: str
+    s: Specification, limits: JointLimits, amplitudes: np.ndarray, resolution: Any, where: str
 ) -> Requirement:
     """The requirement that links rest after a move, for their amplitudes (n,) there, rad or m.
 
-    `resolution`: of a link position, rad or m, which the limit is at least.
+    `resolution`: of link positions, one or (n,), rad or m, which the limit is at least.
     """
     allowed = per_joint(limits.joints, "remaining_error", s.remaining_error or REMAINING_ERROR)
     most = np.maximum(resolution, STANDSTILL_SHARE * allowed)
@@ -342,7 +342,7 @@ def standstill_requirement(
     return REQUIREMENTS["limit_cycle"].judge(
         None, most[k], amplitudes[k], where, unit=limits.position_units[k], joint=of_several(limits.joints, k),
         criterion="largest amplitude of a link position in the last half of the rest; the limit is "
-        f"{STANDSTILL_SHARE:g} of the remaining error that is allowed, and at least what the sensors resolve",
+        f"{STANDSTILL_SHARE:g} of the remaining error that is allowed, at least what noise does and sensors resolve",
     )  # fmt: skip
 
 

@@ -89,6 +89,9 @@ ACCELERATION = 50.0
 #: Rest at the end of a move, s, and at the end of the one that is made again to see whether the links rest.
 STILL, LONG = 1.0, 20.0
 
+#: Largest deviation by noise in some 10,000 samples, as a multiple of its standard deviation.
+LARGEST_OF_NOISE = 4.5
+
 #: A goal is left out if holding the arm there needs more than this share of a motor's limit.
 HOLD = 0.7
 
@@ -266,12 +269,7 @@ class WorkspaceSetup(LoopPlants):
         def growth(loop: LinearLoop, extra: float = 0.0) -> float:
             return float(np.abs(loop.system(loop.delay + extra).multipliers).max())
 
-        ripple, m, p = 0.0, len(self.joints), len(loop.c)
-        if self.noise is not None:
-            steps = 0.0 if self.quantisation is None else self.quantisation
-            noise = np.zeros(loop.closed_loop.b.shape[1])
-            noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
-            ripple = float((loop.closed_loop.spread(noise)[m : 2 * m] / self.authority).max())
+        ripple = float((self.noise_spread(loop)[1] / self.authority).max())
         damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
         louder, softer = (
             growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain_limit(s), 1.0 / gain_limit(s))
@@ -281,6 +279,14 @@ class WorkspaceSetup(LoopPlants):
             damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
             damped_late=growth(soft, 2.0 * extra), louder=louder, softer=softer, ripple=100.0 * ripple,
         )  # fmt: skip
+
+    def noise_spread(self, loop: LinearLoop) -> np.ndarray:
+        """Standard deviations (2, n) of link positions, rad or m, and of inputs, by the sensors' noise and steps."""
+        m, p, noise = len(self.joints), len(loop.c), np.zeros(loop.closed_loop.b.shape[1])
+        if self.noise is not None:
+            steps = 0.0 if self.quantisation is None else self.quantisation
+            noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
+        return loop.closed_loop.spread(noise)[: 2 * m].reshape(2, m)
 
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int) -> np.ndarray:
@@ -584,9 +590,11 @@ def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) 
 
 def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Sequence[Move]) -> Requirement:
     """The requirement that links rest, for the move at whose end they swing most, made again with a longer rest;
-    `runs` are the arguments of `WorkspaceSetup.move`."""
+    `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit cycle."""
     worst = int(np.argmax([move.swing.max() for move in moves]))
-    return required.standstill_requirement(
-        setup.specification, setup.limits, setup.move(*runs[worst], dwell=LONG).swing,
-        setup.position_resolution(DEVIATIONS), f"{LONG:g} s of rest after the worst of {len(moves)} moves",
-    )  # fmt: skip
+    ends, values, _ = runs[worst]
+    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(ends[1], values))[0]
+    resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
+    where = f"{LONG:g} s of rest after the worst of {len(moves)} moves"
+    swing = setup.move(*runs[worst], dwell=LONG).swing
+    return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
