@@ -155,3 +155,13 @@ def test_they_are_stable_and_do_not_ring(changes: dict[str, float], missed: list
     lines = corner_requirements(s, [GOOD, GOOD._replace(**changes), GOOD])
     assert [k for k, line in enumerate(lines) if not line.met] == missed
     assert corner_requirements(s, []) == []
+
+
+def test_noise_moves_links_and_motors_as_the_linear_loop_says() -> None:
+    setup = setup_of("1kg")
+    q = setup.workspace.sample(1, 3)[0]
+    run = Loop(setup.smooth_plant, setup.controller(q)).run(
+        noise=setup.noise, duration=12.0, seed=5, initial_state=setup.robot.operating_point(q, ())[0]
+    )
+    found = [np.asarray(run.signals[name])[2000:, :2].std(axis=0) for name in ("input", "state")]
+    assert setup.noise_spread(setup.linear(q)) == pytest.approx(np.array(found), rel=0.15)

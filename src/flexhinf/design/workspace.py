@@ -269,7 +269,7 @@ class WorkspaceSetup(LoopPlants):
         def growth(loop: LinearLoop, extra: float = 0.0) -> float:
             return float(np.abs(loop.system(loop.delay + extra).multipliers).max())
 
-        ripple = float((self.noise_spread(loop)[1] / self.authority).max())
+        ripple = float((self.noise_spread(loop)[0] / self.authority).max())
         damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
         louder, softer = (
             growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain_limit(s), 1.0 / gain_limit(s))
@@ -281,12 +281,12 @@ class WorkspaceSetup(LoopPlants):
         )  # fmt: skip
 
     def noise_spread(self, loop: LinearLoop) -> np.ndarray:
-        """Standard deviations (2, n) of link positions, rad or m, and of inputs, by the sensors' noise and steps."""
+        """Standard deviations (2, n) of inputs, and of link positions, rad or m, by the sensors' noise and steps."""
         m, p, noise = len(self.joints), len(loop.c), np.zeros(loop.closed_loop.b.shape[1])
         if self.noise is not None:
             steps = 0.0 if self.quantisation is None else self.quantisation
             noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
-        return loop.closed_loop.spread(noise)[: 2 * m].reshape(2, m)
+        return loop.closed_loop.spread(noise)[m:].reshape(2, m)
 
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int) -> np.ndarray:
@@ -593,7 +593,7 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
     `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit cycle."""
     worst = int(np.argmax([move.swing.max() for move in moves]))
     ends, values, _ = runs[worst]
-    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(ends[1], values))[0]
+    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(ends[1], values))[1]
     resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
     where = f"{LONG:g} s of rest after the worst of {len(moves)} moves"
     swing = setup.move(*runs[worst], dwell=LONG).swing
