@@ -16,9 +16,8 @@ import numpy as np
 from benchmarks.workspace.arm import LATENCY, PERIOD
 from benchmarks.workspace.robots import ROBOTS
 from benchmarks.workspace.rows import ROWS, kept, written
-from flexhinf.design.workspace import BANDWIDTHS, INTEGRAL, SHARE
+from flexhinf.design.workspace import BANDWIDTHS, pair_weights
 from flexhinf.modal import ModalLaw
-from flexhinf.modal.pair import PairWeights
 from flexhinf.modal.tolerance import tolerated_error
 from flexhinf.plant import Penalty
 from flexhinf.robot.workspace import workspace_of
@@ -35,8 +34,7 @@ def row(robot: Any, gammas: tuple[float, ...] = GAMMAS, poses: int = POSES) -> d
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     sampled, found = workspace_of(robot).sample(poses, SEED), []
     for gamma in gammas:
-        weights = PairWeights(bandwidth=BANDWIDTHS[0], share=SHARE, integral=INTEGRAL, gamma=gamma)
-        gains = ModalLaw.tuned(problem, PERIOD, weights, sampled).gains
+        gains = ModalLaw.tuned(problem, PERIOD, pair_weights(robot, BANDWIDTHS[0], gamma), sampled).gains
         one = {"gamma": gamma if np.isfinite(gamma) else None, "damping": gains.sweep[1]}
         found.append(one | {"known": tolerated_error(gains), "late": tolerated_error(gains, latency=LATENCY)})
     return {"bandwidth": BANDWIDTHS[0], "laws": found}

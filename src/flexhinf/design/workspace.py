@@ -81,16 +81,12 @@ LESS = 0.9
 OFFSET_TIME = 0.5
 
 #: Share of a joint's range by which a command may lie beyond it: rounding, also that of C in single precision.
-ROUNDING = 1e-6
-
 #: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
-ACCELERATION = 50.0
+ROUNDING, ACCELERATION = 1e-6, 50.0
 
-#: Rest at the end of a move, s, and at the end of the one that is made again to see whether the links rest.
-STILL, LONG = 1.0, 20.0
-
-#: Largest deviation by noise in some 10,000 samples, as a multiple of its standard deviation.
-LARGEST_OF_NOISE = 4.5
+#: Rest at the end of a move, s, and of the one that is made again to see whether links rest; largest deviation by noise
+#: in some 10,000 samples, as a multiple of its standard deviation.
+STILL, LONG, LARGEST_OF_NOISE = 1.0, 20.0, 4.5
 
 #: A goal is left out if holding the arm there needs more than this share of a motor's limit.
 HOLD = 0.7
@@ -271,9 +267,8 @@ class WorkspaceSetup(LoopPlants):
 
         ripple = float((self.noise_spread(loop)[0] / self.authority).max())
         damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
-        louder, softer = (
-            growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in (gain_limit(s), 1.0 / gain_limit(s))
-        )
+        factors = gain_limit(s), 1.0 / gain_limit(s)
+        louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in factors)
         return PoseLoop(
             growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
             damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
@@ -517,15 +512,21 @@ def _candidates(
     modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
-    share, tried = {"share": SHARE[bool(stated_friction(robot.plant_parameters()))]}, RANDOM
-    if s.estimator != "none" and all(name.startswith("motor") for name in robot.plant(s.measured).outputs):
-        share, tried = MOTORS_WEIGHTS, MOTORS_RANDOM
+    seen = robot.plant(s.measured).outputs
+    alone = s.estimator != "none" and all(name.startswith("motor") for name in seen)
+    special, tried = (MOTORS_WEIGHTS, MOTORS_RANDOM) if alone else ({}, RANDOM)
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
-        weights = PairWeights(bandwidth=bandwidth, integral=INTEGRAL, gamma=GAMMA, **share)
+        weights = replace(pair_weights(robot, bandwidth), **special)
         law = ModalLaw.tuned(problem, s.period, weights, modal)
         for random in tried[: 1 if stated else None]:
             yield WorkspaceSetup(robot, s, workspace, law, random)
+
+
+def pair_weights(robot: Robot, bandwidth: float, gamma: float = GAMMA) -> PairWeights:
+    """Weights of pairs with encoders of links, for a bandwidth, rad/s, and γ/γ*."""
+    share = SHARE[bool(stated_friction(robot.plant_parameters()))]
+    return PairWeights(bandwidth=bandwidth, share=share, integral=INTEGRAL, gamma=gamma)
 
 
 def pose_limits(s: Specification) -> tuple[float, float]:
@@ -592,9 +593,10 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
     """The requirement that links rest, for the move at whose end they swing most, made again with a longer rest;
     `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit cycle."""
     worst = int(np.argmax([move.swing.max() for move in moves]))
-    ends, values, _ = runs[worst]
-    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(ends[1], values))[1]
+    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[worst][0][1], runs[worst][1]))[1]
     resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
-    where = f"{LONG:g} s of rest after the worst of {len(moves)} moves"
-    swing = setup.move(*runs[worst], dwell=LONG).swing
+    swing, where = (
+        setup.move(*runs[worst], dwell=LONG).swing,
+        f"{LONG:g} s of rest after the worst of {len(moves)} moves",
+    )
     return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
