@@ -595,8 +595,5 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
     worst = int(np.argmax([move.swing.max() for move in moves]))
     noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[worst][0][1], runs[worst][1]))[1]
     resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
-    swing, where = (
-        setup.move(*runs[worst], dwell=LONG).swing,
-        f"{LONG:g} s of rest after the worst of {len(moves)} moves",
-    )
+    swing, where = setup.move(*runs[worst], dwell=LONG).swing, f"{LONG:g} s of rest after the worst move"
     return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
