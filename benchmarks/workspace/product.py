@@ -1,7 +1,8 @@
 """The laws of the product: that of one pose, about the robot's home, and the one for the whole workspace.
 
-Everything is at its default but what is of the loop: the sensors, their noise, and a latency of one sample. A
-controller is saved by the design and loaded by every row, and its own step runs. Its command is that of the instant at
+Everything is at its default but what is of the loop: the sensors, their noise, and a latency of one sample; and the
+ripple that the criterion allows, which the law for the workspace is told. A controller is saved by the design and
+loaded by every row, and its own step runs. Its command is that of the instant at
 which its input acts: the reference's state then, and the feedforward that all laws get.
 
 The law of one pose is what ``flexhinf design ROBOT --pose …`` makes at the robot's home, run in error coordinates about
@@ -33,6 +34,9 @@ from flexhinf.design.workspace import WorkspaceSetup, tuned_setup
 from flexhinf.robot.workspace import LIMITS, workspace_of
 
 __all__ = ["OnePose", "OverWorkspace"]
+
+#: Ripple that the criterion allows, per cent of a motor's limit.
+RIPPLE = 1.5
 
 #: Variance of the encoders' noise, rad² (m²).
 VARIANCE = NOISE[0] ** 2
@@ -120,7 +124,7 @@ class OverWorkspace(Product):
         """The setup that a design judges, without the judgement."""
         robot = self.arm.robot
         steps = np.tile(np.where(self.arm.slides, RESOLUTION[1], RESOLUTION[0]), len(self.measured))
-        asked = self.specification(workspace=LIMITS, quantisation=tuple(steps.tolist()))
+        asked = self.specification(workspace=LIMITS, quantisation=tuple(steps.tolist()), ripple=RIPPLE)
         return tuned_setup(robot, asked, workspace_of(robot, LIMITS))
 
     def designed(self) -> tuple[fh.Controller, dict[str, Any]]:

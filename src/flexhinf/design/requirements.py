@@ -339,8 +339,8 @@ def standstill_requirement(
     allowed = per_joint(limits.joints, "remaining_error", s.remaining_error or REMAINING_ERROR)
     most = np.maximum(resolution, STANDSTILL_SHARE * allowed)
     k = int(np.argmax(amplitudes / most))
-    return REQUIREMENTS["limit_cycle"].judge(
-        None, most[k], amplitudes[k], where, unit=limits.position_units[k], joint=of_several(limits.joints, k),
+    return replace(REQUIREMENTS["limit_cycle"], field="remaining_error").judge(
+        s, most[k], amplitudes[k], where, unit=limits.position_units[k], joint=of_several(limits.joints, k),
         criterion="largest amplitude of a link position in the last half of the rest; the limit is "
         f"{STANDSTILL_SHARE:g} of the remaining error that is allowed, at least what noise does and sensors resolve",
     )  # fmt: skip

@@ -1,9 +1,10 @@
-"""What a controller of a workspace tolerates beyond what is required of it: margins at its worst poses, and the errors
-and the stability of pairs."""
+"""What a controller of a workspace tolerates beyond what is required of it: the least margins of its poses, and
+the errors and the stability of pairs."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,9 +26,9 @@ FASTEST = 350.0
 class Robustness(NamedTuple):
     """What a controller of a workspace tolerates, beyond what is required of it."""
 
-    delay: float  # extra delay until instability, samples, at the pose with the largest growth under the required one
+    delay: float  # extra delay until the first pose is unstable, samples
     damped_delay: float  # the same with springs that are damped more
-    louder: float  # factor of all inputs until instability, at the pose that the required factor brings nearest to it
+    louder: float  # factor of all inputs until the first pose is unstable
     softer: float  # the same below 1
     heavy: int  # number of the judged poses that need more than `HOLD` of a motor's limit
     tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
@@ -38,20 +39,23 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     """Margins at the worst poses, and what holds for every pair."""
     setup, s = design.setup, design.specification
 
+    loops = [setup.linear(pose) for pose in design.poses]
+    soft = [damped_springs(loop, setup.smooth_plant, setup.joints) for loop in loops]
+
     def margin(key: str, end: float) -> float:
-        """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the worst loop is unstable."""
-        loop = setup.linear(design.poses[np.argmax([getattr(loop, key) for loop in design.loops])])
-        if key.startswith("damped"):
-            loop = damped_springs(loop, setup.smooth_plant, setup.joints)
-        late = key.endswith("late")
+        """Samples of delay, or the factor of the inputs, `end` its logarithm, at which the first loop is unstable."""
+        late, tried = key.endswith("late"), soft if key.startswith("damped") else loops
 
-        def stable(size: float) -> bool:
+        def stable(k: int, size: float) -> bool:
             by, extra = (1.0, size * s.period) if late else (np.exp(size), 0.0)
-            changed = replace(loop, b=by * loop.b, d=by * loop.d)
-            return changed.system(loop.delay + extra).stable
+            loop = replace(tried[k], b=by * tried[k].b, d=by * tried[k].d)
+            return loop.system(loop.delay + extra).stable
 
-        largest, _ = bisected(stable, 0.0, end, ACCURACY * abs(end), relative=False)
-        return largest if late else float(np.exp(largest))
+        least = end
+        for k in np.argsort([-getattr(loop, key) for loop in design.loops]).tolist():
+            if not stable(k, least):
+                least, _ = bisected(partial(stable, k), 0.0, least, ACCURACY * abs(end), relative=False)
+        return least if late else float(np.exp(least))
 
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     held = np.array([setup.robot.operating_point(pose)[1] for pose in design.poses])

@@ -37,13 +37,10 @@ from flexhinf.robot.elastic import stated_friction
 from flexhinf.robot.waypoints import LIMITS
 from flexhinf.robot.workspace import Workspace, workspace_of
 
-#: Poses by which the bandwidth is chosen, poses that are judged, goals; and seeds. The seeds of what is judged are
-#: these plus 100 times the seed of the specification.
-CHOSEN_POSES, POSES, GOALS = 16, 200, 20
+#: Poses by which the range of λ is found, by which a bandwidth is chosen, that are judged; goals; and seeds. The seeds
+#: of what is judged are these plus 100 times the seed of the specification.
+MODAL_POSES, CHOSEN_POSES, POSES, GOALS = 500, 16, 200, 20
 CHOSEN_SEED, POSES_SEED, GOALS_SEED, SAMPLED_SEED = 17, 1, 7, 11
-
-#: Poses by which the range of λ is found.
-MODAL_POSES = 500
 
 #: Bandwidths that are tried, rad/s, the fastest first; weight of integrals, and γ/γ*.
 BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
@@ -64,17 +61,16 @@ RANDOM = (
     (0.0025, 0.03), (0.00125, 0.03), (0.0006, 0.01), (0.02, 0.03), (0.01, 0.01), (0.005, 0.005), (0.001, 0.01),
     (0.0006, 0.04), (0.0006, 0.07), (0.0025, 0.1),
 )  # fmt: skip
-MOTORS_RANDOM = (0.033, 0.03), (0.011, 0.01), (0.0045, 0.01), (0.002, 0.01)
+MOTORS_RANDOM = (
+    (0.033, 0.03), (0.02, 0.03), (0.011, 0.01), (0.005, 0.005), (0.0055, 0.01), (0.0045, 0.01), (0.002, 0.01),
+)  # fmt: skip
 
 #: Least damping of slow oscillations; factor of all inputs at once that a loop tolerates, up and down.
 DAMPING, GAIN = 0.2, 2.0
 
 #: The search asks for this factor more than each limit, since other poses are judged; and of estimators for the same
-#: law prefers one with a ripple below this, per cent.
-RESERVE, QUIET = 1.1, 1.2
-
-#: Where no law has all that is wanted, a later one has to miss less than this share of what an earlier one misses.
-LESS = 0.9
+#: law prefers one with a ripple below this, per cent. Where none has all, a later one has to miss less than this share.
+RESERVE, QUIET, LESS = 1.1, 1.2, 0.9
 
 #: Offsets of the encoders are taken in with this time constant, s. A difference of 0.5 mrad between link and motor
 #: looks like a twisted spring; acting at once it would move a stiff arm by 14 mrad.
@@ -176,7 +172,9 @@ class WorkspaceSetup(LoopPlants):
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
         spline swings beyond its points), saturation, and limit cycles."""
         space = self.workspace
-        margin = (ROUNDING if space.path is None else BEYOND) * (space.upper - space.lower)
+        margin = np.maximum(
+            (ROUNDING if space.path is None else BEYOND) * (space.upper - space.lower), ROUNDING
+        )
         return Supervision(workspace=(space.lower - margin, space.upper + margin))
 
     def controller(self, at: np.ndarray, **options: Any) -> Controller:
@@ -483,7 +481,7 @@ def tuned_setup(
     )  # fmt: skip
     chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
     for setup in _candidates(robot, wanted, workspace, progress):
-        if chosen is not None and chosen.law is not setup.law and not any(least[:3]):
+        if chosen is not None and not any(least[:3]) and setup.law.gains.weights != chosen.law.gains.weights:
             break  # a slower law
         excess = np.zeros(4)
         for k, (pose, corner) in enumerate(order):
@@ -491,7 +489,7 @@ def tuned_setup(
             found[2 if setup.random in MOTORS_RANDOM else 4 :] = 0.0
             if corner is not None:
                 loop = setup.at_corner(pose, corner)
-                lacking = 1.0 - loop.damping / corner_damping(wanted)
+                lacking = 1.0 - loop.damping / (RESERVE * corner_damping(s))
                 found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
             excess = np.maximum(excess, found)
             if chosen is not None and excess.tolist() >= least:
@@ -514,13 +512,15 @@ def _candidates(
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
     seen = robot.plant(s.measured).outputs
     alone = s.estimator != "none" and all(name.startswith("motor") for name in seen)
-    special, tried = (MOTORS_WEIGHTS, MOTORS_RANDOM) if alone else ({}, RANDOM)
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
-        weights = replace(pair_weights(robot, bandwidth), **special)
-        law = ModalLaw.tuned(problem, s.period, weights, modal)
-        for random in tried[: 1 if stated else None]:
-            yield WorkspaceSetup(robot, s, workspace, law, random)
+        weights, tried = (pair_weights(robot, bandwidth),), RANDOM
+        if alone:
+            weights, tried = (replace(weights[0], **MOTORS_WEIGHTS), *weights), MOTORS_RANDOM
+        for own in weights:
+            law = ModalLaw.tuned(problem, s.period, own, modal)
+            for random in tried[: 1 if stated else None]:
+                yield WorkspaceSetup(robot, s, workspace, law, random)
 
 
 def pair_weights(robot: Robot, bandwidth: float, gamma: float = GAMMA) -> PairWeights:
@@ -594,6 +594,7 @@ def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Se
     `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit cycle."""
     worst = int(np.argmax([move.swing.max() for move in moves]))
     noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[worst][0][1], runs[worst][1]))[1]
+    noisy[~np.isfinite(noisy)] = 0.0  # an unstable loop, which friction may hold for a while
     resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
     swing, where = setup.move(*runs[worst], dwell=LONG).swing, f"{LONG:g} s of rest after the worst move"
     return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)

@@ -80,6 +80,9 @@ COLUMNS = {
 #: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so.
 NEAR, BRIEF = 0.2, 6
 
+#: Fast vibrations with less damping are named beside the verdict.
+HARDLY = 0.05
+
 
 def workspace_verdict(design: WorkspaceDesign) -> str:
     """Whether the requirements are met, and by what."""
@@ -91,7 +94,12 @@ def _scope(design: WorkspaceDesign) -> str:
     poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
     again = "both" if design.corner_loops and design.sampled else "the poses" if design.corner_loops else ""
     again = f", {again} again with robots at corners of their tolerances" if again else ""
-    return f"One controller for {range_of(design)}, judged at {poses} and in {moves}{again}."
+    scope = f"One controller for {range_of(design)}, judged at {poses} and in {moves}{again}."
+    fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
+    if fast < HARDLY:
+        limit = design.specification.damped_below_limit
+        scope += f" Vibrations above {limit:g} rad/s are hardly damped: {number(fast, 2)} at least."
+    return scope
 
 
 def _missed_text(design: WorkspaceDesign) -> str:
@@ -425,14 +433,16 @@ def _pair_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
 
 def _not_proved(design: WorkspaceDesign, tolerated: Robustness) -> str:
     proved, high = tolerated.proved, design.setup.law.gains.ends[1]
+    latency = count_text(design.specification.known_latency, "sample")
+    loop = f"{latency} of latency and {'the' if isinstance(design.setup.filter, ModalFilter) else 'no'} estimator"
     pairs = (
         "Stability at rest is proved for all vibrations"
         if proved.high >= high
         else f"Stability at rest is proved up to {number(np.sqrt(proved.high), 3)} rad/s of the vibrations"
     )  # fmt: skip
     return (
-        f"{pairs} of an arm with motors alike and without gravity. Unlike motors, gravity, moves and "
-        "tolerances were tested on random samples; nothing is proved of them."
+        f"{pairs} of an arm with motors alike and without gravity, with {loop}. Unlike motors, gravity, moves, more "
+        "delay and tolerances were tested on random samples; nothing is proved of them."
     )
 
 
