@@ -48,12 +48,12 @@ def moves() -> tuple[str, str]:
     text = (
         f"The figure shows {DRAWN} moves between random goals with [the controller "
         "below](#one-controller-for-the-whole-workspace), with dry friction, noisy encoders and one sample of latency. "
-        "Each move is made by another robot at a corner of its tolerances, which the controller does not know. So it "
-        "begins with a peak: weight and springs are not those that the controller expects. The robot's file has no "
+        "Each move is made by another robot at a corner of its tolerances, which the controller does not know. It "
+        "begins at rest, where the loop has held the arm. The robot's file has no "
         f"speed limits, so a link moves at up to {SPEED * UNLIMITED:g} rad/s. "
         f"Of {len(found.sampled)} such moves at most {left:.2f} mrad remain "
         f"({best_left:.2f} mrad with the nominal robot), no link is further off its path than {off:.1f} mrad "
-        f"({best_off:.1f} mrad) or goes the wrong way by more than {sampled['wrong_way_percent']:.1f} % of its travel. "
+        f"({best_off:.1f} mrad) or goes the wrong way by more than {sampled['wrong_way_percent']:.2f} % of its travel. "
         f"At {len(found.loops)} random poses every oscillation below {found.specification.damped_below_limit:g} rad/s "
         f"has a damping ratio of {min(loop.damping for loop in found.loops):.2f} or more."
     )
