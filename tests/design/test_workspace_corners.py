@@ -165,3 +165,24 @@ def test_noise_moves_links_and_motors_as_the_linear_loop_says() -> None:
     )
     found = [np.asarray(run.signals[name])[2000:, :2].std(axis=0) for name in ("input", "state")]
     assert setup.noise_spread(setup.linear(q)) == pytest.approx(np.array(found), rel=0.15)
+
+
+def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its noise is infinite, which is not the limit of the line about rest."""
+    setup = setup_of("1kg")
+    ends = setup.goals(2, 7)
+    monkeypatch.setattr(WorkspaceSetup, "noise_spread", lambda *_: np.full((2, 2), np.inf))
+    monkeypatch.setattr(workspace, "LONG", 0.1)
+    line = standstill_requirement(setup, [(ends, None, 0)], [setup.move(ends)])
+    assert line.limit == pytest.approx(3e-4)
+
+
+def test_a_joint_may_rest_in_all_waypoints() -> None:
+    setup = setup_of("1kg")
+    path = np.array([[0.1, 0.3], [0.6, 0.3]])
+    space = replace(setup.workspace, lower=path.min(axis=0), upper=path.max(axis=0), path=path)
+    controller = replace(setup, workspace=space).controller(
+        path[0], supervision=replace(setup, workspace=space).supervision
+    )
+    controller.step(np.tile(path[0], 2), np.concatenate(setup.robot.operating_point(path[0])))
+    assert controller.status == fh.Status(0)
