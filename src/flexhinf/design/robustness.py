@@ -51,9 +51,9 @@ def robustness(design: WorkspaceDesign) -> Robustness:
             loop = replace(tried[k], b=by * tried[k].b, d=by * tried[k].d)
             return loop.system(loop.delay + extra).stable
 
-        least = end
-        for k in np.argsort([-getattr(loop, key) for loop in design.loops]).tolist():
-            if not stable(k, least):
+        least, order = end, np.argsort([-getattr(loop, key) for loop in design.loops]).tolist()
+        for k in order:
+            if k == order[0] or not stable(k, least):
                 least, _ = bisected(partial(stable, k), 0.0, least, ACCURACY * abs(end), relative=False)
         return least if late else float(np.exp(least))
 
