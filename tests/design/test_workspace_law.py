@@ -211,6 +211,25 @@ def test_what_matters_most_comes_first(changes, place):
     assert np.all(excess[:place] <= 0.0)
 
 
+@pytest.mark.parametrize("measured", [BOTH, ("motor_position",)])
+def test_preferences_count_by_the_sensors_not_by_the_noise_levels(monkeypatch, measured):
+    """Two noise levels that are in both lists; the first is louder than is preferred."""
+    levels = ((0.005, 0.005), (0.0045, 0.01))
+    for name in ("RANDOM", "MOTORS_RANDOM"):
+        monkeypatch.setattr(workspace, name, levels)
+    ripples = dict(zip(levels, (1.4, 0.5)))
+    monkeypatch.setattr(
+        workspace.WorkspaceSetup, "at_pose", lambda self, _: GOOD._replace(ripple=ripples[self.random])
+    )
+    monkeypatch.setattr(
+        workspace.WorkspaceSetup, "at_corner", lambda *_: workspace.CornerLoop(0.98, 0.3, 0.1)
+    )
+    robot = fh.load_robot("planar-two-link")
+    s = checked_specification(robot, fh.Specification(measured=measured, workspace="limits"))
+    found = workspace.tuned_setup(robot, s, workspace.stated_workspace(robot, "limits"))
+    assert found.random == levels[measured == BOTH]
+
+
 @pytest.mark.parametrize(
     ("changes", "missed"),
     [({}, []), ({"growth": 1.01}, [0]), ({"late": 1.01}, [1]), ({"louder": 1.01}, [2]), ({"softer": 1.01}, [2]),

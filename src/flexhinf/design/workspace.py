@@ -82,10 +82,8 @@ ROUNDING, ACCELERATION = 1e-6, 50.0
 
 #: Rest at the end of a move, s, and of the one that is made again to see whether links rest; largest deviation by noise
 #: in some 10,000 samples, as a multiple of its standard deviation.
-STILL, LONG, LARGEST_OF_NOISE = 1.0, 20.0, 4.5
-
-#: A goal is left out if holding the arm there needs more than this share of a motor's limit.
-HOLD = 0.7
+#: A goal is left out if holding the arm there needs more than the last share of a motor's limit.
+STILL, LONG, LARGEST_OF_NOISE, HOLD = 1.0, 20.0, 4.5, 0.7
 
 
 class CornerLoop(NamedTuple):
@@ -172,9 +170,8 @@ class WorkspaceSetup(LoopPlants):
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
         spline swings beyond its points), saturation, and limit cycles."""
         space = self.workspace
-        margin = np.maximum(
-            (ROUNDING if space.path is None else BEYOND) * (space.upper - space.lower), ROUNDING
-        )
+        share = ROUNDING if space.path is None else BEYOND
+        margin = np.maximum(share * (space.upper - space.lower), ROUNDING)
         return Supervision(workspace=(space.lower - margin, space.upper + margin))
 
     def controller(self, at: np.ndarray, **options: Any) -> Controller:
@@ -386,9 +383,8 @@ class WorkspaceDesign(Judged):
         `options` are those of `flexhinf.Controller`: ``offset_time`` is by default `OFFSET_TIME`, and ``supervision``
         that of the setup, which reports and does not react.
         """
-        home = self.setup.workspace.home if at is None else at
-        options = {"supervision": self.setup.supervision, **options}
-        return self.setup.controller(np.atleast_1d(np.asarray(home, dtype=float)), **options)
+        home = np.atleast_1d(np.asarray(self.setup.workspace.home if at is None else at, dtype=float))
+        return self.setup.controller(home, **{"supervision": self.setup.supervision, **options})
 
 
 def design_workspace(
@@ -480,13 +476,14 @@ def tuned_setup(
         delay_margin=None if delay is None else RESERVE * delay,
     )  # fmt: skip
     chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
+    counted = 2 if motors_alone(robot, s) else 4
     for setup in _candidates(robot, wanted, workspace, progress):
         if chosen is not None and not any(least[:3]) and setup.law.gains.weights != chosen.law.gains.weights:
             break  # a slower law
         excess = np.zeros(4)
         for k, (pose, corner) in enumerate(order):
             found = setup.at_pose(pose).excess(*pose_limits(wanted), s.period)
-            found[2 if setup.random in MOTORS_RANDOM else 4 :] = 0.0
+            found[counted:] = 0.0
             if corner is not None:
                 loop = setup.at_corner(pose, corner)
                 lacking = 1.0 - loop.damping / (RESERVE * corner_damping(s))
@@ -510,17 +507,20 @@ def _candidates(
     modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
     problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
     stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
-    seen = robot.plant(s.measured).outputs
-    alone = s.estimator != "none" and all(name.startswith("motor") for name in seen)
     for bandwidth in BANDWIDTHS:
         progress(f"gains of the pairs: {bandwidth:g} rad/s")
         weights, tried = (pair_weights(robot, bandwidth),), RANDOM
-        if alone:
+        if motors_alone(robot, s):
             weights, tried = (replace(weights[0], **MOTORS_WEIGHTS), *weights), MOTORS_RANDOM
         for own in weights:
             law = ModalLaw.tuned(problem, s.period, own, modal)
             for random in tried[: 1 if stated else None]:
                 yield WorkspaceSetup(robot, s, workspace, law, random)
+
+
+def motors_alone(robot: Robot, s: Specification) -> bool:
+    """Whether there is an estimator, and it sees the motors and nothing else."""
+    return s.estimator != "none" and all(y.startswith("motor") for y in robot.plant(s.measured).outputs)
 
 
 def pair_weights(robot: Robot, bandwidth: float, gamma: float = GAMMA) -> PairWeights:
