@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import flexhinf as fh
-from flexhinf.design.workspace import tuned_setup
+from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.export import export_c
 from flexhinf.robot.workspace import workspace_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design.workspace import WorkspaceSetup
+from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
 from flexhinf.robot.workspace import workspace_of

@@ -11,7 +11,7 @@ import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
 from flexhinf.design.plans import move_reference, quintic_move
 from flexhinf.design.responses import Move, Response
-from flexhinf.design.workspace import WorkspaceSetup
+from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.robot import weigh_payload
 from flexhinf.robot.signals import signal_names
 

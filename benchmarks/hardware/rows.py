@@ -13,7 +13,7 @@ import numpy as np
 import flexhinf as fh
 from benchmarks.hardware.payloads import MOVES, POSES, carried
 from flexhinf.design import Specification
-from flexhinf.design.workspace import tuned_setup
+from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.pages.page import achieved_text, limit_text
 from flexhinf.robot.workspace import workspace_of
 

@@ -30,7 +30,8 @@ from benchmarks.workspace.goals import Reference
 from benchmarks.workspace.linear import Linear
 from benchmarks.workspace.trip import NOISE, RESOLUTION
 from flexhinf.analysis import EquilibriumLoop, LinearLoop
-from flexhinf.design.workspace import WorkspaceSetup, tuned_setup
+from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.design.workspace.setup import WorkspaceSetup
 from flexhinf.robot.workspace import LIMITS, workspace_of
 
 __all__ = ["OnePose", "OverWorkspace"]

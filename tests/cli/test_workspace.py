@@ -5,24 +5,21 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 import pytest
+from tests import workspaces
 from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.cli import main
-
-workspace = import_module("flexhinf.design.workspace")
+from flexhinf.design.workspace.setup import WorkspaceSetup
 
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few poses and goals, and one bandwidth."""
-    for name, count in {"POSES": 3, "GOALS": 1, "CHOSEN_POSES": 2, "MODAL_POSES": 20}.items():
-        monkeypatch.setattr(workspace, name, count)
-    monkeypatch.setattr(workspace, "BANDWIDTHS", (28.0,))
+    workspaces.few(monkeypatch, POSES=3, GOALS=1, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(28.0,))
 
 
 @pytest.fixture
@@ -84,7 +81,7 @@ def test_an_interrupted_design_leaves_what_was_there(
     def stop(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(workspace.WorkspaceSetup, "move", stop)
+    monkeypatch.setattr(WorkspaceSetup, "move", stop)
     assert main(["design", robot, "--seed", "1"]) == 130
     assert unnamed(capsys.readouterr().err, "Interrupted") == []
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

@@ -19,7 +19,8 @@ from flexhinf.codegen.machine import host
 from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.plans import BEYOND
 from flexhinf.design.specification import SpecificationError
-from flexhinf.design.workspace import ACCELERATION, OFFSET_TIME, WorkspaceDesign, WorkspaceSetup
+from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.setup import ACCELERATION, OFFSET_TIME, WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.export.package import record
 from flexhinf.modal import ModalLaw

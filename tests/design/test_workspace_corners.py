@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 import flexhinf as fh
-from flexhinf.design import requirements, workspace
+from flexhinf.design import requirements
 from flexhinf.design.plans import settled
-from flexhinf.design.workspace import PoseLoop, WorkspaceSetup, corner_requirements, standstill_requirement
+from flexhinf.design.workspace import judgement, search
+from flexhinf.design.workspace.judgement import corner_requirements, standstill_requirement
+from flexhinf.design.workspace.setup import PoseLoop, WorkspaceSetup
 from flexhinf.loop import Loop
 from flexhinf.modal import ModalLaw
 from flexhinf.modal.pair import PairWeights
@@ -105,9 +107,9 @@ def test_a_law_that_is_faster_than_a_soft_arm_swings_at_rest(monkeypatch: pytest
     bandwidth for a robot with dry friction ends it."""
     robot, found = fh.load_robot("planar-two-link"), []
     s = fh.Specification(workspace="limits", measured=BOTH, measurement_noise=1e-8)
-    for shares in ((2.0, 2.0), workspace.SHARE):
-        monkeypatch.setattr(workspace, "SHARE", shares)
-        setup = workspace.tuned_setup(robot, s, workspace_of(robot, "limits"))
+    for shares in ((2.0, 2.0), search.SHARE):
+        monkeypatch.setattr(search, "SHARE", shares)
+        setup = search.tuned_setup(robot, s, workspace_of(robot, "limits"))
         goals = setup.goals(5, 7)
         made = [(goals[k : k + 2], None, k) for k in range(4)]
         found.append(standstill_requirement(setup, made, [setup.move(*one) for one in made]))
@@ -172,7 +174,7 @@ def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None
     setup = setup_of("1kg")
     ends = setup.goals(2, 7)
     monkeypatch.setattr(WorkspaceSetup, "noise_spread", lambda *_: np.full((2, 2), np.inf))
-    monkeypatch.setattr(workspace, "LONG", 0.1)
+    monkeypatch.setattr(judgement, "LONG", 0.1)
     line = standstill_requirement(setup, [(ends, None, 0)], [setup.move(ends)])
     assert line.limit == pytest.approx(3e-4)
 

@@ -5,31 +5,30 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from tests import workspaces
 from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.design import design_workspace, stages
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
+from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
 from flexhinf.robot.workspace import workspace_of
 
-workspace = import_module("flexhinf.design.workspace")
 Named = Callable[[str], Any]
 
 
 @pytest.fixture(autouse=True)
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few poses and goals, and one bandwidth."""
-    for name, count in {"POSES": 4, "GOALS": 2, "CHOSEN_POSES": 2, "MODAL_POSES": 30}.items():
-        monkeypatch.setattr(workspace, name, count)
-    monkeypatch.setattr(workspace, "BANDWIDTHS", (28.0,))
+    workspaces.few(monkeypatch, POSES=4, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=30, BANDWIDTHS=(28.0,))
 
 
 # One of two kinds ----------------------------------------------------------------------------------------
@@ -84,7 +83,7 @@ def test_a_rigid_joint_is_served_too(robot_of: Named) -> None:
     )
     kept = tuple(p for p in whole.parameters if p.name not in ("stiffness_elbow", "damping_elbow"))
     rigid = fh.Robot(whole.name, kept, whole.penalty, whole.links, whole.drive, whole.home, rigid=("elbow",))
-    setup = workspace.tuned_setup(rigid, s, workspace_of(rigid))
+    setup = tuned_setup(rigid, s, workspace_of(rigid))
     loops = [setup.at_pose(pose) for pose in setup.workspace.sample(10, 3)]
     assert max(loop.late for loop in loops) < 1.0
     assert min(loop.damping for loop in loops) > 0.2
@@ -195,5 +194,5 @@ def test_a_box_in_space_is_for_its_tool(robot_of: Named) -> None:
 
 
 def test_the_help_states_the_limits_of_a_workspace() -> None:
-    assert f"{workspace.GAIN:g} for a workspace" in FIELDS["gain_margin"].about.text
-    assert f"{workspace.DAMPING:g} for a workspace" in FIELDS["damping"].about.text
+    assert f"{GAIN:g} for a workspace" in FIELDS["gain_margin"].about.text
+    assert f"{DAMPING:g} for a workspace" in FIELDS["damping"].about.text

@@ -11,15 +11,11 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
-from flexhinf.design import workspace
 from flexhinf.design.pipeline import checked_specification
-from flexhinf.design.workspace import (
-    PoseLoop,
-    WorkspaceSetup,
-    move_requirements,
-    pose_requirements,
-    tuned_setup,
-)
+from flexhinf.design.workspace import search
+from flexhinf.design.workspace.judgement import move_requirements, pose_requirements
+from flexhinf.design.workspace.search import tuned_setup
+from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup, pose_limits
 from flexhinf.plant.joints import elastic_joints
 from flexhinf.robot.workspace import workspace_of
 
@@ -147,7 +143,7 @@ def test_encoders_of_the_motors_alone_damp_the_scara_and_hold_what_it_does_not_k
     """The design knows of a payload of 1 mg; 1 kg slows the wrist's vibration, and no loop is unstable."""
     made = setup("scara", "1e-6kg@wrist:0.03,0,-0.06", measured=("motor_position",))
     for q in made.workspace.sample(6, 5):
-        limits = workspace.pose_limits(made.specification)
+        limits = pose_limits(made.specification)
         assert made.at_pose(q).excess(*limits, made.specification.period)[:2].max() <= 0.0
         assert made.at_corner(q, {"payload_mass_wrist": 1.0}).growth < 1.0
 
@@ -191,7 +187,7 @@ def test_louder_sensors_get_another_estimator():
 
 
 def test_stated_noise_is_kept(monkeypatch):
-    monkeypatch.setattr(workspace, "BANDWIDTHS", (14.0,))
+    monkeypatch.setattr(search, "BANDWIDTHS", (14.0,))
     made = setup("planar-two-link", torque_noise=1e-7)
     assert made.noise_levels.link_velocities == 1e-7
     assert made.noise_levels.motor_velocities == 1e-7
@@ -216,17 +212,13 @@ def test_preferences_count_by_the_sensors_not_by_the_noise_levels(monkeypatch, m
     """Two noise levels that are in both lists; the first is louder than is preferred."""
     levels = ((0.005, 0.005), (0.0045, 0.01))
     for name in ("RANDOM", "MOTORS_RANDOM"):
-        monkeypatch.setattr(workspace, name, levels)
+        monkeypatch.setattr(search, name, levels)
     ripples = dict(zip(levels, (1.4, 0.5)))
-    monkeypatch.setattr(
-        workspace.WorkspaceSetup, "at_pose", lambda self, _: GOOD._replace(ripple=ripples[self.random])
-    )
-    monkeypatch.setattr(
-        workspace.WorkspaceSetup, "at_corner", lambda *_: workspace.CornerLoop(0.98, 0.3, 0.1)
-    )
+    monkeypatch.setattr(WorkspaceSetup, "at_pose", lambda self, _: GOOD._replace(ripple=ripples[self.random]))
+    monkeypatch.setattr(WorkspaceSetup, "at_corner", lambda *_: CornerLoop(0.98, 0.3, 0.1))
     robot = fh.load_robot("planar-two-link")
     s = checked_specification(robot, fh.Specification(measured=measured, workspace="limits"))
-    found = workspace.tuned_setup(robot, s, workspace.stated_workspace(robot, "limits"))
+    found = tuned_setup(robot, s, workspace_of(robot, "limits"))
     assert found.random == levels[measured == BOTH]
 
 

@@ -5,34 +5,32 @@ from __future__ import annotations
 import dataclasses
 import re
 from html import unescape
-from importlib import import_module
 from io import StringIO
 
 import numpy as np
 import pytest
 from rich.console import Console
+from tests import workspaces
 from tests.refusals import unnamed
 
 import flexhinf as fh
-from flexhinf.design import Specification
+from flexhinf.design import Specification, design_workspace
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, robustness
+from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
+from flexhinf.design.workspace.setup import CHOSEN_SEED
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page
 from flexhinf.pages.page import files_section
-
-design_room = import_module("flexhinf.design.workspace")
 
 
 @pytest.fixture(scope="module")
 def design():
     """Of the paper's arm, with few poses and moves and one bandwidth."""
-    few = {"POSES": 6, "GOALS": 2, "CHOSEN_POSES": 2, "MODAL_POSES": 20, "BANDWIDTHS": (10.0,)}
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in few.items():
-            patch.setattr(design_room, name, value)
+        workspaces.few(patch, POSES=6, GOALS=2, CHOSEN_POSES=2, MODAL_POSES=20, BANDWIDTHS=(10.0,))
         s = Specification(measured=("link_position", "motor_position"))
-        return design_room.design_workspace(fh.paper_arm(), s)
+        return design_workspace(fh.paper_arm(), s)
 
 
 @pytest.fixture(scope="module")
@@ -126,12 +124,7 @@ def test_the_law_can_be_made_again_from_the_page(made, design):
     assert unnamed(text_of(section.html()), *numbers) == []
     again = pair_gains(gains.ends, gains.motor, gains.damping, gains.period, w)
     np.testing.assert_array_equal(again.coefficients, gains.coefficients)
-    seeds = (
-        design_room.POSES_SEED,
-        design_room.GOALS_SEED,
-        design_room.SAMPLED_SEED,
-        design_room.CHOSEN_SEED,
-    )
+    seeds = POSES_SEED, GOALS_SEED, SAMPLED_SEED, CHOSEN_SEED
     assert unnamed(text_of(made().settings.html()), *seeds) == []
 
 

@@ -33,4 +33,4 @@ from .synthesis.by_step import (
     shrinking as shrinking,
     try_degrees as try_degrees,
 )
-from .workspace import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace
+from .workspace.design import WorkspaceDesign as WorkspaceDesign, design_workspace as design_workspace

@@ -23,7 +23,7 @@ from flexhinf.design.rigid import RigidComparison, compare_rigid
 from flexhinf.design.specification import Specification, is_for_workspace, refuse_workspace
 from flexhinf.design.status import Status, in_brackets, status_of
 from flexhinf.design.synthesis import by_step, steps
-from flexhinf.design.workspace import design_workspace, workspace_stages
+from flexhinf.design.workspace.design import design_workspace, workspace_stages
 from flexhinf.errors import InvalidInput
 from flexhinf.hinf import HJISolution
 from flexhinf.loop import Controller

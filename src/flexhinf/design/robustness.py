@@ -11,7 +11,8 @@ import numpy as np
 
 from flexhinf.analysis.optimiser import bisected
 from flexhinf.design.evaluation import damped_springs
-from flexhinf.design.workspace import HOLD, WorkspaceDesign
+from flexhinf.design.workspace.design import WorkspaceDesign
+from flexhinf.design.workspace.setup import HOLD
 from flexhinf.estimation import ModalFilter
 from flexhinf.modal import ProvedRange, Tolerance, error_tolerance, proved_range
 

@@ -19,7 +19,7 @@ from flexhinf.design.pipeline import ComparedLaw, Comparison, Design
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import ROBOT
 from flexhinf.design.tuning import best_rival, pareto_front
-from flexhinf.design.workspace import WorkspaceDesign
+from flexhinf.design.workspace.design import WorkspaceDesign
 from flexhinf.errors import InvalidInput
 from flexhinf.pages.comparison import comparison_page
 from flexhinf.pages.design.frequency import corner_rows

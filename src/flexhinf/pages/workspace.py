@@ -14,18 +14,15 @@ from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
-from flexhinf.design.workspace import (
+from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
+from flexhinf.design.workspace.search import BANDWIDTHS
+from flexhinf.design.workspace.setup import (
     ACCELERATION,
-    BANDWIDTHS,
     CHOSEN_POSES,
     CHOSEN_SEED,
-    GOALS_SEED,
     HOLD,
-    POSES_SEED,
-    SAMPLED_SEED,
     STILL,
     PoseLoop,
-    WorkspaceDesign,
     corner_damping,
     gain_limit,
     pose_limits,

@@ -1,0 +1,152 @@
+"""One controller for a workspace, judged at random poses and in moves between random goals.
+
+The law is `flexhinf.modal.ModalLaw`, whose gains follow the commanded pose, with `flexhinf.estimation.ModalFilter`. The
+search takes the largest bandwidth of a list with which the loops at 16 random poses meet the requirements. The
+judgement uses other poses, and moves. The words are those of docs/workspace.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design.design_file import check_stated_units, tool_of
+from flexhinf.design.loop_setup import sensor_steps
+from flexhinf.design.requirements import Judged, Requirement
+from flexhinf.design.responses import Move, Response, joint_limits
+from flexhinf.design.specification import Specification
+from flexhinf.design.workspace.judgement import (
+    corner_requirements,
+    move_requirements,
+    pose_requirements,
+    standstill_requirement,
+)
+from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
+from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
+from flexhinf.loop import Controller
+from flexhinf.robot import Robot, kinematics
+from flexhinf.robot.waypoints import LIMITS
+from flexhinf.robot.workspace import Workspace, workspace_of
+
+#: Poses and goals that are judged, and seeds, to which 100 times the seed of the specification is added.
+POSES, GOALS = 200, 20
+POSES_SEED, GOALS_SEED, SAMPLED_SEED = 1, 7, 11
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkspaceDesign(Judged):
+    """One controller for a workspace, its loops at poses and its moves, and the judgement of both.
+
+    Poses, moves and robots are random samples by the seed of the specification: nothing is proved between them.
+    """
+
+    setup: WorkspaceSetup  # law, estimator and controller at any pose
+    poses: np.ndarray  # (N, n), link positions, rad or m
+    loops: tuple[PoseLoop, ...]  # linearised and sampled, at rest at each pose
+    corner_loops: tuple[CornerLoop, ...]  # of robots at corners of their tolerances; none without tolerances
+    moves: tuple[Move, ...]  # of the nominal robot
+    sampled: tuple[Move, ...]  # the same, of robots at corners of their tolerances; none without tolerances
+    power_on: Response | None  # at rest, of the sampled robot whose weight the model knows least
+    requirements: tuple[Requirement, ...]
+
+    def summary(self) -> dict[str, str]:
+        """Robot, whether the requirements are met, and how many poses and moves were looked at."""
+        return {
+            "robot": self.setup.robot.name,
+            "requirements": self.judgement,
+            "looked at": f"{len(self.loops)} poses, {len(self.moves) + len(self.sampled)} moves",
+        }
+
+    robot = property(attrgetter("setup.robot"))
+    specification = property(attrgetter("setup.specification"))
+
+    def controller(self, at: Any = None, **options: Any) -> Controller:
+        """A new controller as it is deployed, which begins at rest at a pose (n,), by default the robot's home or,
+        where that is not in the workspace, a pose in it.
+
+        It follows references that come with states and inputs, such as `Moving`; the same one serves every pose.
+        `options` are those of `flexhinf.Controller`: ``offset_time`` is by default `OFFSET_TIME`, and ``supervision``
+        that of the setup, which reports and does not react.
+        """
+        home = np.atleast_1d(np.asarray(self.setup.workspace.home if at is None else at, dtype=float))
+        return self.setup.controller(home, **{"supervision": self.setup.supervision, **options})
+
+
+def design_workspace(
+    robot: Robot, s: Specification, progress: Callable[[str], None] = lambda text: None
+) -> WorkspaceDesign:
+    """Design one controller for a workspace, and judge it at poses and in moves that the search did not use.
+
+    Parameters
+    ----------
+    robot : Robot
+        From `load_robot`.
+    s : Specification
+        Its workspace, by default all poses within the joint ranges; what the loop has to keep; sensors, noise, limits,
+        period and latency.
+    progress : callable, optional
+        Called with what comes next, at most `workspace_stages` times.
+
+    Raises
+    ------
+    InvalidInput
+        For a workspace, sensors or limits that do not fit the robot.
+    NumericalFailure
+        Where the motors hold hardly any pose of the workspace.
+    """
+    check_loop(robot, s)
+    s = replace(s, workspace=LIMITS) if s.workspace is None else s
+    setup = tuned_setup(robot, s, stated_workspace(robot, s.workspace), progress)
+    progress(f"loops at {POSES} poses")
+    poses = setup.workspace.sample(POSES, POSES_SEED + 100 * s.seed)
+    loops = tuple(map(setup.at_pose, poses))
+    corners = robot.random_corners(POSES, POSES_SEED + 100 * s.seed)
+    cornered = tuple(map(setup.at_corner, poses, corners))
+    progress(f"moves between {GOALS} goals")
+    goals = setup.goals(GOALS + 1, GOALS_SEED + 100 * s.seed)
+    nominal = [(goals[k : k + 2], None, k) for k in range(GOALS)]
+    moves, sampled, power_on = tuple(setup.move(*one) for one in nominal), (), None
+    lines = (*pose_requirements(s, loops), *corner_requirements(s, cornered))
+    lines += tuple(move_requirements(setup, moves, "nominal robot"))
+    robots = robot.random_corners(sampled_moves(robot, s), SAMPLED_SEED + 100 * s.seed)
+    others = [(nominal[k % GOALS][0], values, k) for k, values in enumerate(robots)]
+    if others:
+        progress("moves of sampled robots")
+        sampled = tuple(setup.move(*one) for one in others)
+        lines += tuple(move_requirements(setup, sampled, "robots at corners of their tolerances"))
+        power_on = setup.power_on(*max(others, key=lambda one: setup.unknown_load(*one[:2])))
+    if setup.dry_plant[2] is not None:  # dry friction
+        lines += (standstill_requirement(setup, [*nominal, *others], [*moves, *sampled]),)
+    return WorkspaceDesign(setup, poses, loops, cornered, moves, sampled, power_on, lines)
+
+
+def stated_workspace(robot: Robot, stated: Any) -> Workspace:
+    """The workspace of a specification; a box in space has its tool behind an @."""
+    if not isinstance(stated, str):
+        return workspace_of(robot, stated)
+    place, _, tool = stated.partition("@")
+    return workspace_of(robot, place, tool_of(tool))
+
+
+def sampled_moves(robot: Robot, s: Specification) -> int:
+    """How many robots at corners of their tolerances make a move each; none without tolerances."""
+    return (GOALS if s.draws is None else s.draws) if robot.uncertain else 0
+
+
+def workspace_stages(robot: Robot, s: Specification) -> int:
+    """Largest number of calls of `progress` by `design_workspace`."""
+    return len(BANDWIDTHS) + 2 + bool(sampled_moves(robot, s))
+
+
+def check_loop(robot: Robot, s: Specification) -> None:
+    """Refuse, before any work, numbers that do not fit the robot."""
+    check_stated_units(robot, s)
+    kinematics.check_fast(robot, s.period)
+    kinematics.check_delay(robot, s.unknown_delay)
+    robot.plant(s.measured, extras=s.extras)
+    sensor_steps(robot, s.measured, s.quantisation, s.estimator)
+    joint_limits(robot, s)

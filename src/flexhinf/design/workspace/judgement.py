@@ -1,0 +1,83 @@
+"""Requirements on the loops and moves of a controller for a workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexhinf.design import requirements as required
+from flexhinf.design.loop_setup import DEVIATIONS
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
+from flexhinf.design.responses import Move
+from flexhinf.design.specification import Specification
+from flexhinf.design.workspace.setup import (
+    CornerLoop,
+    PoseLoop,
+    WorkspaceSetup,
+    corner_damping,
+    gain_limit,
+    pose_limits,
+)
+
+#: Rest of the move that is made again to see whether links rest, s; largest deviation by noise in some 10,000 samples,
+#: as a multiple of its standard deviation.
+LONG, LARGEST_OF_NOISE = 20.0, 4.5
+
+
+def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requirement]:
+    """Requirements on the loops at all poses."""
+    where, (damping, ripple), gain = f"{len(loops)} random poses, sampled loop", pose_limits(s), gain_limit(s)
+    extra = 1e3 * s.period * (s.delay_margin_limit or 0.0)
+    gains = [max(loop.louder, loop.softer) for loop in loops]
+    unstable = {
+        "unstable poses": [loop.growth for loop in loops],
+        f"poses unstable with {extra:g} ms more delay": [loop.late for loop in loops],
+        f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}": gains,
+    }
+    row = REQUIREMENTS["corners"]
+    return [
+        *(replace(row, what=what, criterion="a pole outside the unit circle").judge(
+            None, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, growths in unstable.items()),
+        required.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
+        REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where,
+            criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit"),
+    ]  # fmt: skip
+
+
+def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[Requirement]:
+    """Requirements on the loops of robots at corners of their tolerances."""
+    if not loops:
+        return []
+    where = f"{len(loops)} random poses, each of another robot at a corner of the tolerances"
+    unstable = int(np.sum([loop.growth >= 1.0 for loop in loops]))
+    damping = min(loop.damping for loop in loops)
+    return [
+        REQUIREMENTS["corners"].judge(None, 0.0, unstable, where),
+        required.damping_requirement(None, corner_damping(s), damping, s.damped_below_limit, where),
+    ]
+
+
+def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) -> list[Requirement]:
+    """Requirements on each kind of motion, for the worst of the moves."""
+    lines: dict[str, Requirement] = {}
+    s, where = setup.specification, f"the worst of {len(moves)} moves, {which}"
+    for move in moves:
+        for line in required.motion_requirements(s, setup.limits, move.motion, 0.0, where, rests=True):
+            other = lines.get(line.what)
+            if other is None or line.found / line.limit > other.found / other.limit:
+                lines[line.what] = line
+    return list(lines.values())
+
+
+def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Sequence[Move]) -> Requirement:
+    """The requirement that links rest, for the move at whose end they swing most, made again with a longer rest;
+    `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit cycle."""
+    worst = int(np.argmax([move.swing.max() for move in moves]))
+    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[worst][0][1], runs[worst][1]))[1]
+    noisy[~np.isfinite(noisy)] = 0.0  # an unstable loop, which friction may hold for a while
+    resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
+    swing, where = setup.move(*runs[worst], dwell=LONG).swing, f"{LONG:g} s of rest after the worst move"
+    return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)

@@ -1,0 +1,122 @@
+"""The search for a workspace: the fastest law that keeps the limits at some poses, and the best estimator for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import zip_longest
+
+import numpy as np
+
+from flexhinf.design.specification import Specification
+from flexhinf.design.workspace.setup import (
+    CHOSEN_POSES,
+    CHOSEN_SEED,
+    EXPECTED,
+    WorkspaceSetup,
+    corner_damping,
+    gain_limit,
+    pose_limits,
+)
+from flexhinf.modal import ModalLaw
+from flexhinf.modal.pair import PairWeights
+from flexhinf.plant import Penalty
+from flexhinf.robot import Robot
+from flexhinf.robot.elastic import stated_friction
+from flexhinf.robot.workspace import Workspace
+
+#: Poses by which the range of λ is found.
+MODAL_POSES = 500
+
+#: Bandwidths that are tried, rad/s, the fastest first; weight of integrals, and γ/γ*.
+BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
+
+#: Largest bandwidth of a soft pair, as a multiple of √λ, without and with dry friction. Friction nearly holds a motor
+#: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle.
+SHARE = (2.0, 1.0)
+
+#: Weights with encoders of the motors alone: a soft spring that is not seen is moved slower than it vibrates, and no
+#: vibration is damped by much more than is required.
+MOTORS_WEIGHTS = {"share": 0.5, "damping": 0.3}
+
+#: Random torques that the estimator expects each sample, in parts of the motors' limits, on links and on motors, in the
+#: order in which they are tried. Larger torques on motors make the loop tolerate a larger gain, with more ripple, and
+#: with much noise they hide the vibration. With encoders of the motors alone they always do: half the ratio of the two
+#: torques is about the damping of the estimator's own vibration.
+RANDOM = (
+    EXPECTED, (0.00125, 0.03), (0.0006, 0.01), (0.02, 0.03), (0.01, 0.01), (0.005, 0.005), (0.001, 0.01),
+    (0.0006, 0.04), (0.0006, 0.07), (0.0025, 0.1),
+)  # fmt: skip
+MOTORS_RANDOM = (
+    (0.033, 0.03), (0.02, 0.03), (0.011, 0.01), (0.005, 0.005), (0.0055, 0.01), (0.0045, 0.01), (0.002, 0.01),
+)  # fmt: skip
+
+#: The search asks for this factor more than each limit, since other poses are judged. Where no estimator for a law has
+#: all that is wanted, a later one has to miss less than this share.
+RESERVE, LESS = 1.1, 0.9
+
+
+def tuned_setup(
+    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None
+) -> WorkspaceSetup:
+    """The fastest law whose loops at some random poses meet the requirements with a reserve, for the nominal robot and
+    one at a corner of the tolerances, with the best estimator for it; or the nearest to it. With encoders of the motors
+    alone what is only preferred does not count: it would cost bandwidth."""
+    poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
+    corners, delay = robot.random_corners(CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
+    wanted = replace(
+        s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
+        delay_margin=None if delay is None else RESERVE * delay,
+    )  # fmt: skip
+    chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
+    counted = 2 if motors_alone(robot, s) else 4
+    for setup in _candidates(robot, wanted, workspace, progress):
+        if chosen is not None and not any(least[:3]) and setup.law.gains.weights != chosen.law.gains.weights:
+            break  # a slower law
+        excess = np.zeros(4)
+        for k, (pose, corner) in enumerate(order):
+            found = setup.at_pose(pose).excess(*pose_limits(wanted), s.period)
+            found[counted:] = 0.0
+            if corner is not None:
+                loop = setup.at_corner(pose, corner)
+                lacking = 1.0 - loop.damping / (RESERVE * corner_damping(s))
+                found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
+            excess = np.maximum(excess, found)
+            if chosen is not None and excess.tolist() >= least:
+                order.insert(0, order.pop(k))  # the next candidate may fail here too
+                break
+        else:
+            chosen, least = setup, (LESS * excess).tolist()
+        if not any(least):
+            break
+    assert chosen is not None
+    return replace(chosen, specification=s)
+
+
+def _candidates(
+    robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None]
+) -> Iterator[WorkspaceSetup]:
+    """Laws and estimators in the order in which they are tried, the fastest law first."""
+    modal = workspace.sample(MODAL_POSES, CHOSEN_SEED)
+    problem = robot.problem(penalty=Penalty({"link_position": 1.0}))
+    stated = s.estimator == "none" or s.process_noise is not None or s.torque_noise is not None
+    for bandwidth in BANDWIDTHS:
+        progress(f"gains of the pairs: {bandwidth:g} rad/s")
+        weights, tried = (pair_weights(robot, bandwidth),), RANDOM
+        if motors_alone(robot, s):
+            weights, tried = (replace(weights[0], **MOTORS_WEIGHTS), *weights), MOTORS_RANDOM
+        for own in weights:
+            law = ModalLaw.tuned(problem, s.period, own, modal)
+            for random in tried[: 1 if stated else None]:
+                yield WorkspaceSetup(robot, s, workspace, law, random)
+
+
+def motors_alone(robot: Robot, s: Specification) -> bool:
+    """Whether there is an estimator, and it sees the motors and nothing else."""
+    return s.estimator != "none" and all(y.startswith("motor") for y in robot.plant(s.measured).outputs)
+
+
+def pair_weights(robot: Robot, bandwidth: float, gamma: float = GAMMA) -> PairWeights:
+    """Weights of pairs with encoders of links, for a bandwidth, rad/s, and γ/γ*."""
+    share = SHARE[bool(stated_friction(robot.plant_parameters()))]
+    return PairWeights(bandwidth=bandwidth, share=share, integral=INTEGRAL, gamma=gamma)

@@ -1,0 +1,324 @@
+"""A modal law with its estimator and controller at any pose of a workspace: its loop at rest there, and its moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.analysis import LinearLoop
+from flexhinf.analysis.linear_loop import exponential
+from flexhinf.design.evaluation import damped_springs
+from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
+from flexhinf.design.plans import BEYOND, move_reference, quintic_move, settled
+from flexhinf.design.responses import Move, Response, with_values
+from flexhinf.design.specification import RINGS, RIPPLE, Specification
+from flexhinf.errors import NumericalFailure
+from flexhinf.estimation import ExtendedKalmanFilter, ModalFilter, stationary_gain
+from flexhinf.loop import Controller, Loop, Moving, Supervision, Waypoints
+from flexhinf.modal import ModalLaw
+from flexhinf.plant import Plant
+from flexhinf.robot.workspace import Workspace
+
+#: Poses by which a law is chosen, and their seed; a ripple below which an estimator is preferred, per cent.
+CHOSEN_POSES, CHOSEN_SEED, QUIET = 16, 17, 1.2
+
+#: Random torques that the estimator expects each sample unless others are found or stated, on links and on motors, in
+#: parts of the motors' limits.
+EXPECTED = (0.0025, 0.03)
+
+#: Least damping of slow oscillations; factor of all inputs at once that a loop tolerates, up and down.
+DAMPING, GAIN = 0.2, 2.0
+
+#: Offsets of the encoders are taken in with this time constant, s. A difference of 0.5 mrad between link and motor
+#: looks like a twisted spring; acting at once it would move a stiff arm by 14 mrad.
+OFFSET_TIME = 0.5
+
+#: Share of a joint's range by which a command may lie beyond it: rounding, also that of C in single precision.
+#: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
+ROUNDING, ACCELERATION = 1e-6, 50.0
+
+#: Rest at the end of a move, s. A goal is left out if holding the arm there needs more than this share of a limit.
+STILL, HOLD = 1.0, 0.7
+
+#: Plans that are kept for sampled robots, which make the same moves.
+PLANS = 32
+
+
+def pose_limits(s: Specification) -> tuple[float, float]:
+    """Least damping of slow oscillations, and largest ripple, per cent."""
+    return DAMPING if s.damping is None else s.damping, RIPPLE if s.ripple is None else s.ripple
+
+
+def corner_damping(s: Specification) -> float:
+    """Least damping of slow oscillations of robots at corners of their tolerances; a smaller one rings."""
+    return min(RINGS, pose_limits(s)[0])
+
+
+def gain_limit(s: Specification) -> float:
+    """Factor by which all inputs may grow or shrink at once."""
+    return GAIN if s.gain_margin is None else s.gain_margin
+
+
+class CornerLoop(NamedTuple):
+    """The loop at rest at one pose, of a robot at a corner of its tolerances; as in `PoseLoop`."""
+
+    growth: float
+    damping: float
+    fast_damping: float
+
+
+class PoseLoop(NamedTuple):
+    """The loop at rest at one pose. Growth is the largest modulus of the poles in the z plane; below 1 is stable."""
+
+    growth: float
+    damping: float  # smallest damping ratio of slow oscillations, see `Specification.damped_below_limit`
+    fast_damping: float  # smallest of faster ones
+    damped_fast: float  # the same with springs that are damped more
+    late: float  # growth with the extra delay that is required
+    damped_late: float  # the same with twice that delay and springs that are damped more
+    louder: float  # growth with all inputs times the gain margin that is required
+    softer: float  # and divided by it
+    ripple: float  # largest deviation of an input by the noise of the sensors, per cent of its limit
+
+    def excess(self, damping: float, ripple: float, period: float) -> np.ndarray:
+        """How far it misses, (4,), in order of importance: stability with the extra delay (1/s), damping and ripple
+        (relative); the gain margins (1/s); twice the delay with damped springs (1/s), and a ripple of `QUIET`, which
+        are only preferred. At most 0 where it misses nothing."""
+        late, gain, wished = np.log([self.late, max(self.louder, self.softer), self.damped_late]) / period
+        loud = np.log(np.clip(self.ripple, 1e-9, 1e5) / np.array([ripple, QUIET]))
+        needed = max(np.log(self.growth) / period, late, 1.0 - self.damping / damping, loud[0])
+        return np.array([needed, gain, wished, loud[1]])
+
+
+@dataclass(frozen=True, eq=False)
+class WorkspaceSetup(LoopPlants):
+    """A modal law with its estimator and controller, at any pose of the workspace.
+
+    Poses are link positions (n,), rad or m. The loop runs with the period, latency, sensors, noise and limits of the
+    specification.
+    """
+
+    workspace: Workspace
+    law: ModalLaw
+    random: tuple[float, float] = EXPECTED
+
+    @cached_property
+    def noise_levels(self) -> EstimatorNoise:
+        """R^v: as stated, or random torques on links and motors in parts of the motors' limits."""
+        s, joints = self.specification, self.law.joints
+        if s.process_noise is not None or s.torque_noise is not None:
+            return EstimatorNoise.stated(s)
+        limit = self.authority * joints.torque_per_input
+        links, motors = self.random
+        on_links = links * limit / np.diag(joints.link_inertia)
+        on_motors = motors * limit / joints.motor_inertia
+        return EstimatorNoise(0.0, tuple((s.period * on_links) ** 2), tuple((s.period * on_motors) ** 2))
+
+    @cached_property
+    def authority(self) -> np.ndarray:
+        """Limits of the motors (n,); of one without a limit the input that holds the weight and accelerates link and
+        motor by `ACCELERATION`, at some random poses."""
+        joints, p = self.law.joints, self.law.plant.parameters.vector()
+        needed = [
+            np.abs(self.robot.operating_point(pose)[1]) + ACCELERATION / joints.torque_per_input
+            * (np.diag(np.linalg.inv(self.law.compliance.matrix(pose, p))) + joints.motor_inertia)
+            for pose in self.workspace.sample(CHOSEN_POSES, CHOSEN_SEED)
+        ]  # fmt: skip
+        return np.where(np.isfinite(self.limits.effort), self.limits.effort, np.max(needed, axis=0))
+
+    def estimator(self, at: np.ndarray) -> Any:
+        """The estimator, started at rest at a pose (n,), of which its gains do not depend; None where the true state is
+        fed back."""
+        s = self.specification
+        if s.estimator == "none":
+            return None
+        model, mean = self.model, self.robot.operating_point(at)[0]
+        process, measurement = self.noise_levels.covariance(model.states), self.noise_variances
+        covariance = process + 1e-12 * np.eye(len(mean))
+        kalman = ExtendedKalmanFilter(model, s.period, process, measurement, mean=mean, covariance=covariance)
+        return kalman if self.robot.rigid else ModalFilter(kalman, self.law.equilibrium[0])
+
+    @property
+    def supervision(self) -> Supervision:
+        """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
+        spline swings beyond its points), saturation, and limit cycles."""
+        space = self.workspace
+        share = ROUNDING if space.path is None else BEYOND
+        margin = np.maximum(share * (space.upper - space.lower), ROUNDING)
+        return Supervision(workspace=(space.lower - margin, space.upper + margin))
+
+    def controller(self, at: np.ndarray, **options: Any) -> Controller:
+        """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it
+        until there is a command; with further options of `flexhinf.Controller`."""
+        s, held = self.specification, self.robot.operating_point(at)
+        options = {"offset_time": None if s.estimator == "none" else OFFSET_TIME, **options}
+        return Controller(
+            replace(self.law, equilibrium=held), self.estimator(at), s.period, self.limits.saturated, moving=True,
+            start="zero", latency=s.known_latency, **options,
+        )  # fmt: skip
+
+    # At rest ------------------------------------------------------------------------------------------
+    @cached_property
+    def filter(self) -> Any:
+        """The estimator at home, from which `linear` takes the gains."""
+        return self.estimator(np.asarray(self.robot.home))
+
+    def linear(self, at: np.ndarray, values: Mapping[str, Any] | None = None) -> LinearLoop:
+        """The sampled loop linearised at rest at a pose (n,), of a robot with the parameters `values`.
+
+        It is built from the gains of law and filter. `EquilibriumLoop` gives the same from derivatives of the traced
+        step, more slowly.
+        """
+        s, states, plant = self.specification, self.model.states, with_values(self.smooth_plant, values)
+        smooth, n = tuple(name for name in s.extras if name not in self.left_out), len(self.joints)
+        a, b, g, c = plant.linearise(*self.robot.operating_point(at, smooth, values))
+        whole = np.eye(plant.n)[[plant.index(name) for name in states]]
+        c = whole if self.filter is None else c
+        if at.tobytes() not in self._steps:  # robots at corners of the tolerances have the same controller
+            self._steps[at.tobytes()] = self._step(at)
+        memory, law = self._steps[at.tobytes()]
+        return LinearLoop(
+            s.period, a, b, c, np.zeros((len(c), n)), memory, law, np.zeros((len(memory), n)), np.zeros((n, n)),
+            whole[:n], tuple(states[:n]), g, tuple(plant.disturbances), tuple(plant.inputs),
+            delay=(s.known_latency + s.unknown_samples) * s.period,
+        )  # fmt: skip
+
+    @cached_property
+    def _steps(self) -> dict[bytes, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
+    def _step(self, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The controller's step at rest at a pose (n,): its next memory (s, s + p) and the input (n, s + p), by its
+        memory and what is measured. The memory is the estimator's prediction, the inputs that have not acted yet, and
+        the integrals with the half of the last error that the next step adds."""
+        s, model, n = self.specification, self.model, len(self.joints)
+        x, u = self.robot.operating_point(at)
+        inner, driven, _, seen = model.linearise(x, u)
+        moved, driven = exponential(inner, driven, s.period)
+        gain, measured = np.eye(model.n), model.outputs
+        if self.filter is None:
+            seen, measured = np.eye(model.n), model.states
+        elif isinstance(self.filter, ModalFilter):
+            gain = self.filter.gain(x)
+        else:
+            gain = stationary_gain((moved, seen), self.filter.process_noise, self.filter.measurement_noise)
+        size = model.n + (s.known_latency + 1) * n
+        unit = np.eye(size + len(seen))
+        prediction, integral, y = unit[: model.n], unit[size - n : size], unit[size:]
+        waiting = [unit[k : k + n] for k in range(model.n, size - n, n)]  # which acts next first
+        estimate = prediction + gain @ (y - seen @ prediction)
+        links = tuple(model.states[:n])
+        seen_links = [measured.index(name) for name in links if name in measured]
+        half = 0.5 * s.period * (y[seen_links] if len(seen_links) == n else estimate[:n])
+        ahead = estimate
+        for late in waiting:
+            ahead = moved @ ahead + driven @ late
+        law = self.law.slope_at(at)
+        waiting.append(law[:, : model.n] @ ahead + law[:, model.n :] @ (integral + half))
+        memory = [moved @ estimate + driven @ waiting[0], *waiting[1:], integral + 2.0 * half]
+        return np.vstack(memory), waiting[-1]
+
+    def at_corner(self, at: np.ndarray, values: Mapping[str, Any]) -> CornerLoop:
+        """The loop at rest at a pose (n,), of a robot with the parameters `values`."""
+        loop = self.linear(at, values).closed_loop
+        growth, limit = float(np.abs(loop.multipliers).max()), self.specification.damped_below_limit
+        return CornerLoop(growth, *loop.damping_about(limit))
+
+    def at_pose(self, at: np.ndarray) -> PoseLoop:
+        """The loop at rest at a pose (n,)."""
+        s, loop = self.specification, self.linear(at)
+        soft = damped_springs(loop, self.smooth_plant, self.joints)
+        extra = (s.delay_margin_limit or 0.0) * s.period
+
+        def growth(loop: LinearLoop, extra: float = 0.0) -> float:
+            return float(np.abs(loop.system(loop.delay + extra).multipliers).max())
+
+        ripple = float((self.noise_spread(loop)[0] / self.authority).max())
+        damping, fast = loop.closed_loop.damping_about(s.damped_below_limit)
+        factors = gain_limit(s), 1.0 / gain_limit(s)
+        louder, softer = (growth(replace(loop, b=k * loop.b, d=k * loop.d)) for k in factors)
+        return PoseLoop(
+            growth=float(np.abs(loop.closed_loop.multipliers).max()), damping=damping, fast_damping=fast,
+            damped_fast=soft.closed_loop.damping_about(s.damped_below_limit)[1], late=growth(loop, extra),
+            damped_late=growth(soft, 2.0 * extra), louder=louder, softer=softer, ripple=100.0 * ripple,
+        )  # fmt: skip
+
+    def noise_spread(self, loop: LinearLoop) -> np.ndarray:
+        """Standard deviations (2, n) of inputs, and of link positions, rad or m, by the sensors' noise and steps."""
+        m, p, noise = len(self.joints), len(loop.c), np.zeros(loop.closed_loop.b.shape[1])
+        if self.noise is not None:
+            steps = 0.0 if self.quantisation is None else self.quantisation
+            noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
+        return loop.closed_loop.spread(noise)[m:].reshape(2, m)
+
+    # Moves --------------------------------------------------------------------------------------------
+    def goals(self, count: int, seed: int) -> np.ndarray:
+        """Goals (count, n) that the motors hold with `HOLD` of their limits."""
+        kept: list[np.ndarray] = []
+        for pose in self.workspace.sample(50 * count, seed):
+            if np.all(np.abs(self.robot.operating_point(pose)[1]) <= HOLD * self.limits.effort):
+                kept.append(pose)
+                if len(kept) == count:
+                    return np.array(kept)
+        raise NumericalFailure(
+            "The motors hold hardly any pose of the workspace.",
+            f"{len(kept)} of {50 * count} random poses need at most {100.0 * HOLD:g} % of the limits",
+            "a smaller workspace, a lighter payload, or larger limits",
+        )
+
+    @cached_property
+    def dry_plant(self) -> tuple[tuple[str, ...], Plant, int | None]:
+        """Extras of the true robot, dry friction included; its plant, and Runge–Kutta steps per period."""
+        extras = self.specification.extras
+        return self.plant_with_friction(np.array(self.robot.home)) or (extras, self.true_plant, None)
+
+    @cached_property
+    def _command(self) -> Callable[[bytes, bytes], tuple[Waypoints, Moving]]:
+        """Plan and reference of a move; sampled robots make the moves of the nominal one."""
+
+        @lru_cache(PLANS)
+        def command(*ends: bytes) -> tuple[Waypoints, Moving]:
+            plan = quintic_move(self.limits, *map(np.frombuffer, ends))
+            return plan, move_reference(self.robot, plan, self.dry_friction)
+
+        return command
+
+    def move(
+        self, ends: np.ndarray, values: Mapping[str, Any] | None = None, seed: int = 0, dwell: float = STILL
+    ) -> Move:
+        """A move with feedforward between the rows of `ends` (2, n), and a dwell, s; the true robot has the parameters
+        `values`, and the dry friction that the robot states. The loop has held it at the start for long."""
+        s, (start, goal) = self.specification, ends
+        (plan, reference), controller = self._command(*map(bytes, ends)), self.controller(start)
+        linear, extras = self.linear(start, values), self.dry_plant[0]
+        state, held, memory = settled(self.robot, self.limits, controller, linear, start, extras, values)
+        run = self.loop(controller, values).prepared(
+            reference=reference, noise=self.noise,
+            duration=s.period * round((plan.duration + dwell) / s.period), seed=s.seed + seed,
+            initial_state=state, initial_input=held,
+        )  # fmt: skip
+        trajectory, *_ = replace(run, arrays=run.arrays | {"memory": memory}).run()
+        return Move(plan, Response(trajectory, goal, start, self.joints), self.limits)
+
+    def power_on(self, ends: np.ndarray, values: Mapping[str, Any], seed: int = 0) -> Response:
+        """The first second at the start of a move, of a controller that does not know the robot's parameters."""
+        s, at = self.specification, ends[0]
+        run = self.loop(self.controller(at), values).run(
+            noise=self.noise, duration=s.period * round(STILL / s.period), seed=s.seed + seed,
+            initial_state=self.robot.operating_point(at, self.dry_plant[0], values)[0],
+        )  # fmt: skip
+        return Response(run, at, at, self.joints)
+
+    def unknown_load(self, ends: np.ndarray, values: Mapping[str, Any]) -> float:
+        """Largest difference of an input that holds the start of a move from the model's, as a share of its limit."""
+        held = [self.robot.operating_point(ends[0], (), own)[1] for own in (values, None)]
+        return float((np.abs(held[0] - held[1]) / self.authority).max())
+
+    def loop(self, controller: Controller, values: Mapping[str, Any] | None = None) -> Loop:
+        """A controller and the true robot with its dry friction and the parameters `values`."""
+        plant, late = with_values(self.dry_plant[1], values), self.specification.unknown_delay
+        return Loop(plant, controller, self.dry_plant[2], quantisation=self.quantisation, delay=late)

@@ -1,0 +1,17 @@
+"""Fewer poses, goals and bandwidths in designs for a workspace, for tests that look at something else."""
+
+from importlib import import_module
+from typing import Any
+
+import pytest
+
+ROOMS = [import_module(f"flexhinf.design.workspace.{name}") for name in ("setup", "search", "design")]
+
+
+def few(patch: pytest.MonkeyPatch, **values: Any) -> None:
+    """Set constants, such as `POSES=4` or `BANDWIDTHS=(28.0,)`, in every module that reads them."""
+    for name, value in values.items():
+        rooms = [room for room in ROOMS if hasattr(room, name)]
+        assert rooms, name
+        for room in rooms:
+            patch.setattr(room, name, value)
