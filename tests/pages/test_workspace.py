@@ -18,7 +18,7 @@ from flexhinf.design import Specification, design_workspace
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, robustness
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
-from flexhinf.design.workspace.setup import CHOSEN_SEED
+from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page
 from flexhinf.pages.page import files_section
@@ -140,6 +140,18 @@ def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolera
     assert tolerated.proved.high == design.setup.law.gains.ends[1]
     part = tolerated._replace(proved=ProvedRange(70.0, 81.0, 0.0, 3))
     assert unnamed(page._not_proved(design, part), "9 rad/s", "random samples") == []
+
+
+def test_what_offsets_of_encoders_do_is_said(design, tolerated):
+    """As they are taken in, at once, and what remains; nothing where the true state is fed back."""
+    home = np.array(design.setup.workspace.home)
+    (text,) = (block.html() for block in page._offsets(design, tolerated))
+    numbers = [design.setup.encoder_offsets(home, time)[0, 0] for time in (OFFSET_TIME, None)]
+    assert unnamed(text, "0.5 mrad", "motors", "0.5 s", *(float(f"{1e3 * x:.2g}") for x in numbers)) == []
+    assert numbers[0] < numbers[1]
+    of = dataclasses.replace(design.specification, estimator="none")
+    changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=of))
+    assert page._offsets(changed, robustness(changed)) == []
 
 
 def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):

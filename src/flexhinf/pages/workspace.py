@@ -21,6 +21,8 @@ from flexhinf.design.workspace.setup import (
     CHOSEN_POSES,
     CHOSEN_SEED,
     HOLD,
+    OFFSET,
+    OFFSET_TIME,
     STILL,
     PoseLoop,
     corner_damping,
@@ -196,6 +198,7 @@ def workspace_page(
                 Paragraph(PAIRS),
                 _margin_table(design, tolerated),
                 _pair_table(design, tolerated),
+                *_offsets(design, tolerated),
             ],
             ("The law and its estimator", "law"): [_law_table(design)],
         }
@@ -393,6 +396,24 @@ def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     ]
     caption = "Where the loop becomes unstable, at the pose that is nearest to it with the required delay or factor."
     return Table(("margin", "found", "required"), rows, caption)
+
+
+def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
+    """What offsets of the encoders do."""
+    if design.specification.estimator == "none" or not np.isfinite(tolerated.offsets).all():
+        return []
+    units, worst = Units(design.setup.model, design.setup.joints), int(np.argmax(tolerated.offsets[1]))
+    sudden, slow, remaining = (units.small_text(row[worst], 2) for row in tolerated.offsets.round(9))
+    measured = {name.rsplit("_position")[0] for name in design.setup.model.outputs if "_position" in name}
+    which = "motors" if "motor" in measured else "links"
+    text = (
+        f"Offsets of {units.small_text(OFFSET, 2)} of all encoders of {which}, at home, move "
+        f"{design.setup.joints[worst]} by at most {slow} as they are taken in with {OFFSET_TIME:g} s, at once by "
+        f"{sudden}; {remaining} remain. That is the sampled loop, linearised and without dry friction, with the worst "
+        "signs."
+    )
+    more = " An offset of a link's encoder remains as an error of its position." if len(measured) > 1 else ""
+    return [Paragraph(text + more)]
 
 
 def _margin(value: float, most: float, before: str = "") -> str:
