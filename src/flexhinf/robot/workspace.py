@@ -16,7 +16,16 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.kinematics import position_of, position_ranges
 from flexhinf.robot.parameters import measured, split
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.waypoints import AXES, LIMITS, ORIGIN, Tool, WaypointTable, waypoints
+from flexhinf.robot.waypoints import (
+    AXES,
+    LIMITS,
+    ORIGIN,
+    Tool,
+    WaypointTable,
+    in_space,
+    reached_waypoints,
+    waypoints,
+)
 from flexhinf.validation import real_array, value_text
 
 #: Range of a joint that turns and states none, rad.
@@ -122,7 +131,8 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
     elif isinstance(stated, (list, tuple, np.ndarray)):
         ends = real_array(stated).T
     else:
-        table: WaypointTable = waypoints(stated)
+        table: WaypointTable = waypoints(stated, timed=False)
+        table = reached_waypoints(robot, table, tool)[0] if in_space(robot, table) else table
         path = table.positions(robot.joint_names, robot.links.slides)
         ends = np.array([path.min(axis=0), path.max(axis=0)])
     n = len(robot.joint_names)
