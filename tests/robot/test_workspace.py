@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.modal.law import workspace
+from flexhinf.plant.joints import joint_ranges
 from flexhinf.robot import kinematics
 from flexhinf.robot.waypoints import Tool
 from flexhinf.robot.workspace import ranges, workspace_of
@@ -33,6 +36,24 @@ def test_a_joint_that_states_no_range_turns_by_half_a_turn() -> None:
     if np.isfinite(kinematics.position_ranges(free)).all():
         pytest.skip("the joint states a range")
     np.testing.assert_allclose(ranges(free), [[-np.pi], [np.pi]])
+
+
+def test_a_law_is_made_for_the_same_ranges_by_its_plant_alone() -> None:
+    """Of turning and sliding joints; a sliding one without a range has no workspace, here or there."""
+    robot = fh.load_robot("scara")
+    poses, (low, high) = workspace(robot.plant(), 4000, 1), ranges(robot)
+    assert np.all((poses >= low) & (poses <= high))
+    np.testing.assert_allclose(
+        [poses.min(axis=0), poses.max(axis=0)], [low, high], atol=0.01 * np.max(high - low)
+    )
+    (quill,) = (name for name, slides in zip(robot.joint_names, robot.links.slides) if slides)
+    plant = robot.plant()
+    limits = {name: pair for name, pair in plant.limits.items() if name != f"link_position_{quill}"}
+    with refused_with(fh.InvalidInput, f"'link_position_{quill}'", "--workspace"):
+        workspace(replace(plant, limits=limits))
+    slides = robot.links.slides
+    with refused_with(fh.InvalidInput, f"'{quill}'", "--workspace"):
+        joint_ranges(robot.joint_names, slides, [None] * len(slides))
 
 
 def test_a_box_of_joint_positions_in_any_unit() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.plant.joints import joint_ranges
 from flexhinf.robot.kinematics import position_of, position_ranges
 from flexhinf.robot.parameters import measured, split
 from flexhinf.robot.robot import Robot
@@ -27,9 +28,6 @@ from flexhinf.robot.waypoints import (
     waypoints,
 )
 from flexhinf.validation import real_array, value_text
-
-#: Range of a joint that turns and states none, rad.
-TURN = np.pi
 
 #: Poses that are tried for one whose tool is in a box in space.
 TRIED = 100_000
@@ -99,19 +97,8 @@ class Workspace:
 
 
 def ranges(robot: Robot) -> np.ndarray:
-    """Lower and upper ends (2, n) of where joints go: their ranges, ±180° for one that turns and states none.
-
-    Raises `InvalidInput` for a joint that slides and states none.
-    """
-    low, high = position_ranges(robot)
-    for joint, slides, free in zip(robot.joint_names, robot.links.slides, ~np.isfinite(high - low)):
-        refuse_if(
-            slides and free,
-            f"Joint {joint!r} slides and has no range, so the workspace has no end.",
-            "expected its limits in the robot's file, got none",
-            "lower and upper limits of the joint, --workspace with a range for each joint, or --pose for one pose",
-        )
-    return np.array([np.where(np.isfinite(low), low, -TURN), np.where(np.isfinite(high), high, TURN)])
+    """`joint_ranges` (2, n) of a robot."""
+    return joint_ranges(robot.joint_names, robot.links.slides, robot.links.limits)
 
 
 def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Workspace:
