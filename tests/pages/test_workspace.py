@@ -15,6 +15,7 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_workspace
+from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, robustness
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
@@ -167,9 +168,14 @@ def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
 
 def test_the_terminal_shows_what_is_missed_within_a_screen(design):
     """At most 25 lines of 80 columns with the path of the page, whatever is missed; and what to try."""
+    where = "the worst of 20 moves, robots at corners of their tolerances"
+    limited = [
+        REQUIREMENTS[name].judge(None, 1.0, 9.0, where, unit="N·m", joint="panda_joint1", at=0.847)
+        for name in ("path", "peak", "speed", "range", "limit_cycle")
+    ]
     missed = tuple(
         dataclasses.replace(line, found=2.0 * line.limit + 1.0 if line.at_most else 0.0)
-        for line in design.requirements
+        for line in (*design.requirements, *limited, *limited)
     )
     for of in (design, dataclasses.replace(design, requirements=missed)):
         screen = Console(width=80, file=StringIO())

@@ -134,7 +134,8 @@ def _near(line: Requirement) -> bool:
 
 def workspace_text(design: WorkspaceDesign) -> str:
     """The verdict for a terminal, under `workspace_tables`: what is met, the worst numbers, what to try."""
-    missed = ", ".join(dict.fromkeys(line.what for line in design.missed))
+    names = list(dict.fromkeys(line.what for line in design.missed))
+    missed = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
     met = f"Not met: {missed}." if missed else f"All {len(design.requirements)} requirements are met."
     worst = ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in _key_numbers(design))
     parts = f"{met} {_scope(design)}", f"At worst: {worst}.", advice(design)
@@ -407,10 +408,10 @@ def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
     measured = {name.rsplit("_position")[0] for name in design.setup.model.outputs if "_position" in name}
     which = "motors" if "motor" in measured else "links"
     text = (
-        f"Offsets of {units.small_text(OFFSET, 2)} of all encoders of {which}, at home, move "
-        f"{design.setup.joints[worst]} by at most {slow} as they are taken in with {OFFSET_TIME:g} s, at once by "
-        f"{sudden}; {remaining} remain. That is the sampled loop, linearised and without dry friction, with the worst "
-        "signs."
+        f"With the encoders of all {which} off by {units.small_text(OFFSET, 2)}, {design.setup.joints[worst]} moves by "
+        f"at most {slow} at home, since offsets are taken in with {OFFSET_TIME:g} s; at once they would move it by "
+        f"{sudden}. At the end it is off by {remaining}. This is the sampled loop, linearised, without dry friction, "
+        "with the worst signs."
     )
     more = " An offset of a link's encoder remains as an error of its position." if len(measured) > 1 else ""
     return [Paragraph(text + more)]
