@@ -76,8 +76,9 @@ COLUMNS = {
     "path_distance": ("distance from the path", "{small}", 1e3), "ripple_percent": ("ripple of the motors", "%", 1.0),
 }  # fmt: skip
 
-#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so.
-NEAR, BRIEF = 0.2, 6
+#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so, and
+#: all its lines, less that of the report.
+NEAR, BRIEF, SCREEN = 0.2, 6, 24
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
@@ -122,10 +123,17 @@ def advice(design: WorkspaceDesign) -> str:
 
 
 def workspace_tables(design: WorkspaceDesign) -> list[Any]:
-    """Requirements that are not met or near their limits, for a terminal."""
-    lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)[:BRIEF]
+    """Requirements that are not met or near their limits, for a terminal: as many as fit on a screen with the text."""
+    from rich.console import Console
+
+    lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)
     title = "Requirements that are missed or nearly missed (* our default)"
-    return [requirement_table(lines, design.specification.in_degrees, title).terminal()] if lines else []
+    space = SCREEN - len(workspace_text(design).splitlines())
+    for count in range(min(BRIEF, len(lines)), 0, -1):
+        table = requirement_table(lines[:count], design.specification.in_degrees, title).terminal()
+        if count == 1 or len(Console(width=WIDTH).render_lines(table)) <= space:
+            return [table]
+    return []
 
 
 def _near(line: Requirement) -> bool:
