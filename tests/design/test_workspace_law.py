@@ -176,6 +176,15 @@ def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     assert all(line.met for line in lines)
 
 
+def test_the_search_sees_the_corners_of_a_rotary_joint() -> None:
+    robot = fh.load_robot("quanser-rotflex")
+    setup = tuned_setup(
+        robot, fh.Specification(workspace="limits", measured=BOTH), workspace_of(robot, "limits")
+    )
+    found = [setup.at_corner(np.zeros(1), corner).damping for corner in robot.random_corners(100, 23)]
+    assert min(found) > 0.1
+
+
 def test_louder_sensors_get_another_estimator():
     quiet, loud = setup("scara"), setup("scara", measurement_noise=1e-7)
     assert quiet.random != loud.random
