@@ -316,6 +316,27 @@ def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: 
     assert [line for line in prepared.requirements(run) if not line.met] == []
 
 
+def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(tmp_path: Path) -> None:
+    """Half a second of motion, the shortest, then a whole one of rest: what remains is judged, not by the travel."""
+    pytest.importorskip("mujoco")
+    setup, goal = made(saturation=24.0), np.add(AWAY, (0.05, -0.05))
+    for options in (
+        {"start": AWAY, "pose": tuple(goal)},
+        {"move": fh.Waypoints([0.0, 0.6], [AWAY, goal], "quintic")},
+    ):
+        s = fh.Specification(measured=BOTH, saturation=24.0, **options)
+        prepared = prepare_run(deployed(setup), (arm(), setup.specification), arm(), s)
+        assert prepared.plan is not None
+        assert prepared.arguments["duration"] == pytest.approx(prepared.plan.duration + 1.0)
+        run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
+        lines = {line.what: line for line in prepared.requirements(run)}
+        assert lines["remaining error"].limit == pytest.approx(1e-3)
+        last = run.trajectory.time >= run.trajectory.time[-1] - 0.3
+        error = np.abs(run.trajectory.signals["state"][last, :2] - goal).max()
+        assert lines["remaining error"].found == pytest.approx(error, rel=1e-6)
+        assert any("ripple" in what for what in lines)
+
+
 # As C ---------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["planar-two-link", pytest.param("seven-link", marks=pytest.mark.slow)])
 def test_the_c_of_a_moving_command_is_the_simulation(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.plans import SPEED, UNLIMITED
+from flexhinf.design.plans import SPEED, STILL, UNLIMITED
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
@@ -21,7 +21,6 @@ from flexhinf.design.workspace.setup import (
     CHOSEN_POSES,
     CHOSEN_SEED,
     HOLD,
-    STILL,
     PoseLoop,
     corner_damping,
     gain_limit,

@@ -13,7 +13,7 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.design.evaluation import damped_springs
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
-from flexhinf.design.plans import BEYOND, move_reference, quintic_move, settled
+from flexhinf.design.plans import BEYOND, STILL, move_reference, quintic_move, settled
 from flexhinf.design.responses import Move, Response, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
@@ -41,8 +41,8 @@ OFFSET_TIME = 0.5
 #: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
 ROUNDING, ACCELERATION = 1e-6, 50.0
 
-#: Rest at the end of a move, s. A goal is left out if holding the arm there needs more than this share of a limit.
-STILL, HOLD = 1.0, 0.7
+#: A goal is left out if holding the arm there needs more than this share of a limit.
+HOLD = 0.7
 
 #: Plans that are kept for sampled robots, which make the same moves.
 PLANS = 32
