@@ -40,8 +40,9 @@ enum {
 
 /* What it says of itself: bits of output.status, 0 where the controller watches nothing. What it does about it stands
  * above as reactions. Where it brakes, output.path_rate falls from 1 to 0 and stays there: the program that makes the
- * command advances its time along the path by path_rate periods a sample. To begin again where the robot then rests:
- * @NAME@_start with output.estimate and output.u. Another reaction is another controller (supervision in Python). */
+ * command advances its time along the path by path_rate periods a sample, and one that does not read it is not braked. To
+ * begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is another
+ * controller (supervision in Python). */
 @STATUS@
 
 /* Numbers of the controller. Those of @NAME@_defaults are the design's. */
