@@ -76,7 +76,7 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     for text, box in spaces.items():
         watch = replace(made(), workspace=workspace_of(arm(), text)).supervision
         assert np.array(watch.workspace) == pytest.approx(np.array(box), abs=1e-5)
-        assert watch.modes(moving=True) == ("none",) * 3
+        assert watch.modes(moving=True) == ("brake", "none", "brake")
     along = replace(made(), workspace=workspace_of(arm(), table)).supervision
     spans = BEYOND * np.ptp(poses, axis=0)
     assert np.array(along.workspace) == pytest.approx(
@@ -89,8 +89,8 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     assert controller.status == fh.Status(0)
     outside = reference((3.0, -2.6)) + np.eye(10)[0] * 1e-4
     controller.step(resting(AWAY), outside)
-    assert controller.status == fh.Status.OUTSIDE_WORKSPACE
-    assert controller.path_rate == 1.0
+    assert controller.status == fh.Status.OUTSIDE_WORKSPACE | fh.Status.REACTING
+    assert controller.path_rate < 1.0
 
 
 def test_a_stated_reaction_brakes_along_the_path_also_in_c(
@@ -110,6 +110,90 @@ def test_a_stated_reaction_brakes_along_the_path_also_in_c(
     assert rates[19] == 1.0 > rates[20]
     assert rates[-1] == 0.0
     assert one.status == fh.Status.REACTING
+
+
+def leaving() -> tuple[WorkspaceSetup, fh.Waypoints, float]:
+    """A workspace, a plan that leaves it, and the time of the first sample outside, s."""
+    setup = replace(made(saturation=24.0), workspace=workspace_of(arm(), "-1:1,-0.5:1.2"))
+    plan = fh.Waypoints([0.0, 1.5], [AWAY, (1.8, 0.2)], "quintic")
+    times = 1e-3 * np.arange(1500)
+    return setup, plan, float(times[np.reshape(plan(times), (-1, 2))[:, 0] > 1.0 + 2e-6][0])
+
+
+@pytest.mark.parametrize("plant", ["equations", "mujoco", "library"])
+def test_a_move_out_of_the_workspace_comes_to_rest_on_its_path(
+    plant: str, tmp_path: Path, needs_compiler: Callable[..., None]
+) -> None:
+    """Half of the braking time behind the edge, wherever it runs; only reported, it goes on to its goal."""
+    setup, plan, edge = leaving()
+    options: dict[str, Any] = {
+        "reference": fh.Moving(plan, arm().inverse_dynamics), "duration": 2.5,
+        "initial_state": arm().operating_point(AWAY)[0],
+    }  # fmt: skip
+
+    def made_run(controller: fh.Controller) -> Any:
+        if plant == "equations":
+            return fh.Loop(setup.true_plant, controller).run(**options)
+        loop = fh.Loop(MuJoCoPlant(arm(), measured=BOTH), controller)
+        if plant == "mujoco":
+            return loop.run(**options)
+        needs_compiler("cc")
+        library = fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so"))
+        run = fh.run_realtime(loop, **options, library=library, real_time=False)
+        assert bool(np.any(run.status & fh.Status.REACTING)) == controller.mode.brakes
+        return run.trajectory
+
+    run = made_run(deployed(setup, AWAY))
+    stopped, goal = np.reshape(plan(edge + 0.15), -1), np.array([1.8, 0.2])
+    commanded, time = run.signals["reference"], run.time
+    late = commanded[time >= edge + 0.301]
+    assert late == pytest.approx(np.tile(reference(stopped), (len(late), 1)), abs=1e-9)
+    speed = np.gradient(commanded[:, :2], time, axis=0)[1:-1]
+    velocities = [run.names["reference"].index(f"link_velocity_{joint}") for joint in setup.joints]
+    assert commanded[1:-1, velocities] == pytest.approx(speed, abs=1e-3)
+    assert run.signals["state"][-1, :2] == pytest.approx(stopped, abs=1e-3)
+    told = made_run(deployed(setup, AWAY, supervision=replace(setup.supervision, reactions={})))
+    assert told.signals["state"][-1, :2] == pytest.approx(goal, abs=1e-3)
+    before = time < edge
+    assert run.signals["input"][before] == pytest.approx(told.signals["input"][before], abs=1e-7)
+
+
+def test_an_input_at_its_limit_for_long_brakes_the_move() -> None:
+    """A stuck elbow: a load that the motor cannot move away."""
+    setup = made(saturation=24.0)
+    plan = fh.Waypoints([0.0, 3.0], [AWAY, (0.9, -1.1)], "quintic")
+    run = fh.Loop(setup.true_plant, deployed(setup, AWAY)).run(
+        fh.Moving(plan, arm().inverse_dynamics), {"link_torque_elbow": fh.Step(60.0, at=0.5)}, duration=2.5,
+        initial_state=arm().operating_point(AWAY)[0],
+    )  # fmt: skip
+    full = np.abs(run.signals["input"]).max(axis=1) >= 0.999 * 24.0
+    since = next(k for k in range(len(full)) if k > 200 and np.all(full[k - 200 : k + 1]))
+    commanded = run.signals["reference"][:, :2]
+    assert commanded[:since] == pytest.approx(np.reshape(plan(run.time), (-1, 2))[:since], abs=1e-12)
+    assert np.ptp(commanded[since + 310 :], axis=0).max() < 1e-12
+
+
+def test_after_braking_it_begins_again_where_it_rests_and_may_come_back(
+    tmp_path: Path, needs_compiler: Callable[..., None]
+) -> None:
+    """Reset outside of the box: commands there are told, and do not brake again until one leaves the box once more."""
+    needs_compiler("cc")
+    setup, plan, edge = leaving()
+    out = np.reshape(plan(edge + 0.15), -1)
+    controller = deployed(setup, AWAY)
+    library = fh.load_compiled(fh.compile_controller(controller, tmp_path / "arm.so"))
+    starts = {"pose": out}, dict(zip(("state", "input"), arm().operating_point(out)))
+    for one, start in zip((controller, library), starts):
+        for pose in (AWAY, out):
+            one.step(resting(AWAY), reference(pose))
+        assert int(one.status) == fh.Status.OUTSIDE_WORKSPACE | fh.Status.REACTING
+        one.reset(**start)
+        for pose, said in ((out, 1), (out, 1), (AWAY, 0), (out, 9)):
+            u = one.step(resting(out), reference(pose))
+            assert int(one.status) == said
+            assert (one.path_rate < 1.0) == (said == 9)
+            if said == 1:
+                assert u == pytest.approx(arm().operating_point(out)[1], abs=1e-6)
 
 
 def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
@@ -344,6 +428,27 @@ def test_a_run_on_the_robot_of_mujoco_is_a_move_from_the_stated_start(tmp_path: 
     assert np.abs(run.trajectory.signals["state"][-1, :2] - (0.2, -0.6)).max() < 1e-3
     assert set(run.status.tolist()) == {0}
     assert [line for line in prepared.requirements(run) if not line.met] == []
+
+
+def test_a_run_rests_for_a_second_and_is_judged_as_the_moves_of_its_design(tmp_path: Path) -> None:
+    """Half a second of motion, the shortest, then a whole one of rest: what remains is judged, not by the travel."""
+    pytest.importorskip("mujoco")
+    setup, goal = made(saturation=24.0), np.add(AWAY, (0.05, -0.05))
+    for options in (
+        {"start": AWAY, "pose": tuple(goal)},
+        {"move": fh.Waypoints([0.0, 0.6], [AWAY, goal], "quintic")},
+    ):
+        s = fh.Specification(measured=BOTH, saturation=24.0, **options)
+        prepared = prepare_run(deployed(setup), (arm(), setup.specification), arm(), s)
+        assert prepared.plan is not None
+        assert prepared.arguments["duration"] == pytest.approx(prepared.plan.duration + 1.0)
+        run = fh.run_realtime(prepared.loop, **prepared.arguments, real_time=False)
+        lines = {line.what: line for line in prepared.requirements(run)}
+        assert lines["remaining error"].limit == pytest.approx(1e-3)
+        last = run.trajectory.time >= run.trajectory.time[-1] - 0.3
+        error = np.abs(run.trajectory.signals["state"][last, :2] - goal).max()
+        assert lines["remaining error"].found == pytest.approx(error, rel=1e-6)
+        assert any("ripple" in what for what in lines)
 
 
 # As C ---------------------------------------------------------------------------------------------------

@@ -176,6 +176,37 @@ def test_what_is_found_keeps_what_is_required_at_other_poses(name):
     assert all(line.met for line in lines)
 
 
+def test_the_search_sees_the_corners_of_a_rotary_joint() -> None:
+    robot = fh.load_robot("quanser-rotflex")
+    setup = tuned_setup(
+        robot, fh.Specification(workspace="limits", measured=BOTH), workspace_of(robot, "limits")
+    )
+    found = [setup.at_corner(np.zeros(1), corner).damping for corner in robot.random_corners(100, 23)]
+    assert min(found) > 0.1
+
+
+def test_bare_steps_that_saturate_a_soft_arm_come_to_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    """48 V drive the paper's arm. With twice √λ a step of half a radian ends in a limit cycle of more than a radian."""
+    robot, largest = replace(fh.paper_arm(), effort_limits=(48.0,)), []
+    s = fh.Specification(workspace="limits", measured=BOTH, measurement_noise=1e-10)
+    for shares in ((2.0, 2.0), search.SHARE):
+        monkeypatch.setattr(search, "SHARE", shares)
+        setup = tuned_setup(robot, s, workspace_of(robot, "limits"))
+        start = np.array([2.0])
+        step = fh.Moving([fh.Step(2.5, at=0.1, initial=2.0)], robot.inverse_dynamics)
+        run = setup.loop(setup.controller(start)).run(
+            reference=step,
+            noise=setup.noise,
+            duration=4.0,
+            seed=1,
+            initial_state=robot.operating_point(start)[0],
+        )
+        late = run.time > 3.0
+        largest.append(np.abs(run.signals["state"][late, 0] - 2.5).max())
+    assert largest[0] > 1.0
+    assert largest[1] < 1e-3
+
+
 def test_louder_sensors_get_another_estimator():
     quiet, loud = setup("scara"), setup("scara", measurement_noise=1e-7)
     assert quiet.random != loud.random

@@ -79,23 +79,68 @@ def test_the_header_names_the_bits_and_strict_compilers_take_the_source(
     subprocess.run([compiler, *STRICT, "-c", "arm.c", "-o", "arm.o"], cwd=tmp_path, check=True)
     for name, bit in fh.Status.__members__.items():
         assert f"ARM_{name} = {int(bit)}" in code.header
+    assert unnamed(code.header, "reactions:", "hold", "brake", "0.05 s", "path_rate", "arm_start") == []
 
 
 def test_an_fmu_puts_the_status_out(controller: fh.Controller, compiler: str, tmp_path: Path) -> None:
     pytest.importorskip("fmpy")
     from tests.export.test_fmu import end, instance
 
-    one = made(controller, "watched")
+    watch = fh.Supervision(workspace=(-0.02, 0.02), reactions={"workspace": "brake"}, braking_time=3e-3)
+    one = fh.Controller(controller.law, controller.estimator, 1e-3, 0.03, supervision=watch)
     model, names = instance(export_fmu(one, tmp_path / "arm.fmu", "arm"), tmp_path / "unpacked")
-    said = []
-    for k, r in enumerate([0.0, 0.03, 0.01]):
+    said, rates = [], model.getReal([names["path_rate"]])
+    for k, r in enumerate([0.0, 0.03, 0.01, 0.0]):
         model.setReal([names["measured.link_position"], names["command.link_position"]], [0.0, r])
         model.doStep(k * 1e-3, 1e-3)
         one.step(0.0, r)
         said.append(model.getInteger([names["status"]])[0])
+        rates += model.getReal([names["path_rate"]])
         assert said[-1] == int(one.status)
-    assert said == [0, 1, 0]
+        assert rates[-1] == pytest.approx(one.path_rate, abs=1e-15)
+    assert said == [0, 9, 8, 8]
+    assert rates[:2] == [1.0, 1.0]
+    assert rates[1] > rates[2] > rates[3] > rates[4] == pytest.approx(0.0, abs=1e-14)
     end(model)
+
+
+BOARD = """
+#include <stdio.h>
+#include <stdlib.h>
+#include "arm.h"
+static int samples;
+static arm_real path;
+void wait_for_sample(void) { if (samples++ == 300) exit(0); }
+int read_sensors(arm_real *y) { y[0] = 0; return 1; }
+void read_command(arm_real *r, arm_real path_rate)
+{
+    path += path_rate * ARM_PERIOD;
+    r[0] = 0.2 * path;
+    printf("%.17g\\n", r[0]);
+}
+void drive_motors(const arm_real *u) { (void)u; }
+void report(int code) { (void)code; }
+"""
+
+
+def test_the_main_program_of_an_export_slows_the_path_of_its_command(
+    controller: fh.Controller, compiler: str, tmp_path: Path
+) -> None:
+    """As a loop in Python with the same clock: ±0.02 rad are left after 0.1 s, and half of 0.1 s later it stops."""
+    watch = fh.Supervision(workspace=(-0.02, 0.02), reactions={"workspace": "brake"}, braking_time=0.1)
+    one = fh.Controller(controller.law, controller.estimator, 1e-3, 0.03, supervision=watch)
+    folder = fh.export_c(one, tmp_path / "c", "arm")
+    (folder / "board.c").write_text(BOARD)
+    sources = ("main.c", "arm.c", "board.c", "-lm", "-o", "firmware")
+    subprocess.run([compiler, "-std=c99", "-O1", *sources], cwd=folder, check=True)
+    printed = subprocess.run([folder / "firmware"], capture_output=True, text=True, check=True).stdout.split()
+    path, commands = 0.0, []
+    for _ in range(300):
+        path += 1e-3 * one.path_rate
+        commands.append(0.2 * path)
+        one.step(0.0, commands[-1])
+    assert np.array(printed, dtype=float) == pytest.approx(np.array(commands), abs=1e-12)
+    assert commands[-1] == commands[-100] == pytest.approx(0.2 * (0.1 + 0.05), abs=4e-4)
 
 
 def test_a_run_in_real_time_says_when_the_command_lay_outside(controller: fh.Controller) -> None:

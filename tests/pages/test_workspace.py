@@ -23,6 +23,7 @@ from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page
 from flexhinf.pages.page import files_section
+from flexhinf.robot.workspace import workspace_of
 
 
 @pytest.fixture(scope="module")
@@ -186,3 +187,13 @@ def test_the_terminal_shows_what_is_missed_within_a_screen(design):
         assert unnamed(text, "joint ranges", "remaining error") == []
         assert (unnamed(text, "NOT MET") == []) == (not of.met)
         assert (unnamed(text, "--workspace", "--remaining-error", "--damping") == []) == (not of.met)
+
+
+def test_the_page_says_what_is_watched_at_run_time_and_what_is_not(made, design):
+    """The box of joints and the reactions; of a box in space, that the tool is not watched."""
+    text = text_of(made().html())
+    assert unnamed(text, "run time", "status", "path_rate", "reset", "supervision", "brake", "0.2 s") == []
+    assert unnamed(text, "tool") != []
+    space = workspace_of(design.robot, "x=-0.2:0.2")
+    changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, workspace=space))
+    assert unnamed(text_of(made(changed).html()), "not watch", "tool", "box in space") == []

@@ -25,7 +25,8 @@ from flexhinf.robot import MuJoCoPlant, Parameter, Robot, elastic, load_robot, s
 from flexhinf.robot.parameters import per_joint
 from flexhinf.validation import nearest, value_text
 
-#: Default length of a run: of a step in s, of a move as a multiple of its duration.
+#: Default length of a run: of a step in s, of a move of one pose's controller as a multiple of its duration. One for a
+#: workspace rests for `plans.STILL` after it, and is judged as resting.
 STEP_TIME, MOVE_TIMES = 5.0, 1.5
 
 WHERE = "this run, on MuJoCo's robot"
@@ -45,6 +46,7 @@ class DeployedRun:
     goal: np.ndarray
     plan: responses.Plan | None  # The move; None for a step
     arguments: dict[str, Any]  # Of `flexhinf.run_realtime`
+    rests: bool  # Whether a controller for a workspace moves: judged as the moves of its design are
 
     def response(self, run: RealTimeRun) -> responses.Response:
         """The run with its metrics for each joint."""
@@ -53,7 +55,7 @@ class DeployedRun:
     def requirements(self, run: RealTimeRun) -> list[required.Requirement]:
         """The requirements of the specification, and the requirement that no deadline was missed."""
         s, limits, response = self.plants.specification, self.plants.limits, self.response(run)
-        resolution = self.plants.position_resolution(loop_setup.DEVIATIONS)
+        resolution = 0.0 if self.rests else self.plants.position_resolution(loop_setup.DEVIATIONS)
         if self.plan is None:
             rows = responses.motion_metrics(limits, response)
             lines = [
@@ -62,11 +64,11 @@ class DeployedRun:
             ]
         elif s.move is None:  # from pose to pose of a workspace
             rows = responses.Move.along(self.plan, response, limits).motion
-            lines = required.motion_requirements(s, limits, rows, resolution, WHERE)
+            lines = required.motion_requirements(s, limits, rows, resolution, WHERE, rests=self.rests)
             lines += required.limit_requirements(limits, [response], WHERE)
         else:
             move = responses.Move.along(self.plan, response, limits)
-            lines = required.move_requirements(s, limits, move, resolution)
+            lines = required.move_requirements(s, limits, move, resolution, rests=self.rests)
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))
@@ -80,7 +82,7 @@ def prepare_run(
 ) -> DeployedRun:  # fmt: skip
     """A run of the deployed controller from start to goal, or along a stated move in error coordinates.
 
-    A controller for a workspace goes from start to goal along `plans.quintic_move`.
+    A controller for a workspace goes from start to goal along `plans.quintic_move`, then rests.
 
     `designed`: robot and specification of the controller. `robot` is the driven robot, with `specification`.
     `noise`: whether measurements have the stated noise.
@@ -91,7 +93,8 @@ def prepare_run(
     plants = loop_setup.LoopPlants(model, s)
     box = loop_setup.LoopPlants(robot, s).mujoco_plant(goal)
     begun, aim = responses.start_and_goal(model, original, plans.stated_move(model, original))
-    if controller.mode.moving and plan is None:
+    rests = controller.mode.moving
+    if rests and plan is None:
         plan = plans.quintic_move(plants.limits, start, goal)
     if plan is None:
         command = plans.step_command(model, s, start, goal, controller.law)
@@ -110,7 +113,8 @@ def prepare_run(
         duration = STEP_TIME + (0.0 if command is None else command.duration)
     else:
         controller, reference = plans.driven(controller, model, plan, s, plants.dry_friction)
-        duration = s.period * round(MOVE_TIMES * plan.duration / s.period)
+        length = plan.duration + plans.STILL if rests else MOVE_TIMES * plan.duration
+        duration = s.period * round(length / s.period)
     duration = duration if s.duration is None else s.duration
     x, _ = robot.operating_point(start, s.extras)
     at = 0.5 * duration if load_at is None else load_at
@@ -131,7 +135,7 @@ def prepare_run(
         arguments |= {"initial_input": holding_input} if not controller.first_input.is_zero else {}
         arguments |= {"initial_estimate": state} if controller.estimator is not None else {}
     loop = Loop(box, controller, quantisation=plants.quantisation, delay=s.unknown_delay)
-    return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments)
+    return DeployedRun(robot, plants, box, loop, start, goal, plan, arguments, rests)
 
 
 def perturbed(robot: Robot, changes: Sequence[str]) -> Robot:

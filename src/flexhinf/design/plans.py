@@ -24,8 +24,9 @@ from flexhinf.robot.waypoints import WaypointError, WaypointTable
 #: Duration of a quintic times the bandwidth, such that the quintic keeps the limits below.
 QUINTIC_TIME = 4.7
 
-#: Moves of a workspace: share of the speed limits, speed without one (rad/s, m/s), and shortest duration, s.
-SPEED, UNLIMITED, SHORTEST = 0.5, 0.6, 0.5
+#: Moves of a workspace: share of the speed limits, speed without one (rad/s, m/s), shortest duration, s, and rest at
+#: the end, s.
+SPEED, UNLIMITED, SHORTEST, STILL = 0.5, 0.6, 0.5, 1.0
 
 #: A spline through waypoints may go beyond two neighbouring ones by this fraction of the joint's way.
 BEYOND = 0.02

@@ -427,12 +427,13 @@ def move_requirements(
     move: Move,
     resolution: float,
     errors: tuple[np.ndarray, str] | None = None,
+    rests: bool = False,
 ) -> list[Requirement]:
     """Requirements on the move; of a move that is planned and not stated, only those that are not met. `resolution`,
-    `errors`: as for `motion_requirements`."""
+    `errors`, `rests`: as for `motion_requirements`."""
     rows, stated = move.motion, s.move is not None
     place = STATED if stated else PLANNED
-    motion = motion_requirements(s, limits, rows, resolution, place, errors, always=stated)
+    motion = motion_requirements(s, limits, rows, resolution, place, errors, stated, rests)
     if not stated:
         return [*motion, *limit_requirements(limits, [move.response], PLANNED, always=False)]
     rows, lines = move.metrics, []

@@ -97,6 +97,9 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
     variables = [
         *_variables(rows, lambda name: units.get(name, "")),
         Variable(
+            "path_rate", "output", 1.0, about="fraction of a period by which the time along a path advances"
+        ),
+        Variable(
             "missing_limit",
             "parameter",
             MISSING_LIMIT if code.predicts else 0,

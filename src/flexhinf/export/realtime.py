@@ -27,6 +27,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -314,9 +315,8 @@ class _Clock:
     def reset(self) -> None:
         self._stepped.reset(**self._start)
 
-    @property
-    def estimate(self) -> np.ndarray:
-        return self._stepped.estimate
+    estimate = property(attrgetter("_stepped.estimate"))
+    path_rate = property(attrgetter("_stepped.path_rate"))
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""

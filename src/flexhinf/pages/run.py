@@ -165,7 +165,7 @@ STATUS_SENTENCES = {
     Status.OUTSIDE_WORKSPACE: "The command lay outside of the workspace that the controller is designed for",
     Status.LIMIT_CYCLE: "An input swung to and fro while the command rested (limit cycle)",
     Status.SATURATION: "An input had been at a limit for long",
-    Status.REACTING: "The controller reacted to its status",
+    Status.REACTING: "The controller reacted: it replaced the command, or slowed it to rest along its path,",
 }
 
 

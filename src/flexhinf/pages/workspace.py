@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.plans import SPEED, UNLIMITED
+from flexhinf.design.plans import SPEED, STILL, UNLIMITED
 from flexhinf.design.requirements import Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
@@ -23,7 +23,6 @@ from flexhinf.design.workspace.setup import (
     HOLD,
     OFFSET,
     OFFSET_TIME,
-    STILL,
     PoseLoop,
     corner_damping,
     gain_limit,
@@ -209,7 +208,7 @@ def workspace_page(
                 _pair_table(design, tolerated),
                 *_offsets(design, tolerated),
             ],
-            ("The law and its estimator", "law"): [_law_table(design)],
+            ("The law and its estimator", "law"): [_law_table(design), _watched(design)],
         }
     return Page(
         f"A controller for the workspace of {robot.name}",
@@ -506,6 +505,19 @@ def _law_table(design: WorkspaceDesign) -> Table:
         "nearest to that."
     )
     return Table(("number", "value", "from"), rows, caption, stacks=True)
+
+
+def _watched(design: WorkspaceDesign) -> Paragraph:
+    """What the controller watches at run time, what it does then, and what it does not watch."""
+    watch, box = design.setup.supervision, design.setup.workspace.box
+    tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
+    return Paragraph(
+        f"At run time the controller watches whether the commanded joints are within {watch.text} (rad, m), whether an "
+        "input swings to and fro at rest, and whether one stays at a limit; its status says so. "
+        f"{tool}Reactions: {watch.reaction_text}. `path_rate` then falls to 0, and a command that advances so much of "
+        "a period along its path comes to rest. A program that does not read it is not braked. `reset` begins again, "
+        "and `controller(supervision=…)` states other reactions."
+    )
 
 
 def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:

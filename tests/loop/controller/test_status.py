@@ -266,6 +266,29 @@ def test_an_event_freezes_the_command_where_the_joint_is_until_a_reset(event: st
     assert controller.status == fh.Status(0)
 
 
+@pytest.mark.parametrize("plant", ["equations", "mujoco"])
+@pytest.mark.parametrize("by_name", [False, True])
+def test_a_loop_brakes_its_command_as_the_signal_that_is_braked(plant: str, by_name: bool) -> None:
+    """From the first command outside on; one that begins outside of the box may come back, and leave it later."""
+    arm = fh.paper_arm()
+    controller = supervised(
+        arm_law(), arm_ukf(), workspace=(-0.1, 0.1), reactions={"workspace": "brake"}, braking_time=0.2
+    )
+    true = arm.plant()
+    if plant == "mujoco":
+        pytest.importorskip("mujoco")
+        true = fh.robot.MuJoCoPlant(arm)
+    time = 1e-3 * np.arange(801)
+    for signal, crossing in ((fh.Sine(0.3, 0.5), 0), (fh.Sine(0.3, 0.5, phase=2.5), 1)):
+        outside = np.abs(signal(time)) > 0.1
+        left = np.flatnonzero(outside[1:] & ~outside[:-1])[0] + 1
+        assert outside[0] == bool(crossing)
+        reference = {"link_position": signal} if by_name else signal
+        run = fh.Loop(true, controller).run(reference, duration=0.8)
+        expected = fh.Braked(signal, at=time[left], time=0.2)(time)
+        assert run.signals["reference"][:, 0] == pytest.approx(expected, abs=1e-12)
+
+
 def test_braking_slows_the_path_and_the_signal_that_is_braked_stops_where_it_says() -> None:
     """The caller's own clock, advanced by the path rate, ends within a period of `Braked`."""
     controller = supervised(

@@ -8,6 +8,7 @@ from tests.refusals import refused_with
 
 import flexhinf as fh
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.signals.references import braked
 
 WAVE = fh.Sine(0.7, 0.4, phase=0.3)
 
@@ -44,6 +45,25 @@ def test_motions_of_several_joints_are_braked_as_one() -> None:
     there, holding = robot.operating_point(plan(0.5))
     assert moving(2.0) == pytest.approx(np.concatenate([there, holding]), abs=1e-9)
     assert "0.4" in braked.name
+
+
+def test_commands_of_all_kinds_are_braked() -> None:
+    """By name, in a list, a function of time, a number; a moving reference has the speeds of the braked path."""
+    at, time, late = 0.4, 0.2, 2.0
+    wanted = WAVE(0.5)
+    by_name = braked({"a": WAVE, "b": 0.3}, at, time)
+    several = braked([WAVE, lambda t: float(WAVE(t))], at, time)
+    assert (by_name["a"](late), by_name["b"]) == (pytest.approx(wanted), 0.3)
+    assert [one(late) for one in several] == pytest.approx([wanted, wanted])
+    robot = fh.load_robot("planar-two-link")
+    moving = fh.Moving({"one": WAVE, "two": 0.2}, robot.inverse_dynamics, ("one", "two"))
+    slow, h = braked(moving, at, time), 1e-6
+    assert np.array_equal(slow(0.3), moving(0.3))
+    assert slow(late) == pytest.approx(np.concatenate(robot.operating_point([wanted, 0.2])), abs=1e-9)
+    names = robot.plant().states
+    speed = (slow.state(0.5 + h) - slow.state(0.5 - h))[names.index("link_position_shoulder")] / (2.0 * h)
+    assert slow.state(0.5)[names.index("link_velocity_shoulder")] == pytest.approx(speed, rel=1e-6)
+    assert speed / WAVE.derivatives(0.5, 1)[1] > 0.0
 
 
 def test_what_is_no_braking_is_refused() -> None:

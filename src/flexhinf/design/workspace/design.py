@@ -71,7 +71,7 @@ class WorkspaceDesign(Judged):
 
         It follows references that come with states and inputs, such as `Moving`; the same one serves every pose.
         `options` are those of `flexhinf.Controller`: ``offset_time`` is by default `OFFSET_TIME`, and ``supervision``
-        that of the setup, which reports and does not react.
+        that of the setup, which brakes along the path; ``Supervision(workspace=…)`` without reactions only reports.
         """
         home = np.atleast_1d(np.asarray(self.setup.workspace.home if at is None else at, dtype=float))
         return self.setup.controller(home, **{"supervision": self.setup.supervision, **options})

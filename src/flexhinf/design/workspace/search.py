@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import zip_longest
 
 import numpy as np
 
@@ -25,15 +24,16 @@ from flexhinf.robot import Robot
 from flexhinf.robot.elastic import stated_friction
 from flexhinf.robot.workspace import Workspace
 
-#: Poses by which the range of λ is found.
-MODAL_POSES = 500
+#: Poses by which the range of λ is found; corners of the tolerances at each pose by which a law is chosen.
+MODAL_POSES, CORNERS = 500, 4
 
 #: Bandwidths that are tried, rad/s, the fastest first; weight of integrals, and γ/γ*.
 BANDWIDTHS, INTEGRAL, GAMMA = (40.0, 28.0, 20.0, 14.0, 10.0, 7.0), 0.5, 1.5
 
 #: Largest bandwidth of a soft pair, as a multiple of √λ, without and with dry friction. Friction nearly holds a motor
-#: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle.
-SHARE = (2.0, 1.0)
+#: in small motions; the link then vibrates at √λ, and a law that is faster excites it: a limit cycle. Without friction,
+#: twice √λ and more holds unknown loads better, but a bare step that saturates the motors ends in a limit cycle.
+SHARE = (1.5, 1.0)
 
 #: Weights with encoders of the motors alone: a soft spring that is not seen is moved slower than it vibrates, and no
 #: vibration is damped by much more than is required.
@@ -60,25 +60,25 @@ def tuned_setup(
     robot: Robot, s: Specification, workspace: Workspace, progress: Callable[[str], None] = lambda text: None
 ) -> WorkspaceSetup:
     """The fastest law whose loops at some random poses meet the requirements with a reserve, for the nominal robot and
-    one at a corner of the tolerances, with the best estimator for it; or the nearest to it. With encoders of the motors
+    some at corners of the tolerances, with the best estimator for it; or the nearest to it. With encoders of the motors
     alone what is only preferred does not count: it would cost bandwidth."""
     poses, (damping, ripple) = workspace.sample(CHOSEN_POSES, CHOSEN_SEED), pose_limits(s)
-    corners, delay = robot.random_corners(CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
+    corners, delay = robot.random_corners(CORNERS * CHOSEN_POSES, CHOSEN_SEED), s.delay_margin_limit
     wanted = replace(
         s, damping=min(1.0, RESERVE * damping), ripple=ripple / RESERVE, gain_margin=RESERVE * gain_limit(s),
         delay_margin=None if delay is None else RESERVE * delay,
     )  # fmt: skip
-    chosen, least, order = None, [np.inf], list(zip_longest(poses, corners))
+    chosen, least = None, [np.inf]
+    order = [(pose, corners[k::CHOSEN_POSES]) for k, pose in enumerate(poses)]
     counted = 2 if motors_alone(robot, s) else 4
     for setup in _candidates(robot, wanted, workspace, progress):
         if chosen is not None and not any(least[:3]) and setup.law.gains.weights != chosen.law.gains.weights:
             break  # a slower law
         excess = np.zeros(4)
-        for k, (pose, corner) in enumerate(order):
+        for k, (pose, others) in enumerate(order):
             found = setup.at_pose(pose).excess(*pose_limits(wanted), s.period)
             found[counted:] = 0.0
-            if corner is not None:
-                loop = setup.at_corner(pose, corner)
+            for loop in (setup.at_corner(pose, corner) for corner in others):
                 lacking = 1.0 - loop.damping / (RESERVE * corner_damping(s))
                 found[0] = max(found[0], lacking, np.log(loop.growth) / s.period)
             excess = np.maximum(excess, found)

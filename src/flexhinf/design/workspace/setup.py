@@ -13,7 +13,7 @@ from flexhinf.analysis import LinearLoop
 from flexhinf.analysis.linear_loop import exponential
 from flexhinf.design.evaluation import damped_springs
 from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants
-from flexhinf.design.plans import BEYOND, move_reference, quintic_move, settled
+from flexhinf.design.plans import BEYOND, STILL, move_reference, quintic_move, settled
 from flexhinf.design.responses import Move, Response, with_values
 from flexhinf.design.specification import RINGS, RIPPLE, Specification
 from flexhinf.errors import NumericalFailure
@@ -42,8 +42,8 @@ OFFSET_TIME, OFFSET, LEFT, LASTS = 0.5, 5e-4, 1e-3, 20.0
 #: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
 ROUNDING, ACCELERATION = 1e-6, 50.0
 
-#: Rest at the end of a move, s. A goal is left out if holding the arm there needs more than this share of a limit.
-STILL, HOLD = 1.0, 0.7
+#: A goal is left out if holding the arm there needs more than this share of a limit.
+HOLD = 0.7
 
 #: Plans that are kept for sampled robots, which make the same moves.
 PLANS = 32
@@ -146,11 +146,13 @@ class WorkspaceSetup(LoopPlants):
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
-        spline swings beyond its points), saturation, and limit cycles."""
+        spline swings beyond its points), saturation, and limit cycles. It brakes along the path where a command leaves
+        the box, or an input is at its limit for long."""
         space = self.workspace
         share = ROUNDING if space.path is None else BEYOND
         margin = np.maximum(share * (space.upper - space.lower), ROUNDING)
-        return Supervision(workspace=(space.lower - margin, space.upper + margin))
+        box = space.lower - margin, space.upper + margin
+        return Supervision(box, reactions={"workspace": "brake", "saturation": "brake"})
 
     def controller(self, at: np.ndarray, **options: Any) -> Controller:
         """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it

@@ -38,7 +38,11 @@ enum {
 /* What a step returns. */
 @CODES@
 
-/* What it says of itself: bits of output.status, 0 where the controller watches nothing. */
+/* What it says of itself: bits of output.status, 0 where the controller watches nothing. What it does about it stands
+ * above as reactions. Where it brakes, output.path_rate falls from 1 to 0 and stays there: the program that makes the
+ * command advances its time along the path by path_rate periods a sample, and one that does not read it is not braked. To
+ * begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is another
+ * controller (supervision in Python). */
 @STATUS@
 
 /* Numbers of the controller. Those of @NAME@_defaults are the design's. */
@@ -63,7 +67,7 @@ typedef struct {
     @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
     @NAME@_real estimate[@BIG@_STATES];  /* estimated state; zero before the first sample */
     int status;                          /* bits of the last good sample, see @BIG@_LIMIT_CYCLE */
-    @NAME@_real path_rate;               /* by which fraction of a period the time along a path advances: 1 but for braking */
+    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking */
 } @NAME@_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */

@@ -19,7 +19,8 @@ enum {
     MODEL_SETTABLE = FIRST_START + STARTS,
     FIRST_U = MODEL_SETTABLE,
     FIRST_X = FIRST_U + @BIG@_INPUTS,
-    MODEL_REALS = FIRST_X + @BIG@_STATES,
+    PATH_RATE = FIRST_X + @BIG@_STATES,
+    MODEL_REALS = PATH_RATE + 1,
     MISSING_LIMIT = 0,
     MODEL_SETTABLE_INTEGERS = 1,
     CODE = 1,
@@ -91,6 +92,7 @@ static int model_step(model_instance *model)
     input.measured = model->boolean[MEASURED];
     model->integer[CODE] = @NAME@_step(&model->state, &model->param, &input, &output);
     model->integer[STATUS] = output.status;
+    model->real[PATH_RATE] = output.path_rate;
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         model->real[FIRST_U + i] = output.u[i];
     }

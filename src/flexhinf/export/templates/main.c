@@ -5,7 +5,7 @@
  * samples fail for too long. Elements of the arrays have names in @NAME@.h, such as those that begin with @BIG@_Y_. */
 extern void wait_for_sample(void);
 extern int read_sensors(@NAME@_real *y); /* 0 where there was no measurement in time */
-extern void read_command(@NAME@_real *r);
+extern void read_command(@NAME@_real *r, @NAME@_real path_rate); /* path_rate periods further along its path */
 extern void drive_motors(const @NAME@_real *u);
 extern void report(int code);
 
@@ -24,7 +24,7 @@ int main(void)
         int code;
         wait_for_sample();
         input.measured = read_sensors(input.y);
-        read_command(input.r);
+        read_command(input.r, output.path_rate);
         if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
             drive_motors(output.u);
         }

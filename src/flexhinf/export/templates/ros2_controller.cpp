@@ -75,7 +75,8 @@ private:
     @NAME@_state state_;
     @NAME@_input input_{};
     @NAME@_output output_{};
-    @NAME@_real reference_[@R@] = {@REFERENCE@}; // to be written by a topic or an action of yours
+    @NAME@_real reference_[@R@] = {@REFERENCE@}; // to be written by a topic or an action of yours,
+    // whose time along a path advances by output_.path_rate periods a sample: less than one where the controller brakes
 };
 
 }  // namespace @NAME@_controller

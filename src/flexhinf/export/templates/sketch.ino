@@ -10,7 +10,7 @@ static const unsigned long PERIOD_US = @PERIOD_US@UL;
 
 // Of your board, in the order and the units of @NAME@.h.
 static bool read_sensors(@NAME@_real *y);
-static void read_command(@NAME@_real *r);
+static void read_command(@NAME@_real *r, @NAME@_real path_rate);
 static void drive_motors(const @NAME@_real *u);
 
 void setup()
@@ -31,7 +31,7 @@ void loop()
     // A period that was missed is made up for without a measurement: it is predicted over.
     const bool missed = (long)(micros() - due_us) >= 0;
     input.measured = (!missed && read_sensors(input.y)) ? 1 : 0;
-    read_command(input.r);
+    read_command(input.r, output.path_rate);
     if (@BIG@_LATENCY > 0) { // the input of the sample before acts from here on; further samples are the drive's
         drive_motors(output.u);
     }
@@ -49,8 +49,10 @@ static bool read_sensors(@NAME@_real *y)
     return true;
 }
 
-static void read_command(@NAME@_real *r)
+// The command path_rate periods further along its path: less than one where the controller brakes.
+static void read_command(@NAME@_real *r, @NAME@_real path_rate)
 {
+    (void)path_rate;
     for (int i = 0; i < @BIG@_COMMANDS; ++i) {
         r[i] = 0;
     }

@@ -267,6 +267,7 @@ class Controller(Summarised):
             "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
             "reference": "moving" if mode.moving else "",
             "workspace": "" if self.supervision is None else self.supervision.text,
+            "reactions": "" if self.supervision is None else self.supervision.reaction_text,
             "offsets": f"decay with {self.offset_time:g} s" if mode.has_offset else "",
             "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
         }  # fmt: skip

@@ -70,7 +70,8 @@ class Supervision:
         "hold": the last command inside the workspace stays; at a limit cycle or saturation the command becomes the
         position at that sample, until `Controller.reset`. "limit": the command is moved to the nearest one in the box.
         "brake": `Controller.path_rate` falls from 1 to 0, until `Controller.reset`, and whoever makes the command
-        advances its time along the path by that fraction of a period. A moving reference can be braked only, as it has
+        advances its time along the path by that fraction of a period. A command that is outside of the workspace from
+        the first sample on may come back. A moving reference can be braked only, as it has
         velocities; a limit cycle is noticed at a command that rests, where there is nothing to brake.
     braking_time : float
         s; from the path rate 1 to 0.
@@ -121,6 +122,15 @@ class Supervision:
         return (
             ", ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends)) if len(ends) else "not stated"
         )
+
+    @property
+    def reaction_text(self) -> str:
+        """The reactions, for a summary."""
+        events = {
+            "workspace": "a command leaves the workspace", "limit_cycle": "an input swings to and fro at rest",
+            "saturation": f"an input is at a limit for {self.saturation_time:g} s",
+        }  # fmt: skip
+        return ", ".join(f"{kind} where {events[e]}" for e, kind in self.reactions.items() if kind != "none")
 
     def modes(self, moving: bool) -> tuple[str, ...]:
         """The reaction to each of `REACTIONS`; one that a moving reference (or a standing command) cannot have is
@@ -216,9 +226,11 @@ def answered(
     """
     positions = [r[place] for place in places]
     beyond = [_outside(positions, box), *status[1:3]]
+    leaving = where(started[0] > 0.5, beyond[0] - status[0], 0.0)
     frozen, braked, _ = stop
     freezing = _any([flag for flag, kind in zip(beyond[1:], reactions[1:]) if kind == "hold"])
-    braking = _any([braked, *(flag for flag, kind in zip(beyond, reactions) if kind == "brake")])
+    slowing = zip((leaving, *status[1:3]), reactions)
+    braking = _any([braked, *(flag for flag, kind in slowing if kind == "brake")])
     braked = where(braking > 0.0, minimum(braked + watching[2], 1.0), 0.0)
     slope = [k * c for k, c in enumerate(BRAKING)][:0:-1]
     rate = reduce(lambda total, c: total * braked + c, slope)

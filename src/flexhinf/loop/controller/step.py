@@ -163,6 +163,11 @@ class Mode:
         return any(reaction != "none" for reaction in self.reactions)
 
     @property
+    def brakes(self) -> bool:
+        """Whether some event slows the path of the command."""
+        return "brake" in self.reactions
+
+    @property
     def changes_command(self) -> bool:
         """Whether the law may act on another command than was requested."""
         return self.limits_command or bool({"hold", "limit"} & set(self.reactions))

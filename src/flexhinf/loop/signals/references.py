@@ -275,15 +275,18 @@ class Braked:
 
     def __call__(self, t: Any) -> Any:
         """The signal at the path time."""
-        return self.derivatives(t, 0)[0]
+        return self.signal(self._path_time(np.asarray(t, dtype=float)))
+
+    def _path_time(self, t: np.ndarray) -> np.ndarray:
+        passed = np.clip((t - self.at) / self.time, 0.0, 1.0)
+        return np.where(t < self.at, t, self.at + self.time * np.polynomial.Polynomial(BRAKING)(passed))
 
     def derivatives(self, t: Any, order: int = 4) -> Any:
         """The value and its time derivatives, (order + 1, …)."""
         checked_order(order, "braked signal", 4, "the fifth of its path time jumps", "order=4")
         t, path = np.asarray(t, dtype=float), np.polynomial.Polynomial(BRAKING)
         passed, early = np.clip((t - self.at) / self.time, 0.0, 1.0), t < self.at
-        now = np.where(early, t, self.at + self.time * path(passed))
-        q = [*self.signal.derivatives(now, order), *np.zeros(4 - order)]
+        q = [*self.signal.derivatives(self._path_time(t), order), *np.zeros(4 - order)]
         a, b, c, d = (
             np.where(early, float(k == 1), self.time ** (1 - k) * path.deriv(k)(passed)).reshape(
                 t.shape + (1,) * (np.ndim(q[0]) - t.ndim)
@@ -335,6 +338,11 @@ class Moving:
         """A short description."""
         return f"moving along {signal_name(self.signals)}"
 
+    def derivatives(self, t: Any, order: int = 4) -> np.ndarray:
+        """Positions of the joints and their time derivatives, (order + 1, k) at a time or (order + 1, N, k)."""
+        motion = motion_of(self.signals, np.array(t, dtype=float, ndmin=1), order, self.names)
+        return motion if np.ndim(t) else motion[:, 0]
+
     def state(self, t: Any) -> np.ndarray:
         """x_d, (n,) at a time or (N, n); at the start, the initial state of a run without error."""
         return self._both(t)[0]
@@ -362,3 +370,15 @@ class Moving:
             object.__setattr__(self, "_last", kept)  # many robots are commanded the same
         _, x, u = kept
         return (x.copy(), u.copy()) if np.ndim(t) else (x[0].copy(), u[0].copy())
+
+
+def braked(reference: Any, at: float, time: float) -> Any:
+    """A command that is slowed to rest along its path, see `Braked`: a signal, a `Moving` with its inverse dynamics, or
+    several of them by name or in a list; numbers stay as they are."""
+    if isinstance(reference, Moving):
+        return Moving(Braked(reference, at, time), reference.inverse, reference.names)
+    if isinstance(reference, Mapping):
+        return {name: braked(part, at, time) for name, part in reference.items()}
+    if isinstance(reference, (list, tuple)):
+        return [braked(part, at, time) for part in reference]
+    return Braked(reference, at, time) if callable(reference) else reference

@@ -6,6 +6,7 @@ A true plant that integrates itself is stepped with the controller, one sample a
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -14,7 +15,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.signals.references import signal_name
+from flexhinf.loop.signals.references import braked, signal_name
 from flexhinf.loop.simulation.ensemble import Ensemble, PreparedRun, signal_place, tracked_place
 from flexhinf.loop.simulation.inputs import (
     by_name,
@@ -53,6 +54,8 @@ AT_ONCE = Pacing(lambda k: True, lambda k: None)
 
 class Loop(Summarised):
     """A closed loop.
+
+    Where the controller brakes (`Supervision`), the command goes on along its path as `Controller.path_rate` says.
 
     Parameters
     ----------
@@ -267,8 +270,29 @@ class Loop(Summarised):
             "reference": reference, "disturbance": disturbance, "noise": noise, "duration": duration, "seed": seed,
             "initial_state": initial_state, "initial_input": initial_input, "multi_turn": multi_turn,
         }  # fmt: skip
-        compiled = isinstance(self.true_plant, Plant)
-        return self.prepared(**settings).run()[0] if compiled else self.run_paced(AT_ONCE, **settings)
+        if not isinstance(self.true_plant, Plant):
+            return self.run_paced(AT_ONCE, **settings)
+        prepared = self.prepared(**settings)
+        run = prepared.run()[0]
+        if self._brakes and (at := self._braking(run, prepared.arrays, initial_input)) is not None:
+            run = self.prepared(**settings | {"reference": self._slower(reference, at)}).run()[0]
+        return run
+
+    @property
+    def _brakes(self) -> bool:
+        return self.controller.mode.brakes and bool(self.controller.commanded)
+
+    def _braking(self, run: Trajectory, arrays: Mapping[str, np.ndarray], initial_input: Any) -> float | None:
+        """The time of the command, s, at which the controller of a run begins to brake, by its steps once more."""
+        stepped = self.controller.fresh()
+        stepped.reset(input=initial_input)
+        commands = arrays["reference"].reshape(-1, len(stepped.commanded))
+        with suppress(NumericalFailure):
+            for k, y in enumerate(run.signals["output"]):
+                stepped.step(y, commands[k + stepped.mode.command_lead])
+                if stepped.path_rate < 1.0:
+                    return (k + stepped.mode.command_lead) * stepped.period
+        return None
 
     def run_paced(
         self, pacing: Pacing, stepped: Any = None, reference: Any = None, disturbance: Any = None,
@@ -304,7 +328,7 @@ class Loop(Summarised):
         placed = initial_state is not None or set(controller.states) <= set(box.states)
         states = tuple(box.states) or controller.states
         box.reset(starting_state(initial_state, states, controller) if placed else None)
-        code, last = 0, samples - 1
+        code, last, slower = 0, samples - 1, None
         for k in range(samples):
             if not pacing.begin(k):
                 code, last = STOPPED, k - 1
@@ -328,12 +352,29 @@ class Loop(Summarised):
                 code, last = CONTROL_FAILED, k
                 break
             recorded["input"][k], recorded["estimate"][k] = u, stepped.estimate
+            if self._brakes and stepped.path_rate < 1.0 and k + 1 < samples:
+                now = (k + ahead) * controller.period
+                if slower is None:
+                    slower = self._completed(self._slower(reference, now))
+                later = np.array([now + controller.period])
+                commands[k + 1 + ahead] = sample_signal(slower, later, controller.commanded, "reference")[0]
             late = k - channel.delay
             box.step(recorded["input"][late] if late >= 0 else before, d[k], controller.period)
             pacing.end(k)
         if "state" in recorded and samples:
             settings["start"] = start_text(box, recorded["state"][0], True, controller, np.zeros(0))
         return Trajectory.until(box, controller, times, recorded, settings, code, last)
+
+    def _slower(self, reference: Any, at: float) -> Any:
+        assert self.controller.supervision is not None
+        return braked(reference, at, self.controller.supervision.braking_time)
+
+    def _completed(self, reference: Any) -> Any:
+        """A command that says all: elements without one stay at the operating point."""
+        held = self.controller.operating_reference
+        if not isinstance(reference, Mapping):
+            return held if reference is None else reference
+        return {**dict(zip(self.controller.commanded, held.tolist())), **by_name(reference, self.true_plant)}
 
     def prepared(
         self,
@@ -435,10 +476,7 @@ class Loop(Summarised):
         controller, plant = self.controller, self.true_plant
         samples = sample_count(duration, controller.period)
         times = np.arange(samples + controller.mode.command_lead) * controller.period
-        names, held = controller.commanded, controller.operating_reference
-        value = held if reference is None else reference
-        if isinstance(reference, Mapping):
-            value = {**dict(zip(names, held.tolist())), **by_name(reference, plant)}
+        names, value = controller.commanded, self._completed(reference)
         commands = sample_signal(value, times, names, "reference")
         models = [plant] if controller.estimator is None else [plant, controller.estimator.plant]
         limits = next((model.limits for model in models if model.limits), {})
