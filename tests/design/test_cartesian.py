@@ -45,6 +45,17 @@ def test_waypoints_in_space_are_waypoints_of_the_joints(robot_of: Robots) -> Non
     assert np.abs(np.diff(table.rows, axis=0)).max() < 1.0  # one configuration of the elbow throughout
 
 
+def test_a_workspace_of_places_is_one_of_the_joints(robot_of: Robots) -> None:
+    """As the move through these waypoints, which needs times."""
+    untimed = {name: column for name, column in WAY.items() if name != "time"}
+    move, space = (
+        with_joints(request(robot_of, **fields), "", f"elbow{TIP}").specification
+        for fields in ({"move": WAY}, {"workspace": untimed})
+    )
+    assert space.workspace.rows == move.move.rows
+    assert space.workspace.joints == ("shoulder", "elbow")
+
+
 @pytest.mark.parametrize(
     ("goal", "tool", "fields", "message"),
     [

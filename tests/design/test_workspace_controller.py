@@ -20,7 +20,7 @@ from flexhinf.design.deployed_run import prepare_run
 from flexhinf.design.plans import BEYOND
 from flexhinf.design.specification import SpecificationError
 from flexhinf.design.workspace.design import WorkspaceDesign
-from flexhinf.design.workspace.setup import ACCELERATION, OFFSET_TIME, WorkspaceSetup
+from flexhinf.design.workspace.setup import ACCELERATION, OFFSET, OFFSET_TIME, WorkspaceSetup
 from flexhinf.errors import InvalidInput
 from flexhinf.export.package import record
 from flexhinf.modal import ModalLaw
@@ -272,6 +272,36 @@ def test_offsets_of_encoders_act_slowly() -> None:
     assert push < 0.1 * jump
     assert drift < swing
     assert deployed(setup).offset_time == OFFSET_TIME
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("measured", [BOTH, ("motor_position",), ("link_position",)])
+def test_offsets_move_links_as_the_linear_loop_says(measured: tuple[str, ...]) -> None:
+    """Runs against MuJoCo's robot, one for each encoder that is off; the worst signs are those of the largest sum."""
+    setup, kind = made(measured=measured), measured[-1]
+    x, _ = arm().operating_point(AWAY)
+    for time in (OFFSET_TIME, None):
+        moved = []
+        for joint in arm().joint_names:
+
+            class Off(MuJoCoPlant):
+                def output(self, name: str = f"{kind}_{joint}") -> np.ndarray:
+                    return super().output() + OFFSET * (np.array(self.outputs) == name)
+
+            controller = deployed(setup, AWAY, offset_time=time)
+            run = fh.Loop(Off(arm(), measured=measured), controller).run(
+                dict(zip(controller.commanded, reference(AWAY))), duration=6.0, initial_state=x
+            )
+            moved.append(run.signals["state"][:, :2] - np.array(AWAY))
+        sizes = np.abs(moved).sum(axis=0)
+        largest, rest = setup.encoder_offsets(np.array(AWAY), time)
+        assert sizes.max(axis=0) == pytest.approx(largest, rel=0.03)
+        assert sizes[-1] == pytest.approx(rest, rel=0.01, abs=2e-6)
+
+
+def test_offsets_of_an_unstable_loop_have_no_end() -> None:
+    setup = made(unknown_delay=0.05)
+    assert np.isinf(setup.encoder_offsets(np.array(AWAY))).all()
 
 
 # Noise, and motors without limits -----------------------------------------------------------------------

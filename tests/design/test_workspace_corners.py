@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,11 @@ import flexhinf as fh
 from flexhinf.design import requirements
 from flexhinf.design.plans import settled
 from flexhinf.design.workspace import judgement, search
-from flexhinf.design.workspace.judgement import corner_requirements, standstill_requirement
+from flexhinf.design.workspace.judgement import (
+    corner_requirements,
+    move_requirements,
+    standstill_requirement,
+)
 from flexhinf.design.workspace.setup import PoseLoop, WorkspaceSetup
 from flexhinf.loop import Loop
 from flexhinf.modal import ModalLaw
@@ -167,6 +172,54 @@ def test_noise_moves_links_and_motors_as_the_linear_loop_says() -> None:
     )
     found = [np.asarray(run.signals[name])[2000:, :2].std(axis=0) for name in ("input", "state")]
     assert setup.noise_spread(setup.linear(q)) == pytest.approx(np.array(found), rel=0.15)
+
+
+def test_the_move_that_is_made_again_swings_most_by_its_own_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A smaller swing of a joint with a smaller limit; lengths and angles do not compare."""
+    setup = setup_of("1kg")
+    s = replace(setup.specification, remaining_error=(1e-3, 2e-5), measurement_noise=1e-14)
+    setup, again = replace(setup, specification=s), []
+    ends = setup.goals(3, 7)
+    moves = [SimpleNamespace(swing=np.array(each)) for each in ([2e-4, 0.0], [0.0, 2e-5])]
+
+    def move(self: WorkspaceSetup, ends: np.ndarray, *_: Any, dwell: float) -> Any:
+        again.append(ends)
+        return moves[1]
+
+    monkeypatch.setattr(WorkspaceSetup, "move", move)
+    line = standstill_requirement(setup, [(ends[:2], None, 0), (ends[1:], None, 1)], cast("Any", moves))
+    np.testing.assert_array_equal(again, [ends[1:]])
+    assert (line.found, line.limit, line.joint) == (2e-5, pytest.approx(5e-6), "elbow")
+
+
+def test_moves_are_judged_by_the_limits_of_the_joints() -> None:
+    """Peak input, speed and range, by the arrays of the runs themselves, the worst of all moves."""
+    setup = setup_of("1kg")
+    goals = setup.goals(4, 7)
+    moves = [setup.move(goals[k : k + 2], None, k) for k in range(3)]
+    states, inputs = (np.vstack([m.response.run.signals[name] for m in moves]) for name in ("state", "input"))
+    top, fast = np.abs(inputs).max(axis=0), np.abs(states[:, 2:4]).max(axis=0)
+    low, high = states[:, :2].min(axis=0), states[:, :2].max(axis=0)
+
+    def judged(peak: Any, speed: Any, ends: Any, of: Any = moves) -> dict[str, requirements.Requirement]:
+        limits = replace(setup.limits, peak=peak, speed=speed, lower=ends[0], upper=ends[1])
+        other: Any = SimpleNamespace(limits=limits, specification=setup.specification)
+        return {line.what: line for line in move_requirements(other, of, "these")}
+
+    kept = judged(top, fast, (low, high))
+    names = "peak input", "link speed", "distance beyond a joint's range"
+    assert [kept[name].met for name in names[:2]] == [True, True]
+    assert names[2] not in kept
+    assert all(line.met for line in kept.values())
+    beyond = judged(top / (1.0, 1.5), fast / (1.5, 1.0), (low, high - (0.0, 0.01)))
+    found = [beyond[name] for name in names]
+    assert [line.met for line in found] == [False] * 3
+    assert [line.joint for line in found] == ["elbow", "shoulder", "elbow"]
+    assert [line.found for line in found] == pytest.approx([top[1], fast[0], 0.01])
+    assert names[2] not in judged(top, fast, (low + 1e-11, high))  # rounding
+    gone = replace(moves[0].response, run=replace(moves[0].response.run, diverged_at=0.1))
+    lost = judged(top, fast, (low, high), [*moves[1:], replace(moves[0], response=gone)])
+    assert [lost[name].found for name in names[:2]] == [np.inf, np.inf]
 
 
 def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,6 +17,7 @@ import flexhinf as fh
 from flexhinf.design import design_workspace, stages
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.specification import FIELDS, OF_WORKSPACE, SpecificationError, is_for_workspace
+from flexhinf.design.workspace.design import check_loop
 from flexhinf.design.workspace.search import tuned_setup
 from flexhinf.design.workspace.setup import DAMPING, GAIN
 from flexhinf.pages import design_files
@@ -148,6 +149,30 @@ def test_what_does_not_fit_the_robot_is_refused_before_any_work(
     with refused_with(fh.InvalidInput, *words):
         fh.design(robot_of("planar-two-link"), fh.Specification(**fields), told.append)
     assert told == []
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        "link_position_elbow", "link_position,motor_position_elbow", "joint_torque", "motor_velocity", "torque",
+        "link_position_elbo", "LINK_POSITION", "link_position motor_position", "link_position,link_position_elbow",
+        "link_position,motor_positon", "current", "link_position_wrist,motor_position_elbow",
+    ],
+)  # fmt: skip
+def test_the_advice_for_sensors_works_as_it_is_typed(robot_of: Named, measured: str) -> None:
+    """On the command line, before any work."""
+    from flexhinf.cli.arguments import error_text
+
+    robot, told = robot_of("planar-two-link"), list[str]()
+    with refused_with(fh.InvalidInput, "link_position") as refusal:
+        fh.design(robot, fh.Specification(measured=tuple(measured.split(","))), told.append)
+    assert told == []
+    what, found, advice = error_text(refusal.value).splitlines()
+    assert len(what) < 80
+    assert len(found) < 300
+    option, typed = advice.split()[-2:]
+    assert option == "--measured"
+    check_loop(robot, fh.Specification(workspace="limits", measured=tuple(typed.split(","))))
 
 
 # Workspaces as people state them -------------------------------------------------------------------------

@@ -15,10 +15,11 @@ from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import Specification, design_workspace
+from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import motion_metrics
 from flexhinf.design.robustness import LATEST, robustness
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
-from flexhinf.design.workspace.setup import CHOSEN_SEED
+from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
 from flexhinf.pages import workspace as page
 from flexhinf.pages.page import files_section
@@ -143,6 +144,18 @@ def test_what_is_proved_and_what_is_computed_are_told_apart(made, design, tolera
     assert unnamed(page._not_proved(design, part), "9 rad/s", "random samples") == []
 
 
+def test_what_offsets_of_encoders_do_is_said(design, tolerated):
+    """As they are taken in, at once, and what remains; nothing where the true state is fed back."""
+    home = np.array(design.setup.workspace.home)
+    (text,) = (block.html() for block in page._offsets(design, tolerated))
+    numbers = [design.setup.encoder_offsets(home, time)[0, 0] for time in (OFFSET_TIME, None)]
+    assert unnamed(text, "0.5 mrad", "motors", "0.5 s", *(float(f"{1e3 * x:.2g}") for x in numbers)) == []
+    assert numbers[0] < numbers[1]
+    of = dataclasses.replace(design.specification, estimator="none")
+    changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=of))
+    assert page._offsets(changed, robustness(changed)) == []
+
+
 def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
     move = design.moves[0]
     run = dataclasses.replace(move.response.run, diverged_at=0.2)
@@ -156,9 +169,14 @@ def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
 
 def test_the_terminal_shows_what_is_missed_within_a_screen(design):
     """At most 25 lines of 80 columns with the path of the page, whatever is missed; and what to try."""
+    where = "the worst of 20 moves, robots at corners of their tolerances"
+    limited = [
+        REQUIREMENTS[name].judge(None, 1.0, 9.0, where, unit="N·m", joint="panda_joint1", at=0.847)
+        for name in ("path", "peak", "speed", "range", "limit_cycle")
+    ]
     missed = tuple(
         dataclasses.replace(line, found=2.0 * line.limit + 1.0 if line.at_most else 0.0)
-        for line in design.requirements
+        for line in (*design.requirements, *limited, *limited)
     )
     for of in (design, dataclasses.replace(design, requirements=missed)):
         screen = Console(width=80, file=StringIO())

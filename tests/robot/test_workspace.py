@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,10 @@ import pytest
 from tests.refusals import refused_with
 
 import flexhinf as fh
+from flexhinf.modal.law import workspace
+from flexhinf.plant.joints import joint_ranges
 from flexhinf.robot import kinematics
+from flexhinf.robot.waypoints import Tool
 from flexhinf.robot.workspace import ranges, workspace_of
 
 ARM = fh.load_robot("planar-two-link")
@@ -34,6 +38,24 @@ def test_a_joint_that_states_no_range_turns_by_half_a_turn() -> None:
     np.testing.assert_allclose(ranges(free), [[-np.pi], [np.pi]])
 
 
+def test_a_law_is_made_for_the_same_ranges_by_its_plant_alone() -> None:
+    """Of turning and sliding joints; a sliding one without a range has no workspace, here or there."""
+    robot = fh.load_robot("scara")
+    poses, (low, high) = workspace(robot.plant(), 4000, 1), ranges(robot)
+    assert np.all((poses >= low) & (poses <= high))
+    np.testing.assert_allclose(
+        [poses.min(axis=0), poses.max(axis=0)], [low, high], atol=0.01 * np.max(high - low)
+    )
+    (quill,) = (name for name, slides in zip(robot.joint_names, robot.links.slides) if slides)
+    plant = robot.plant()
+    limits = {name: pair for name, pair in plant.limits.items() if name != f"link_position_{quill}"}
+    with refused_with(fh.InvalidInput, f"'link_position_{quill}'", "--workspace"):
+        workspace(replace(plant, limits=limits))
+    slides = robot.links.slides
+    with refused_with(fh.InvalidInput, f"'{quill}'", "--workspace"):
+        joint_ranges(robot.joint_names, slides, [None] * len(slides))
+
+
 def test_a_box_of_joint_positions_in_any_unit() -> None:
     space = workspace_of(ARM, "-30deg:30deg, 0:0.5")
     np.testing.assert_allclose([space.lower, space.upper], [[-np.pi / 6, 0.0], [np.pi / 6, 0.5]])
@@ -50,6 +72,34 @@ def test_poses_of_a_file_and_the_ways_between_them(tmp_path: Path) -> None:
     on_first, on_second = np.abs(poses[:, 1]) < 1e-9, np.abs(poses[:, 0] - 30.0) < 1e-9
     assert np.all(on_first | on_second)
     assert 0.5 < on_first.mean() < 0.7  # by length: 30 and 20 of joints of the same range
+
+
+def test_poses_need_no_time(tmp_path: Path) -> None:
+    """A move does; a time that is stated has to increase."""
+    rows = {"shoulder [deg]": [0.0, 30.0, 30.0], "elbow [deg]": [0.0, 0.0, -20.0]}
+    timed = workspace_of(ARM, {"time": [0.0, 0.2, 5.0], **rows})
+    (tmp_path / "poses.csv").write_text("# poses\nelbow [deg],shoulder [deg]\n0,0\n0,30\n-20,30\n")
+    for stated in (rows, str(tmp_path / "poses.csv"), fh.Specification(workspace=rows).workspace):  # type: ignore[arg-type]
+        np.testing.assert_array_equal(workspace_of(ARM, stated).sample(9, 2), timed.sample(9, 2))
+    with refused_with(fh.InvalidInput, "time"):
+        fh.Specification(move=rows)  # type: ignore[arg-type]
+    with refused_with(fh.InvalidInput, "time"):
+        fh.Specification(workspace={"time": [0.0, 0.0, 1.0], **rows})  # type: ignore[arg-type]
+    with refused_with(fh.InvalidInput, "row 2", "'elbow'"):
+        fh.Specification(workspace={**rows, "elbow [deg]": [0.0, "a", 1.0]})  # type: ignore[arg-type]
+
+
+def test_places_in_space_are_poses_of_the_joints() -> None:
+    """Of a tool, by forward kinematics; by default of the last link's origin. Two of x, y and z are no place."""
+    tool, places = Tool("elbow", (0.1, 0.0, 0.0)), {"x": [0.6, 0.5], "y [mm]": [0.0, 200.0], "z": [0.0, 0.0]}
+    path = workspace_of(ARM, places, tool).path
+    assert path is not None
+    found = [kinematics.position_of(ARM, pose, "elbow", tool.offset) for pose in path]
+    np.testing.assert_allclose(found, [[0.6, 0.0, 0.0], [0.5, 0.2, 0.0]], atol=1e-6)
+    with refused_with(fh.InvalidInput, "reach", 0.6):
+        workspace_of(ARM, places)
+    with refused_with(fh.InvalidInput, "'x'", "y and z"):
+        workspace_of(ARM, {"x": [0.4, 0.3], "y": [0.0, 0.3]})
 
 
 def test_a_box_in_space_holds_the_tool() -> None:

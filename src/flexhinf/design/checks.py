@@ -510,5 +510,5 @@ def payload_requirements(
             None, metrics.SETTLING_BAND * float(load.load_step.reference_step[k]), remaining.value, where,
             unit=limits.position_units[k], joint=required.of_several(limits.joints, remaining.joint),
         ),
-        *required.limit_requirements(limits, load.load_step.response, where, always=False),
+        *required.limit_requirements(limits, [load.load_step.response], where, always=False),
     ]  # fmt: skip

@@ -65,7 +65,7 @@ class DeployedRun:
         elif s.move is None:  # from pose to pose of a workspace
             rows = responses.Move.along(self.plan, response, limits).motion
             lines = required.motion_requirements(s, limits, rows, resolution, WHERE, rests=self.rests)
-            lines += required.limit_requirements(limits, response, WHERE)
+            lines += required.limit_requirements(limits, [response], WHERE)
         else:
             move = responses.Move.along(self.plan, response, limits)
             lines = required.move_requirements(s, limits, move, resolution, rests=self.rests)

@@ -34,7 +34,7 @@ from flexhinf.options import Stated, lengths
 from flexhinf.plant import Penalty
 from flexhinf.robot import Robot, catalogue, kinematics, load_robot
 from flexhinf.robot.signals import SENSORS, expanded, signal_names, units_of
-from flexhinf.robot.waypoints import AXES, ORIGIN, Tool, WaypointTable, reached_waypoints, states_range
+from flexhinf.robot.waypoints import ORIGIN, Tool, WaypointTable, in_space, reached_waypoints, states_range
 from flexhinf.validation import checked_path, nearest, read_toml, value_text, within_proportion
 
 #: Fields with one number, or one per joint, and the signal that each is a value of.
@@ -416,12 +416,12 @@ def tool_of(text: str) -> Tool:
 def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> DesignRequest:
     """The request with its goal ``x,y,z`` (m, or with a unit) and waypoints as positions of the joints, and notes."""
     robot, s, notes, point = request.robot, request.specification, list(request.notes), tool_of(tool)
-    table = s.move if isinstance(s.move, WaypointTable) else None
-    move = table if table and set(table.joints) == set(AXES) != set(robot.joint_names) else None
+    tables = {name: getattr(s, name) for name in ("move", "workspace")}
+    tables = {name: table for name, table in tables.items() if in_space(robot, table)}
     box = tool and isinstance(s.workspace, str) and "=" in s.workspace and "@" not in s.workspace
     s = replace(s, workspace=f"{s.workspace}@{tool}") if box else s
     refuse_if(
-        tool and not goal and move is None and not box,
+        tool and not goal and not tables and not box,
         "A tool is stated, and nothing that it is to reach.",
         "expected --pose-xyz, a box in space, or waypoints with columns x, y, z, got --tool "
         f"{value_text(tool, 60)} alone",
@@ -437,9 +437,9 @@ def with_joints(request: DesignRequest, goal: str = "", tool: str = "") -> Desig
         reached = kinematics.pose_at(robot, _point("pose-xyz", goal), point.link, point.offset, s.start)
         s = replace(s, pose=tuple(reached.pose.tolist()))
         notes += [f"The goal is the pose {_text(reached.pose)}.", *_singular("the goal", reached)]
-    if move is not None:
-        table, worst = reached_waypoints(robot, move, point)
-        s = replace(s, move=table)
+    for name, table in tables.items():
+        table, worst = reached_waypoints(robot, table, point)
+        s = replace(s, **{name: table})
         notes += _singular("one of the waypoints", worst)
     return replace(request, specification=s, notes=tuple(notes))
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -289,7 +290,7 @@ def step_requirements(
     joint, worst = of_several(response.joints, response.overshoot.joint), response.overshoot.value
     return [
         REQUIREMENTS["overshoot"].judge(s, s.overshoot_limit, worst, where, joint=joint),
-        *limit_requirements(limits, response, where, unlimited),
+        *limit_requirements(limits, [response], where, unlimited),
     ]
 
 
@@ -347,20 +348,27 @@ def standstill_requirement(
 
 
 def limit_requirements(
-    limits: JointLimits, response: Response, where: str, unlimited: Response | None = None, always: bool = True,
+    limits: JointLimits, runs: Sequence[Response], where: str, unlimited: Response | None = None, always: bool = True,
 ) -> list[Requirement]:  # fmt: skip
-    """Requirements on peak input, link speed and position range of one run, each for the joint with the largest use.
+    """Requirements on peak input, link speed and position range of the worst of some runs, each for the joint with the
+    largest use.
 
-    `unlimited`: the same run without input limits; its inputs are judged.
-    `always`: list kept limits too, otherwise only exceeded ones. Ranges are listed only if exceeded, as a run begins
-    and ends within them.
+    `unlimited`: the run without input limits; its inputs are judged.
+    `always`: list kept limits too, otherwise only exceeded ones. Ranges are listed only if exceeded, by more than
+    `ROUNDING`, as a run begins and ends within them.
     """
     how = "" if limits.saturated is None or unlimited is None else ", without limits of the inputs"
-    inputs, speeds = limits.input_use(unlimited or response), limits.speed_use(response)
-    beyond = limits.beyond_range(response)
+    inputs, speeds, beyond = (
+        max(map(use, judged), key=attrgetter("share"))
+        for use, judged in (
+            (limits.input_use, runs if unlimited is None else (unlimited,)),
+            (limits.speed_use, runs), (limits.range_use, runs),
+        )
+    )  # fmt: skip
+    exceeded = ROUNDING < beyond.value < np.inf
     return [
         *[line for line in _limit_lines(limits, inputs, speeds, where, how) if always or not line.met],
-        *([_limit_line("range", limits, beyond, where, ROBOT)] if 0.0 < beyond.value < np.inf else []),
+        *([_limit_line("range", limits, beyond._replace(limit=0.0), where, ROBOT)] if exceeded else []),
     ]
 
 
@@ -427,7 +435,7 @@ def move_requirements(
     place = STATED if stated else PLANNED
     motion = motion_requirements(s, limits, rows, resolution, place, errors, stated, rests)
     if not stated:
-        return [*motion, *limit_requirements(limits, move.response, PLANNED, always=False)]
+        return [*motion, *limit_requirements(limits, [move.response], PLANNED, always=False)]
     rows, lines = move.metrics, []
     keys = {"tracking": "largest_error", "final": "final_error"}
     for (name, key), most in zip(keys.items(), move_limits(s.tracking_error, limits, move.travel)):
@@ -436,7 +444,7 @@ def move_requirements(
         unit, value = limits.position_units[joint], values[joint] if rows else np.inf
         named = of_several(limits.joints, joint)
         lines.append(REQUIREMENTS[name].judge(s, most[joint], value, STATED, unit=unit, joint=named))
-    return [*lines, *motion, *limit_requirements(limits, move.response, STATED)]
+    return [*lines, *motion, *limit_requirements(limits, [move.response], STATED)]
 
 
 def move_limits(stated: Any, limits: JointLimits, travel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

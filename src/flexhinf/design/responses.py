@@ -425,10 +425,11 @@ class JointLimits:
         """Use of the speed limits."""
         return self._use(response, np.abs(response.velocities), self.speed, self.speed_units)
 
-    def beyond_range(self, response: Response) -> LimitUse:
-        """Largest distance by which a joint leaves its range (lower, upper), rad or m; the limit is 0."""
+    def range_use(self, response: Response) -> LimitUse:
+        """Largest distance by which a joint leaves its range (lower, upper), rad or m, as a share of the range; 0 where
+        none does."""
         beyond = np.maximum(np.maximum(self.lower - response.positions, response.positions - self.upper), 0.0)
-        return self._use(response, beyond, np.ones(len(self.joints)), self.position_units)._replace(limit=0.0)
+        return self._use(response, beyond, self.span, self.position_units)
 
     def _use(self, run: Response, values: np.ndarray, limits: np.ndarray, units: Sequence[str]) -> LimitUse:
         return limit_use(

@@ -34,6 +34,9 @@ class Robustness(NamedTuple):
     heavy: int  # number of the judged poses that need more than `HOLD` of a motor's limit
     tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
     proved: ProvedRange  # pairs whose stability is proved, latency and filter included
+    offsets: (
+        np.ndarray
+    )  # (3, n), by offsets of encoders at home, rad or m: transient, at once and as deployed; rest
 
 
 def robustness(design: WorkspaceDesign) -> Robustness:
@@ -59,6 +62,7 @@ def robustness(design: WorkspaceDesign) -> Robustness:
         return least if late else float(np.exp(least))
 
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
+    at = np.array(setup.workspace.home)
     held = np.array([setup.robot.operating_point(pose)[1] for pose in design.poses])
     return Robustness(
         margin("late", LATEST), margin("damped_late", LATEST),
@@ -66,4 +70,5 @@ def robustness(design: WorkspaceDesign) -> Robustness:
         int(np.any(np.abs(held) > HOLD * setup.limits.effort, axis=1).sum()),
         error_tolerance(gains, FASTEST, s.known_latency, filter),
         proved_range(gains, 0.0, np.inf, s.known_latency, filter),
+        np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
     )  # fmt: skip

@@ -154,7 +154,8 @@ class Specification:
         default="the robot's home")
     workspace: Range | None = option(None, WAY,
         "Where one controller is for: limits (the joint ranges), one LOW:HIGH per joint (-90deg:90deg,0:1.2), "
-        "x=0.2:0.5,z=0:0.4 (m, the point of --tool), or a CSV file of waypoints.", "limits", "rad, m",
+        "x=0.2:0.5,z=0:0.4 (m, the point of --tool), or a CSV file of poses, with columns as for --move, of which "
+        "time may be left out.", "limits", "rad, m",
         default="limits; the pose alone with an option that only a design of one pose reads, such as --pose")
     start: options.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")

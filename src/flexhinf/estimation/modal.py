@@ -84,7 +84,7 @@ class ModalFilter(ConstantGainFilter):
         self._about = filter.initial.mean if about is None else filter.initial_at(about).mean
         joints = elastic_joints(plant, self._about, np.zeros(len(plant.inputs)))
         super().__init__(filter, np.zeros((plant.n, len(plant.outputs))))
-        self._seen, self._powers = _sensors(plant, len(plant.inputs))
+        self._seen, self._powers = pair_sensors(plant, len(plant.inputs))
         self._compliance = link_compliance(plant)
         table = _gain_table(self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints))
         self.initial: Any = read_only(ModalBelief(self.initial.mean, np.sqrt(joints.stiffness), table))
@@ -215,21 +215,24 @@ def _mean(variances: np.ndarray) -> float:
         return float(np.exp(np.log(variances).mean()))
 
 
-def _sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
-    """H (k, 4) of a pair, and the power of K^½ of each of its k signals."""
+def pair_sensors(plant: Plant, n: int) -> tuple[np.ndarray, tuple[int, ...]]:
+    """H (k, 4) of a pair, and the power of K^½ of each of its k signals, by a plant of n joints.
+
+    Raises `InvalidInput` where joints have different sensors, or no sensor sees a position.
+    """
     kinds = [next((kind for kind in SENSORS if plant.expanded(kind) == names), None)
              for names in (tuple(plant.outputs[i : i + n]) for i in range(0, len(plant.outputs), n))]  # fmt: skip
     if None in kinds:
         raise InvalidInput(
-            "The joints of the filter's model do not all have the same sensors.",
+            "The joints do not all have the same sensors.",
             f"expected signals of {list(SENSORS)}, each of all joints, got {list(plant.outputs)}",
-            "robot.plant(measured=('link_position', 'motor_position'))",
+            "measured=('link_position', 'motor_position')",
         )
     refuse_if(
         not any("position" in name for name in plant.outputs),
         "No sensor sees where the joints are.",
         f"expected link_position or motor_position among the signals, got {list(plant.outputs)}",
-        "robot.plant(measured=('motor_position', 'joint_torque'))",
+        "measured=('motor_position', 'joint_torque')",
     )
     rows, powers = zip(*(SENSORS[str(kind)] for kind in kinds))
     return np.array(rows), powers

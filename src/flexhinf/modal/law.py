@@ -28,7 +28,14 @@ from flexhinf.baselines.equilibrium_law import PlacedLaw, equilibrium_of
 from flexhinf.errors import InvalidInput
 from flexhinf.modal.pair import DEFAULT_WEIGHTS, PairGains, PairWeights, pair_gains
 from flexhinf.plant import GeneralisedPlant, Plant
-from flexhinf.plant.joints import ElasticJoints, LinkCompliance, elastic_joints, joint_places, link_compliance
+from flexhinf.plant.joints import (
+    ElasticJoints,
+    LinkCompliance,
+    elastic_joints,
+    joint_places,
+    joint_ranges,
+    link_compliance,
+)
 from flexhinf.scalars import solve_definite
 from flexhinf.validation import checked_array, checked_positive
 
@@ -43,16 +50,11 @@ _kept_gains = lru_cache(32)(pair_gains)
 
 
 def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
-    """Link positions (count, n), uniform within the joints' limits; ±π without. A sliding joint needs limits."""
-    ends = []
-    for name in plant.expanded("link_position"):
-        if name not in plant.limits and plant.units.get(name) == "m":
-            raise InvalidInput(
-                f"The range of {name!r} is unknown.", "expected limits of a joint that slides", "poses=(...)"
-            )
-        ends.append(plant.limits.get(name, (-np.pi, np.pi)))
-    low, high = np.array(ends).T
-    return np.random.default_rng(seed).uniform(low, high, (count, len(ends)))
+    """Link positions (count, n), uniform within `joint_ranges`."""
+    names = plant.expanded("link_position")
+    slides = [plant.units.get(name) == "m" for name in names]
+    low, high = joint_ranges(names, slides, [plant.limits.get(name) for name in names])
+    return np.random.default_rng(seed).uniform(low, high, (count, len(names)))
 
 
 def modes(plant: Plant, poses: Any, stiffness: Any) -> np.ndarray:

@@ -21,6 +21,8 @@ from flexhinf.design.workspace.setup import (
     CHOSEN_POSES,
     CHOSEN_SEED,
     HOLD,
+    OFFSET,
+    OFFSET_TIME,
     PoseLoop,
     corner_damping,
     gain_limit,
@@ -73,8 +75,9 @@ COLUMNS = {
     "path_distance": ("distance from the path", "{small}", 1e3), "ripple_percent": ("ripple of the motors", "%", 1.0),
 }  # fmt: skip
 
-#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so.
-NEAR, BRIEF = 0.2, 6
+#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so, and
+#: all its lines, less that of the report.
+NEAR, BRIEF, SCREEN = 0.2, 6, 24
 
 #: Fast vibrations with less damping are named beside the verdict.
 HARDLY = 0.05
@@ -119,10 +122,17 @@ def advice(design: WorkspaceDesign) -> str:
 
 
 def workspace_tables(design: WorkspaceDesign) -> list[Any]:
-    """Requirements that are not met or near their limits, for a terminal."""
-    lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)[:BRIEF]
+    """Requirements that are not met or near their limits, for a terminal: as many as fit on a screen with the text."""
+    from rich.console import Console
+
+    lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)
     title = "Requirements that are missed or nearly missed (* our default)"
-    return [requirement_table(lines, design.specification.in_degrees, title).terminal()] if lines else []
+    space = SCREEN - len(workspace_text(design).splitlines())
+    for count in range(min(BRIEF, len(lines)), 0, -1):
+        table = requirement_table(lines[:count], design.specification.in_degrees, title).terminal()
+        if count == 1 or len(Console(width=WIDTH).render_lines(table)) <= space:
+            return [table]
+    return []
 
 
 def _near(line: Requirement) -> bool:
@@ -131,7 +141,8 @@ def _near(line: Requirement) -> bool:
 
 def workspace_text(design: WorkspaceDesign) -> str:
     """The verdict for a terminal, under `workspace_tables`: what is met, the worst numbers, what to try."""
-    missed = ", ".join(dict.fromkeys(line.what for line in design.missed))
+    names = list(dict.fromkeys(line.what for line in design.missed))
+    missed = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
     met = f"Not met: {missed}." if missed else f"All {len(design.requirements)} requirements are met."
     worst = ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in _key_numbers(design))
     parts = f"{met} {_scope(design)}", f"At worst: {worst}.", advice(design)
@@ -195,6 +206,7 @@ def workspace_page(
                 Paragraph(PAIRS),
                 _margin_table(design, tolerated),
                 _pair_table(design, tolerated),
+                *_offsets(design, tolerated),
             ],
             ("The law and its estimator", "law"): [_law_table(design), _watched(design)],
         }
@@ -392,6 +404,24 @@ def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     ]
     caption = "Where the loop becomes unstable, at the pose that is nearest to it with the required delay or factor."
     return Table(("margin", "found", "required"), rows, caption)
+
+
+def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
+    """What offsets of the encoders do."""
+    if design.specification.estimator == "none" or not np.isfinite(tolerated.offsets).all():
+        return []
+    units, worst = Units(design.setup.model, design.setup.joints), int(np.argmax(tolerated.offsets[1]))
+    sudden, slow, remaining = (units.small_text(row[worst], 2) for row in tolerated.offsets.round(9))
+    measured = {name.rsplit("_position")[0] for name in design.setup.model.outputs if "_position" in name}
+    which = "motors" if "motor" in measured else "links"
+    text = (
+        f"With the encoders of all {which} off by {units.small_text(OFFSET, 2)}, {design.setup.joints[worst]} moves by "
+        f"at most {slow} at home, since offsets are taken in with {OFFSET_TIME:g} s; at once they would move it by "
+        f"{sudden}. At the end it is off by {remaining}. This is the sampled loop, linearised, without dry friction, "
+        "with the worst signs."
+    )
+    more = " An offset of a link's encoder remains as an error of its position." if len(measured) > 1 else ""
+    return [Paragraph(text + more)]
 
 
 def _margin(value: float, most: float, before: str = "") -> str:

@@ -14,7 +14,7 @@ law of springs may take it for a joint with a spring of the motors' common frequ
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.plant.plant import Plant
 from flexhinf.scalars import apply, digest
 
@@ -31,6 +31,26 @@ TORQUES = ("link_torque", "motor_torque")
 
 #: Coupling between the motors of different joints, relative to their own numbers, that counts as none.
 COUPLING = 1e-9
+
+#: Range of a joint that turns and states none, ±, rad.
+TURN = np.pi
+
+
+def joint_ranges(joints: Sequence[str], slides: Sequence[bool], limits: Sequence[Any]) -> np.ndarray:
+    """Lower and upper ends (2, n) of where joints go, rad or m: their limits, a pair or None; ±180° for one that turns
+    and has none.
+
+    Raises `InvalidInput` for a joint that slides and has none.
+    """
+    low, high = np.array([(-np.inf, np.inf) if pair is None else pair for pair in limits]).T
+    for joint, sliding, free in zip(joints, slides, ~np.isfinite(high - low)):
+        refuse_if(
+            sliding and free,
+            f"Joint {joint!r} slides and has no range, so the workspace has no end.",
+            "expected its limits in the robot's file, got none",
+            "lower and upper limits of the joint, --workspace with a range for each joint, or --pose for one pose",
+        )
+    return np.array([np.where(np.isfinite(low), low, -TURN), np.where(np.isfinite(high), high, TURN)])
 
 
 class ElasticJoints(NamedTuple):

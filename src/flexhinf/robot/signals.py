@@ -18,7 +18,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.plant.penalty import Penalty, check_weighted
 from flexhinf.robot.elastic import Layout, spring_torque
 from flexhinf.robot.parameters import parameter_units, per_joint
-from flexhinf.validation import checked_names, distinct, nearest
+from flexhinf.validation import checked_names, nearest
 
 #: The state of a joint, in the order of x: all link positions, all link velocities, and so on.
 MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocity")
@@ -80,15 +80,31 @@ def expanded(
     }
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
     unknown = [name for name in requested if name not in known]
+    one = per_joint(quantities[0], joints[-1], len(joints))
     refuse_if(
         unknown or not requested,
         f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
-        f"expected one or more of {list(known)}, got {list(requested)}",
-        "measured=" + nearest(unknown[0] if unknown else "", known, "'link_position'"),
+        f"expected some of {list(quantities)}, of all joints or, as {one!r}, of one, got {list(requested)}",
+        _of_all_joints(requested, quantities),
     )
     singles = tuple(name for part in requested for name in known[part])
-    distinct("Of the measured signals", singles)
+    twice = [name for name in known if singles.count(name) > 1]
+    refuse_if(
+        twice, f"{''.join(twice[:1])!r} is measured twice.", f"expected each signal once, got {list(requested)}",
+        _of_all_joints(requested, quantities),
+    )  # fmt: skip
     return singles
+
+
+def _of_all_joints(names: Sequence[str], quantities: Sequence[str]) -> str:
+    """As an advice, what wrong names are likely to mean, of all joints; with a position, which an estimator needs."""
+    meant = [
+        next((quantity for quantity in quantities if word.startswith(quantity)), None)
+        or nearest(word, quantities, "").strip("'")
+        for word in " ".join(names).lower().split()
+    ]
+    position = () if any("position" in name for name in meant) else ("link_position",)
+    return f"measured={tuple(dict.fromkeys([*position, *filter(None, meant)]))}"
 
 
 @dataclass(frozen=True)

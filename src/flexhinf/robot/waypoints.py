@@ -61,7 +61,9 @@ class WaypointTable:
                 raise WaypointError(
                     f"The waypoints have a column {value_text(name, 60)}, and the robot no such joint.",
                     f"expected 'time' and {list(joints)}, got {['time', *self.joints]}",
-                    nearest(name, joints, "the names of the joints as `flexhinf robots` shows them"),
+                    nearest(
+                        name, joints, "the joints as `flexhinf robots` shows them, or x, y and z of a point"
+                    ),
                 )
         missing = [name for name in joints if name not in named]
         if missing or len(set(named)) < len(named):
@@ -83,12 +85,15 @@ class WaypointTable:
         return np.array(self.rows)[:, [named.index(name) for name in joints]]
 
 
-def waypoints(value: Any) -> Any:
-    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is."""
+def waypoints(value: Any, timed: bool = True) -> Any:
+    """A `WaypointTable` of a file or of columns by name; a signal with derivatives and a duration stays as it is.
+
+    Without a column ``time`` rows are 1 s apart where they need not be `timed`.
+    """
     if isinstance(value, (str, os.PathLike)) and str(value).strip():
-        return _read(Path(value))
+        return _read(Path(value), timed)
     if isinstance(value, Mapping):
-        return _table(list(value), list(value.values()), "The waypoints", lambda row: f"row {row + 1}")
+        return _table(list(value), list(value.values()), "The waypoints", lambda row: f"row {row + 1}", timed)
     if isinstance(value, WaypointTable) or (hasattr(value, "derivatives") and hasattr(value, "duration")):
         return value
     raise ValueError(value)
@@ -109,13 +114,13 @@ def stated_workspace(value: Any) -> Any:
         if pairs.ndim != 2 or pairs.shape[1] != 2:
             raise ValueError(value_text(value))
         return ",".join(f"{low}:{high}" for low, high in pairs)
-    table = waypoints(value)
+    table = waypoints(value, timed=False)
     if isinstance(table, WaypointTable):
         return table
     raise ValueError(value_text(value))
 
 
-def _read(path: Path) -> WaypointTable:
+def _read(path: Path, timed: bool) -> WaypointTable:
     try:
         text = read_text(path, LARGEST, "waypoints as CSV")
     except InvalidInput as error:
@@ -139,7 +144,9 @@ def _read(path: Path) -> WaypointTable:
                 f"expected {len(heading)}, got {len(row)}", "one value for each column of the header",
             )  # fmt: skip
     columns = [[_number(row[k]) for row in rows] for k in range(len(heading))]
-    return _table(heading, columns, f"{path.name}: the waypoints", lambda row: f"line {kept[row + 1][0]}")
+    return _table(
+        heading, columns, f"{path.name}: the waypoints", lambda row: f"line {kept[row + 1][0]}", timed
+    )
 
 
 def _number(cell: str) -> float | str:
@@ -149,8 +156,12 @@ def _number(cell: str) -> float | str:
         return cell
 
 
-def _table(heading: Sequence[Any], columns: Sequence[Any], what: str, place: Any) -> WaypointTable:
+def _table(
+    heading: Sequence[Any], columns: Sequence[Any], what: str, place: Any, timed: bool = True
+) -> WaypointTable:
     named = [_heading(name) if isinstance(name, str) else ("", "") for name in heading]
+    if not timed and columns and ("time" not in (name for name, _ in named)):
+        named, columns = [("time", ""), *named], [list(range(np.size(columns[0]))), *columns]
     names = [name for name, _ in named]
     if "time" not in names or len(names) < 2 or not all(names) or len(set(names)) < len(names):
         raise WaypointError(
@@ -230,6 +241,11 @@ class Tool(NamedTuple):
 
 #: The origin of the last link.
 ORIGIN = Tool()
+
+
+def in_space(robot: Robot, table: Any) -> bool:
+    """Whether waypoints are places x, y, z of a point, and not positions of joints that are called so."""
+    return isinstance(table, WaypointTable) and set(table.joints) == set(AXES) != set(robot.joint_names)
 
 
 def reached_waypoints(robot: Robot, table: WaypointTable, tool: Tool) -> tuple[WaypointTable, Reached]:

@@ -13,14 +13,21 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.plant.joints import joint_ranges
 from flexhinf.robot.kinematics import position_of, position_ranges
 from flexhinf.robot.parameters import measured, split
 from flexhinf.robot.robot import Robot
-from flexhinf.robot.waypoints import AXES, LIMITS, ORIGIN, Tool, WaypointTable, waypoints
+from flexhinf.robot.waypoints import (
+    AXES,
+    LIMITS,
+    ORIGIN,
+    Tool,
+    WaypointTable,
+    in_space,
+    reached_waypoints,
+    waypoints,
+)
 from flexhinf.validation import real_array, value_text
-
-#: Range of a joint that turns and states none, rad.
-TURN = np.pi
 
 #: Poses that are tried for one whose tool is in a box in space.
 TRIED = 100_000
@@ -90,19 +97,8 @@ class Workspace:
 
 
 def ranges(robot: Robot) -> np.ndarray:
-    """Lower and upper ends (2, n) of where joints go: their ranges, ±180° for one that turns and states none.
-
-    Raises `InvalidInput` for a joint that slides and states none.
-    """
-    low, high = position_ranges(robot)
-    for joint, slides, free in zip(robot.joint_names, robot.links.slides, ~np.isfinite(high - low)):
-        refuse_if(
-            slides and free,
-            f"Joint {joint!r} slides and has no range, so the workspace has no end.",
-            "expected its limits in the robot's file, got none",
-            "lower and upper limits of the joint, --workspace with a range for each joint, or --pose for one pose",
-        )
-    return np.array([np.where(np.isfinite(low), low, -TURN), np.where(np.isfinite(high), high, TURN)])
+    """`joint_ranges` (2, n) of a robot."""
+    return joint_ranges(robot.joint_names, robot.links.slides, robot.links.limits)
 
 
 def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Workspace:
@@ -122,7 +118,8 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
     elif isinstance(stated, (list, tuple, np.ndarray)):
         ends = real_array(stated).T
     else:
-        table: WaypointTable = waypoints(stated)
+        table: WaypointTable = waypoints(stated, timed=False)
+        table = reached_waypoints(robot, table, tool)[0] if in_space(robot, table) else table
         path = table.positions(robot.joint_names, robot.links.slides)
         ends = np.array([path.min(axis=0), path.max(axis=0)])
     n = len(robot.joint_names)

@@ -27,6 +27,7 @@ from flexhinf.design.workspace.judgement import (
 )
 from flexhinf.design.workspace.search import BANDWIDTHS, tuned_setup
 from flexhinf.design.workspace.setup import CornerLoop, PoseLoop, WorkspaceSetup
+from flexhinf.estimation.modal import pair_sensors
 from flexhinf.loop import Controller
 from flexhinf.robot import Robot, kinematics
 from flexhinf.robot.waypoints import LIMITS
@@ -147,6 +148,8 @@ def check_loop(robot: Robot, s: Specification) -> None:
     check_stated_units(robot, s)
     kinematics.check_fast(robot, s.period)
     kinematics.check_delay(robot, s.unknown_delay)
-    robot.plant(s.measured, extras=s.extras)
+    plant = robot.plant(s.measured, extras=s.extras)
     sensor_steps(robot, s.measured, s.quantisation, s.estimator)
     joint_limits(robot, s)
+    if s.estimator != "none" and not robot.rigid:
+        pair_sensors(plant, len(robot.joint_names))

@@ -61,7 +61,7 @@ def corner_requirements(s: Specification, loops: Sequence[CornerLoop]) -> list[R
 
 
 def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) -> list[Requirement]:
-    """Requirements on each kind of motion, for the worst of the moves."""
+    """Requirements on each kind of motion, and on the limits of the joints, for the worst of the moves."""
     lines: dict[str, Requirement] = {}
     s, where = setup.specification, f"the worst of {len(moves)} moves, {which}"
     for move in moves:
@@ -69,15 +69,22 @@ def move_requirements(setup: WorkspaceSetup, moves: Sequence[Move], which: str) 
             other = lines.get(line.what)
             if other is None or line.found / line.limit > other.found / other.limit:
                 lines[line.what] = line
-    return list(lines.values())
+    runs = [move.response for move in moves]
+    return [*lines.values(), *required.limit_requirements(setup.limits, runs, where)]
 
 
 def standstill_requirement(setup: WorkspaceSetup, runs: Sequence[Any], moves: Sequence[Move]) -> Requirement:
-    """The requirement that links rest, for the move at whose end they swing most, made again with a longer rest;
-    `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit cycle."""
-    worst = int(np.argmax([move.swing.max() for move in moves]))
-    noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[worst][0][1], runs[worst][1]))[1]
-    noisy[~np.isfinite(noisy)] = 0.0  # an unstable loop, which friction may hold for a while
-    resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
-    swing, where = setup.move(*runs[worst], dwell=LONG).swing, f"{LONG:g} s of rest after the worst move"
-    return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
+    """The requirement that links rest, for the move at whose end they swing most by their own limits, made again with a
+    longer rest; `runs` are the arguments of `WorkspaceSetup.move`. What the linear loop does by noise is no limit
+    cycle."""
+
+    def judged(k: int, swing: np.ndarray, where: str) -> Requirement:
+        noisy = LARGEST_OF_NOISE * setup.noise_spread(setup.linear(runs[k][0][1], runs[k][1]))[1]
+        noisy[~np.isfinite(noisy)] = 0.0  # an unstable loop, which friction may hold for a while
+        resolution = np.maximum(setup.position_resolution(DEVIATIONS), noisy)
+        return required.standstill_requirement(setup.specification, setup.limits, swing, resolution, where)
+
+    lines = [judged(k, move.swing, "") for k, move in enumerate(moves)]
+    worst = int(np.argmax([line.found / line.limit for line in lines]))
+    swing = setup.move(*runs[worst], dwell=LONG).swing
+    return judged(worst, swing, f"{LONG:g} s of rest after the worst move")

@@ -33,9 +33,10 @@ EXPECTED = (0.0025, 0.03)
 #: Least damping of slow oscillations; factor of all inputs at once that a loop tolerates, up and down.
 DAMPING, GAIN = 0.2, 2.0
 
-#: Offsets of the encoders are taken in with this time constant, s. A difference of 0.5 mrad between link and motor
-#: looks like a twisted spring; acting at once it would move a stiff arm by 14 mrad.
-OFFSET_TIME = 0.5
+#: Offsets of the encoders are taken in with this time constant, s, and those of which is said what they do, rad or m. A
+#: difference of 0.5 mrad between link and motor looks like a twisted spring; acting at once it would move a stiff arm
+#: by 14 mrad. A response lasts until this share of it is left, at most so long, s.
+OFFSET_TIME, OFFSET, LEFT, LASTS = 0.5, 5e-4, 1e-3, 20.0
 
 #: Share of a joint's range by which a command may lie beyond it: rounding, also that of C in single precision.
 #: Acceleration that a motor without a stated limit is assumed to have, rad/s² or m/s². Stated limits allow up to twice.
@@ -256,6 +257,29 @@ class WorkspaceSetup(LoopPlants):
             steps = 0.0 if self.quantisation is None else self.quantisation
             noise[m : m + p] = np.hypot(self.noise, steps / np.sqrt(12.0))
         return loop.closed_loop.spread(noise)[m:].reshape(2, m)
+
+    def encoder_offsets(self, at: np.ndarray, time: float | None = OFFSET_TIME) -> np.ndarray:
+        """How far offsets of `OFFSET` of all motors' encoders, or without these the links', move each link that rests
+        at a pose (n,): at most on the way, and at the end, (2, n), rad or m, for the worst signs of the offsets.
+
+        By the linear loop, without dry friction; infinite where that is unstable. The controller takes them in with the
+        constant `time`, s, or at once (None).
+        """
+        chain = self.linear(at).part("v", "q")
+        measured = self.model.states if self.filter is None else self.model.outputs
+        if not chain.stable:
+            return np.full((2, len(at)), np.inf)
+        off = np.array([name.startswith("motor_position") for name in measured])
+        off = off if off.any() else np.array([name.startswith("link_position") for name in measured])
+        full, decay = OFFSET * chain.b[:, off], 0.0 if time is None else np.exp(-chain.period / time)
+        slowest = max(decay, float(np.abs(chain.multipliers).max()))
+        remaining = np.abs(chain.c @ np.linalg.solve(np.eye(len(chain.a)) - chain.a, full)).sum(axis=1)
+        state, largest, left = np.zeros_like(full), remaining, 1.0
+        for _ in range(round(min(np.log(LEFT) / np.log(slowest), LASTS / chain.period))):
+            left *= decay
+            state = chain.a @ state + (1.0 - left) * full
+            largest = np.maximum(largest, np.abs(chain.c @ state).sum(axis=1))
+        return np.array([largest, remaining])
 
     # Moves --------------------------------------------------------------------------------------------
     def goals(self, count: int, seed: int) -> np.ndarray:
