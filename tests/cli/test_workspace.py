@@ -59,6 +59,18 @@ def test_by_default_a_controller_for_the_workspace_is_written_and_made_again(
     assert (folder / "again" / "controller").read_bytes() == (first / "controller").read_bytes()
 
 
+def test_a_loop_that_is_unstable_is_not_met_and_written(
+    robot: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The ripple of an unstable pose has no number."""
+    assert main(["design", robot, "--unknown-delay", "60ms"]) == 1
+    assert unnamed(capsys.readouterr().out, "NOT MET", "diverges", "unstable poses") == []
+    written, numbers = stored(folder / "flexhinf-design")
+    ripple = next(line for line in numbers["requirements"] if "ripple" in line["what"])
+    assert (ripple["found"], ripple["met"], written["result"]["met"]) == (None, False, False)
+    assert unnamed((folder / "flexhinf-design" / "index.html").read_text(encoding="utf-8"), "diverges") == []
+
+
 def test_a_file_of_waypoints_is_read_from_the_folder_of_the_design_file(robot: str, folder: Path) -> None:
     (folder / "below").mkdir()
     (folder / "below" / "way.csv").write_text("time,elbow [deg]\n0,-10\n1,20\n")

@@ -545,7 +545,7 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
         "weights": finite(vars(law.weights)), "random_torques": list(design.setup.random),
         "requirements": [
-            {key: getattr(line, key) for key in ("what", "where", "limit", "found", "unit", "met")}
+            finite({key: getattr(line, key) for key in ("what", "where", "limit", "found", "unit", "met")})
             for line in design.requirements
         ],
         "poses": [
