@@ -76,7 +76,7 @@ def test_it_watches_the_box_of_its_workspace(tmp_path: Path) -> None:
     for text, box in spaces.items():
         watch = replace(made(), workspace=workspace_of(arm(), text)).supervision
         assert np.array(watch.workspace) == pytest.approx(np.array(box), abs=1e-5)
-        assert watch.modes(moving=True) == ("brake", "none", "brake")
+        assert watch.modes(moving=True) == ("brake", "none", "none")
     along = replace(made(), workspace=workspace_of(arm(), table)).supervision
     spans = BEYOND * np.ptp(poses, axis=0)
     assert np.array(along.workspace) == pytest.approx(
@@ -209,6 +209,24 @@ def test_a_limit_cycle_and_lasting_saturation_are_said() -> None:
     assert seen[0] == 0
     assert seen[-1] & fh.Status.LIMIT_CYCLE
     assert np.any(seen & fh.Status.SATURATION)
+
+
+@pytest.mark.parametrize("limit", [None, 24.0])
+def test_swings_at_rest_are_watched_without_limits_too(limit: float | None) -> None:
+    """Encoders that swing by 20 mrad at 5 Hz make a limit cycle of the status; their noise makes none in 5 s."""
+    setup = made(saturation=limit)
+    assert setup.supervision.modes(moving=True)[2] == ("none" if limit is None else "brake")
+    one, held, told = deployed(setup), resting(None), fh.Status(0)
+    for k in range(4000):
+        one.step(held + 0.02 * math.sin(2.0 * math.pi * 5.0 * 1e-3 * k), reference(None))
+        told |= one.status
+    assert fh.Status.LIMIT_CYCLE in told
+    x, _ = arm().operating_point()
+    quiet = fh.run_realtime(
+        fh.Loop(MuJoCoPlant(arm(), measured=BOTH), one), dict(zip(one.commanded, reference(None))), noise=1e-4,
+        duration=5.0, initial_state=x, real_time=False,
+    )  # fmt: skip
+    assert set(quiet.status.tolist()) == {0}
 
 
 # Where it starts ----------------------------------------------------------------------------------------

@@ -192,8 +192,13 @@ def test_the_terminal_shows_what_is_missed_within_a_screen(design):
 def test_the_page_says_what_is_watched_at_run_time_and_what_is_not(made, design):
     """The box of joints and the reactions; of a box in space, that the tool is not watched."""
     text = text_of(made().html())
-    assert unnamed(text, "run time", "status", "path_rate", "reset", "supervision", "brake", "0.2 s") == []
+    assert unnamed(text, "run time", "status", "path_rate", "reset", "supervision", "brake", "swings") == []
     assert unnamed(text, "tool") != []
+    limited = dataclasses.replace(design.specification, saturation=60.0)
+    limited = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=limited))
+    for of, told in ((design, False), (limited, True)):
+        watched = text_of(page._watched(of).html())
+        assert (unnamed(watched, "at a limit", "0.2 s") == []) == told
     space = workspace_of(design.robot, "x=-0.2:0.2")
     changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, workspace=space))
     assert unnamed(text_of(made(changed).html()), "not watch", "tool", "box in space") == []

@@ -509,14 +509,19 @@ def _law_table(design: WorkspaceDesign) -> Table:
 
 def _watched(design: WorkspaceDesign) -> Paragraph:
     """What the controller watches at run time, what it does then, and what it does not watch."""
-    watch, box = design.setup.supervision, design.setup.workspace.box
+    setup, box, watch = design.setup, design.setup.workspace.box, design.setup.supervision
     tool = "" if box is None else "It does not watch whether the tool is in the stated box in space. "
+    swing = f"{effort_text(0.1 * setup.authority.round(2))} {Units(setup.model, setup.joints).effort}"
+    watched = [
+        f"whether the commanded joints are within {watch.text} (rad, m)",
+        f"whether an input swings to and fro by more than {swing} at rest",
+        *(["whether one stays at a limit"] if setup.limits.saturated is not None else []),
+    ]
     return Paragraph(
-        f"At run time the controller watches whether the commanded joints are within {watch.text} (rad, m), whether an "
-        "input swings to and fro at rest, and whether one stays at a limit; its status says so. "
-        f"{tool}Reactions: {watch.reaction_text}. `path_rate` then falls to 0, and a command that advances so much of "
-        "a period along its path comes to rest. A program that does not read it is not braked. `reset` begins again, "
-        "and `controller(supervision=…)` states other reactions."
+        f"At run time the controller watches {listed(watched)}; its status says so. {tool}Reactions: "
+        f"{watch.reaction_text}. `path_rate` then falls to 0, and a command that advances so much of a period along "
+        "its path comes to rest. A program that does not read it is not braked. `reset` begins again, and "
+        "`controller(supervision=…)` states other reactions."
     )
 
 

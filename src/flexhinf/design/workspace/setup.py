@@ -146,13 +146,14 @@ class WorkspaceSetup(LoopPlants):
     @property
     def supervision(self) -> Supervision:
         """What a deployed controller watches: commands outside the box of the workspace (of a path with room for what a
-        spline swings beyond its points), saturation, and limit cycles. It brakes along the path where a command leaves
-        the box, or an input is at its limit for long."""
+        spline swings beyond its points), limit cycles by a tenth of `authority`, and saturation. It brakes along the
+        path where a command leaves the box, or an input is at its limit for long."""
         space = self.workspace
         share = ROUNDING if space.path is None else BEYOND
         margin = np.maximum(share * (space.upper - space.lower), ROUNDING)
         box = space.lower - margin, space.upper + margin
-        return Supervision(box, reactions={"workspace": "brake", "saturation": "brake"})
+        watched = ("workspace", *(["saturation"] if self.limits.saturated is not None else []))
+        return Supervision(box, swing=0.2 * self.authority, reactions=dict.fromkeys(watched, "brake"))
 
     def controller(self, at: np.ndarray, **options: Any) -> Controller:
         """A controller that begins at rest at a pose (n,), with the input that holds the model there, and holds it
