@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm, solve_continuous_are
 from tests.refusals import refused_with
 
-from flexhinf.errors import InvalidInput
+from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.hinf import linear_law, smallest_gamma
 from flexhinf.modal import Pair, PairWeights, pair_gains
 from flexhinf.modal.pair import smallest_damping
@@ -113,6 +113,11 @@ def test_gains_between_the_grid_are_those_of_a_pair(case):
     modes = [np.abs(gains.pair(link).modes(gains(link)[:5], PERIOD)).max() for link in links]
     assert max(modes) <= modulus + 1e-4 < 1.0
     assert least > 0.2
+
+
+def test_gains_that_no_sampling_carries_are_refused_with_what_a_user_can_state():
+    with refused_with(NumericalFailure, "pair", "shorter period", "rigid = true"):
+        pair_gains((45.0**2, 1743.0**2), 185.0**2, 18.0, 0.1)
 
 
 def test_what_is_no_pair_is_refused():

@@ -258,6 +258,6 @@ def pair_gains(
         raise NumericalFailure(
             "The sampled loop of a pair is unstable.",
             f"expected modes inside the unit circle, got one at {gains.sweep[0]:.6g}",
-            "a shorter period, or a smaller bandwidth",
+            "a shorter period, or `rigid = true` for a joint on a stiff spring",
         )
     return gains

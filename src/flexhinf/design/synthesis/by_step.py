@@ -309,7 +309,8 @@ def problem_within_effort(task: Task, problem: DesignProblem, levels: EstimatorN
     what, name = (("peak of the input", "peak_effort"), ("speed of a link", "peak_speed"))[kind]
     where = f" in {limits.joints[joint]}" if len(limits.joints) > 1 else ""
     outcome = f"no loop down to {MIN_FRACTION:g} of it keeps the limit either"
-    advice = f"a larger `{name}`, or a shorter step (`start`)"
+    shaped = "shaping='quintic', " if s.bandwidth is None and s.shaping == "jump" else ""
+    advice = f"{shaped}a larger `{name}`, or a shorter step (`start`)"
     if best is not None:
         slower = [f"{each:.3g}" for each in fractions * bandwidth]
         text = slower[0] if len(set(slower)) == 1 else f"({', '.join(slower)})"
