@@ -142,7 +142,7 @@ def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
     assert {line.what for line in result.requirements} >= {
         "bandwidth",
         "overshoot",
-        "peak input",
+        "peak input without limits",
         "unstable corners",
     }
     assert judged(result.evaluation.step)[0] <= 5.0

@@ -21,6 +21,7 @@ from flexhinf.design.requirements import (
     Requirement,
     bandwidth_requirement,
     corner_requirement,
+    damping_requirement,
     margin_requirements,
     oscillation_requirements,
     sample_requirements,
@@ -281,6 +282,30 @@ def test_each_joint_is_judged_by_its_own_limit_and_the_moment_is_named() -> None
     assert (peak.stated_by, speed.stated_by, speed.unit) == ("--peak-voltage", "--peak-speed", "rad/s")
     wide = Specification(peak_effort=(87.0, 12.0), peak_speed="40deg/s")  # type: ignore[arg-type]
     assert all(one.met for one in step_requirements(wide, limits_of(wide), step, "here"))
+
+
+def test_a_peak_that_no_limit_hides_is_called_so() -> None:
+    """Without an input's limit the step needs 9 V; with one it is clipped to 4 V."""
+    asked = Specification(peak_effort=4.0)
+    clipped, free = Step([0.0, 0.0], [[4.0, 0.0]]), Step([0.0, 0.0], [[9.0, 0.0]])
+    for unlimited, found, words in (
+        (None, 4.0, ("peak input",)),
+        (free, 9.0, ("peak input", "without limits")),
+    ):
+        peak = step_requirements(
+            asked, limits_of(asked), cast("Any", clipped), "here", cast("Any", unlimited)
+        )[1]
+        assert peak.found == found
+        assert [word for word in words if word not in peak.what] == []
+        assert ("without" in peak.what) == (unlimited is not None)
+
+
+@pytest.mark.parametrize(("stated", "limit"), [(None, 0.05), (0.04, 0.05), (0.05, 0.05), (0.2, 0.2)])
+def test_a_damping_below_the_least_is_judged_by_that_and_says_so(stated: float | None, limit: float) -> None:
+    line = damping_requirement(None, stated, 0.3, 350.0)
+    assert line.limit == limit
+    assert bool(line.detail) == (stated == 0.04)
+    assert line.detail in achieved_text(line)
 
 
 def test_what_the_robot_states_is_judged_unless_an_option_does() -> None:

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf.design import requirements
@@ -222,6 +223,36 @@ def test_moves_are_judged_by_the_limits_of_the_joints() -> None:
     assert [lost[name].found for name in names[:2]] == [np.inf, np.inf]
 
 
+def test_an_input_that_stays_at_its_limit_in_a_move_is_missed() -> None:
+    """Counted sample by sample: 200 of them are allowed, 201 not, whatever the sign; and nothing without limits."""
+    setup = setup_of("1kg")
+    move, limits = setup.move(setup.goals(2, 7)), replace(setup.limits, saturation=np.array([20.0, 10.0]))
+
+    def judged(runs: list[np.ndarray], limits: Any = limits) -> dict[str, requirements.Requirement]:
+        made = [replace(move, response=with_inputs(move.response, inputs)) for inputs in runs]
+        other: Any = SimpleNamespace(limits=limits, specification=setup.specification)
+        return {line.what: line for line in move_requirements(other, made, "these")}
+
+    what, inputs = "time at an input's limit", np.zeros_like(move.response.inputs)
+    assert judged([inputs])[what].found == 0.0
+    inputs[100:250, 1], inputs[250:300, 1] = 9.995, -9.995
+    line = judged([0.0 * inputs, inputs])[what]
+    assert (line.met, line.joint, line.limit) == (True, "elbow", 0.2)
+    assert (line.found, line.at) == pytest.approx((0.2, 0.1))
+    inputs[300, 1] = -10.0
+    assert not judged([inputs])[what].met
+    assert judged([inputs], replace(limits, peak=limits.saturation))["peak input"].met
+    assert judged([0.998 * inputs])[what].found == 0.0
+    assert what not in judged(
+        [inputs], replace(limits, saturation=np.full(2, np.inf), peak=np.full(2, np.inf))
+    )
+
+
+def with_inputs(response: Any, inputs: np.ndarray) -> Any:
+    run = response.run
+    return replace(response, run=replace(run, signals=run.signals | {"input": inputs}))
+
+
 def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its noise is infinite, which is not the limit of the line about rest."""
     setup = setup_of("1kg")
@@ -230,6 +261,7 @@ def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(judgement, "LONG", 0.1)
     line = standstill_requirement(setup, [(ends, None, 0)], [setup.move(ends)])
     assert line.limit == pytest.approx(3e-4)
+    assert unnamed(line.criterion, "one move of 1", "seed", "0.7 mrad") == []
 
 
 def test_a_joint_may_rest_in_all_waypoints() -> None:

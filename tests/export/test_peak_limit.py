@@ -37,7 +37,8 @@ def test_what_the_step_demands_is_judged_without_the_limit(limited: fh.Design) -
     assert limits.saturation.tolist() == [12.0]
     assert evaluation.step.peak_input == pytest.approx(6.5, rel=1e-12)
     assert evaluation.unlimited_step.peak_input > 6.5
-    (peak,) = (line for line in limited.requirements if line.what == "peak input" and "nominal" in line.where)
+    what = "peak input without limits"
+    (peak,) = (line for line in limited.requirements if line.what == what and "nominal" in line.where)
     assert peak.found == evaluation.unlimited_step.peak_input
     assert not peak.met
 

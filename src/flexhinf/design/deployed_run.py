@@ -69,6 +69,8 @@ class DeployedRun:
         else:
             move = responses.Move.along(self.plan, response, limits)
             lines = required.move_requirements(s, limits, move, resolution, rests=self.rests)
+        if self.rests:
+            lines += required.saturation_requirement(limits, [response], WHERE)
         lines = [replace(line, where=WHERE) for line in lines]
         if run.timing.real_time:
             missed = 100.0 * float(np.mean(run.timing.missed))

@@ -38,6 +38,8 @@ from flexhinf.design.specification import (
     UNDERSHOOT,
     Specification,
 )
+from flexhinf.loop import Supervision
+from flexhinf.loop.controller.status import NEAR_LIMIT
 from flexhinf.loop.simulation.metrics import SETTLING_BAND
 from flexhinf.notebook import Summarised
 
@@ -53,6 +55,9 @@ REMAINING_SHARE = 5e-3
 
 #: Largest amplitude of a link at rest, with dry friction and noise, in parts of the remaining error that is allowed.
 STANDSTILL_SHARE = 0.25
+
+#: Relative tolerance of a count of samples as a time: rounding.
+EXACT = 1e-9
 
 #: The requirement of the links' speeds.
 SPEED = "link speed"
@@ -78,6 +83,7 @@ class Requirement:
     at: float | None = None  # Time at which the value occurs, s; None for a value without a time
     field: str = ""  # Field of the specification that states the limit; "" if none does
     tolerance: float = TOLERANCE  # Relative
+    detail: str = ""  # What else is known of `found`, a few words
 
     @property
     def met(self) -> bool:
@@ -170,6 +176,8 @@ _ROWS = {
     "unsettled": ("runs that do not settle", "", "≤", "",
         "runs that diverge, or are outside ±2 % of the step at their end"),
     "peak": ("peak input", "", "≤", "", "largest |input| of all motors"),
+    "at_limit": ("time at an input's limit", "s", "≤", "",
+        "longest time for which an input stays at {share:g} % of its limit"),
     "speed": (SPEED, "", "≤", "", "|velocity| of the link nearest to its limit"),
     "range": ("distance beyond a joint's range", "", "≤", "", "largest of all true link positions"),
     "tracking": ("tracking error", "", "≤", "tracking_error",
@@ -216,7 +224,9 @@ def damping_requirement(
     """The damping ratio of every oscillation below a frequency, rad/s: as required, and never less than
     `MIN_DAMPING`."""
     limit = max(required or 0.0, MIN_DAMPING)
-    exact = {"tolerance": 0.0} if limit == MIN_DAMPING else {}
+    exact: dict[str, Any] = {"tolerance": 0.0} if limit == MIN_DAMPING else {}
+    if required is not None and required < MIN_DAMPING:
+        exact["detail"] = f"judged by {MIN_DAMPING:g}, the least"
     row = REQUIREMENTS["damping"]
     return row.judge(
         s, limit, found, where, **{"criterion": row.criterion.format(below=below), **exact, **more}
@@ -357,7 +367,7 @@ def limit_requirements(
     `always`: list kept limits too, otherwise only exceeded ones. Ranges are listed only if exceeded, by more than
     `ROUNDING`, as a run begins and ends within them.
     """
-    how = "" if limits.saturated is None or unlimited is None else ", without limits of the inputs"
+    how = "" if limits.saturated is None or unlimited is None else " without limits"
     inputs, speeds, beyond = (
         max(map(use, judged), key=attrgetter("share"))
         for use, judged in (
@@ -372,6 +382,36 @@ def limit_requirements(
     ]
 
 
+def saturation_requirement(limits: JointLimits, runs: Sequence[Response], where: str) -> list[Requirement]:
+    """The requirement that no input stays at its limit for long, for the worst of some runs; none without limits.
+
+    A peak that the limit clips is within it: this is how a motor that is too weak shows. "Long" is what the status of a
+    controller takes for lasting saturation.
+    """
+    if limits.saturated is None:
+        return []
+    longest, joint, begun = max(_time_at_limit(run, limits.saturated) for run in runs)
+    row, share = REQUIREMENTS["at_limit"], 100.0 * (1.0 - NEAR_LIMIT)
+    return [row.judge(
+        None, Supervision.saturation_time, longest, where, joint=of_several(limits.joints, joint) if longest else "",
+        at=begun if longest else None, criterion=row.criterion.format(share=share), tolerance=EXACT,
+    )]  # fmt: skip
+
+
+def _time_at_limit(run: Response, limits: np.ndarray) -> tuple[float, int, float]:
+    """Longest time for which an input stays at its limit (n,), s, the joint, and when it begins, s."""
+    full = np.abs(run.inputs) >= (1.0 - NEAR_LIMIT) * limits
+    edges = np.diff(np.pad(full.astype(int), ((1, 1), (0, 0))), axis=0).T
+    time = run.run.time
+    period = float(time[-1]) / max(len(time) - 1, 1)
+    spans = [
+        (period * float(end - begin), k, float(time[begin]))
+        for k, edge in enumerate(edges)
+        for begin, end in zip(np.flatnonzero(edge > 0), np.flatnonzero(edge < 0))
+    ]
+    return max(spans, default=(0.0, 0, 0.0))
+
+
 def _limit_lines(
     limits: JointLimits, inputs: LimitUse, speeds: LimitUse, where: str, how: str = ""
 ) -> list[Requirement]:
@@ -380,7 +420,8 @@ def _limit_lines(
         nearest = "|input| of the motor that is nearest to its limit"
         criterion = REQUIREMENTS["peak"].criterion if np.ptp(limits.peak) == 0.0 else nearest
         option = peak_option(inputs.unit, limits.peak_source)
-        lines.append(_limit_line("peak", limits, inputs, where, option, criterion=f"{criterion}{how}"))
+        what = f"{REQUIREMENTS['peak'].what}{how}"
+        lines.append(_limit_line("peak", limits, inputs, where, option, what=what, criterion=criterion))
     if limits.limits_speed:
         lines.append(_limit_line("speed", limits, speeds, where, limits.speed_source))
     return lines

@@ -4,7 +4,7 @@ the errors and the stability of pairs."""
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -32,15 +32,16 @@ class Robustness(NamedTuple):
     louder: float  # factor of all inputs until the first pose is unstable
     softer: float  # the same below 1
     heavy: int  # number of the judged poses that need more than `HOLD` of a motor's limit
+    unheld: int  # number of those that need more than the limit
     tolerance: Tolerance  # errors of the accelerations, pairs up to `FASTEST`
     proved: ProvedRange  # pairs whose stability is proved, latency and filter included
-    offsets: (
-        np.ndarray
-    )  # (3, n), by offsets of encoders at home, rad or m: transient, at once and as deployed; rest
+    # (3, n), by offsets of encoders at home, rad or m: transient, at once and as deployed; rest
+    offsets: np.ndarray
 
 
+@lru_cache(maxsize=1)
 def robustness(design: WorkspaceDesign) -> Robustness:
-    """Margins at the worst poses, and what holds for every pair."""
+    """Margins at the worst poses, and what holds for every pair. That of the last design is kept."""
     setup, s = design.setup, design.specification
 
     loops = [setup.linear(pose) for pose in design.poses]
@@ -64,10 +65,11 @@ def robustness(design: WorkspaceDesign) -> Robustness:
     gains, filter = setup.law.gains, setup.filter if isinstance(setup.filter, ModalFilter) else None
     at = np.array(setup.workspace.home)
     held = np.array([setup.robot.operating_point(pose)[1] for pose in design.poses])
+    heavy, unheld = (np.any(np.abs(held) > share * setup.limits.effort, axis=1) for share in (HOLD, 1.0))
     return Robustness(
         margin("late", LATEST), margin("damped_late", LATEST),
         margin("louder", np.log(LOUDEST)), margin("softer", -np.log(LOUDEST)),
-        int(np.any(np.abs(held) > HOLD * setup.limits.effort, axis=1).sum()),
+        int(heavy.sum()), int(unheld.sum()),
         error_tolerance(gains, FASTEST, s.known_latency, filter),
         proved_range(gains, 0.0, np.inf, s.known_latency, filter),
         np.vstack([setup.encoder_offsets(at, None)[0], setup.encoder_offsets(at)]),
