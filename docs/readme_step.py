@@ -14,7 +14,7 @@ def moves() -> tuple[str, str]:
     """The drawing (SVG) of some moves between random goals of two links, and the text of all moves and poses."""
     import flexhinf as fh
     from flexhinf.design.plans import SPEED, UNLIMITED
-    from flexhinf.pages.workspace import worst_motion
+    from flexhinf.pages.workspace_summary import worst_motion
     from flexhinf.report import INK, SERIES, figure_to_svg, label, legend, new_figure
 
     specification = fh.Specification(measured=("link_position", "motor_position"))

@@ -21,7 +21,7 @@ from flexhinf.design.robustness import LATEST, robustness
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED
 from flexhinf.design.workspace.setup import CHOSEN_SEED, OFFSET_TIME
 from flexhinf.modal import ProvedRange, pair_gains
-from flexhinf.pages import workspace as page
+from flexhinf.pages import workspace as page, workspace_summary as summary
 from flexhinf.pages.page import files_section
 from flexhinf.robot.workspace import workspace_of
 
@@ -43,7 +43,8 @@ def tolerated(design):
 @pytest.fixture
 def made(design, tolerated, monkeypatch):
     """The page, with the margins computed once."""
-    monkeypatch.setattr(page, "robustness", lambda of: tolerated)
+    for room in (page, summary):
+        monkeypatch.setattr(room, "robustness", lambda of: tolerated)
 
     def of(changed=design):
         return page.workspace_page(changed, ["flexhinf", "design", "paper"], files=["design.json"])
@@ -72,9 +73,9 @@ def test_failures_come_first(made, design):
     missed = line.judge(None, line.limit, 2, line.where)
     bad = dataclasses.replace(design, requirements=(missed, *design.requirements[1:]))
     assert [entry.kind for entry in made(bad).status] == ["not met", "not proved"]
-    assert page.workspace_verdict(bad).startswith("Not met")
-    assert unnamed(page.workspace_verdict(bad), line.what, "2") == []
-    assert not page.workspace_verdict(design).startswith("Not met") or not design.met
+    assert summary.workspace_verdict(bad).startswith("Not met")
+    assert unnamed(summary.workspace_verdict(bad), line.what, "2") == []
+    assert not summary.workspace_verdict(design).startswith("Not met") or not design.met
 
 
 @pytest.mark.oracle
@@ -160,33 +161,144 @@ def test_a_move_that_diverges_or_has_no_number_is_one(design, tolerated):
     move = design.moves[0]
     run = dataclasses.replace(move.response.run, diverged_at=0.2)
     gone = dataclasses.replace(move, response=dataclasses.replace(move.response, run=run))
-    rows = page.worst_motion([gone, move])
+    rows = summary.worst_motion([gone, move])
     assert np.isinf(rows[0]["remaining_error"])
     assert np.isfinite(rows[1]["remaining_error"])
-    assert page._largest([None, 2.0, 1.0]) == 2.0
-    assert np.isnan(page._largest([None, None]))
+    assert summary._largest([None, 2.0, 1.0]) == 2.0
+    assert np.isnan(summary._largest([None, None]))
 
 
-def test_the_terminal_shows_what_is_missed_within_a_screen(design):
-    """At most 25 lines of 80 columns with the path of the page, whatever is missed; and what to try."""
+def screen_of(design):
+    screen = Console(width=80, file=StringIO())
+    screen.print(*summary.workspace_tables(design), summary.workspace_text(design), sep="\n")
+    return screen.file.getvalue()
+
+
+def with_missed(design, count):
+    """Limits of the joints beside the design's lines; the first `count` of all, and their twins, are missed."""
     where = "the worst of 20 moves, robots at corners of their tolerances"
     limited = [
-        REQUIREMENTS[name].judge(None, 1.0, 9.0, where, unit="N·m", joint="panda_joint1", at=0.847)
+        REQUIREMENTS[name].judge(None, 1.0, 0.1, where, unit="N·m", joint="panda_joint1", at=0.847)
         for name in ("path", "peak", "speed", "range", "limit_cycle")
     ]
-    missed = tuple(
+    kinds = list(dict.fromkeys(line.what for line in (*design.requirements, *limited)))[:count]
+    lines = (
         dataclasses.replace(line, found=2.0 * line.limit + 1.0 if line.at_most else 0.0)
+        if line.what in kinds else line
         for line in (*design.requirements, *limited, *limited)
+    )  # fmt: skip
+    return dataclasses.replace(design, requirements=tuple(lines)), kinds
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 12])
+def test_the_terminal_shows_every_kind_that_is_missed(design, count):
+    """Within a screen of 25 lines of 80 columns with the path of the page, or a line or two for each kind."""
+    of, kinds = with_missed(design, count)
+    text = screen_of(of)
+    assert len(text.splitlines()) < (25 if count < 4 else 40)
+    assert max(map(len, text.splitlines())) <= 80
+    assert unnamed(text, "joint ranges", "remaining error") == []
+    assert (unnamed(text, "NOT MET") == []) == (unnamed(text, "--workspace") == []) == (count > 0)
+    table = re.sub(r"\s+", " ", text.split("Not met")[0])
+    assert table.count("NOT MET") >= len(kinds)
+    assert unnamed(table, *(kind.split()[0] for kind in kinds)) == []
+    cut = len(of.missed) - table.count("NOT MET")
+    assert (unnamed(table, "more on the page") == []) == (cut > 0)
+
+
+def test_requirements_on_gain_and_delay_say_what_is_tolerated(design, tolerated):
+    """Of factors up and down the one that is nearer to 1."""
+    lines = summary.requirements_with_margins(design)
+    (gain,), (delay,) = ([line.detail for line in lines if key in line.what] for key in ("gain", "delay"))
+    assert unnamed(gain, float(f"{min(tolerated.louder, 1.0 / tolerated.softer):.3g}")) == []
+    assert unnamed(delay, float(f"{min(tolerated.delay, LATEST):.3g}")) == []
+    assert {line.detail for line in lines} == {gain, delay, ""}
+    assert [line.found for line in lines] == [line.found for line in design.requirements]
+    assert unnamed(text_of(page.requirement_table(lines).html()), gain, delay) == []
+
+
+def missing(design, what="poses unstable with a gain of 2 or 0.5"):
+    lines = (
+        dataclasses.replace(l, found=l.limit + 1.0) if l.what == what else l for l in design.requirements
     )
-    for of in (design, dataclasses.replace(design, requirements=missed)):
-        screen = Console(width=80, file=StringIO())
-        screen.print(*page.workspace_tables(of), page.workspace_text(of), sep="\n")
-        text = screen.file.getvalue()
-        assert len(text.splitlines()) < 25
-        assert max(map(len, text.splitlines())) <= 80
-        assert unnamed(text, "joint ranges", "remaining error") == []
-        assert (unnamed(text, "NOT MET") == []) == (not of.met)
-        assert (unnamed(text, "--workspace", "--remaining-error", "--damping") == []) == (not of.met)
+    return dataclasses.replace(design, requirements=tuple(lines))
+
+
+def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
+    """Finer sensors for gain and delay at the top bandwidth too, with the noise that was looked at; the workspace
+    last."""
+    monkeypatch.setattr(summary, "BANDWIDTHS", (design.setup.law.gains.weights.bandwidth,))
+    assert summary.advice(design) == ""
+    text = summary.advice(missing(design))
+    assert unnamed(text, "--measurement-noise", "0.1 mrad rms was assumed") == []
+    assert text.index("--measurement-noise") < text.index("--workspace")
+    assert unnamed(summary.advice(missing(design, "damping of oscillations")), "--measurement-noise") != []
+    stated = dataclasses.replace(design.specification, measurement_noise=1e-10)
+    finer = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=stated))
+    assert unnamed(summary.advice(missing(finer)), "0.01 mrad rms was stated") == []
+
+
+def test_poses_that_the_motors_cannot_hold_are_counted(design):
+    """More than the limit, by the robot's own equation at each pose; not only the 70 % of the goals."""
+    held = [np.abs(design.robot.operating_point(pose)[1]).max() for pose in design.poses]
+    limit = float(np.sort(held)[3])
+    weak = dataclasses.replace(design.specification, saturation=1.001 * limit)
+    weak = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=weak))
+    assert robustness(weak).unheld == 2
+    assert unnamed(summary.workspace_verdict(weak), "2 of these poses", "motors") == []
+    assert unnamed(summary.advice(weak), "effort_limit") == []
+    assert unnamed(summary.workspace_verdict(design), "motors have") != []
+    assert unnamed(summary.advice(missing(design)), "effort_limit") != []
+
+
+def test_large_motions_at_the_start_are_told(design, tolerated, monkeypatch):
+    """At power-on and by offsets, where they exceed 10 mrad."""
+    run = design.power_on
+    moved = 1e3 * np.abs(run.positions - run.goal).max()
+    for most, said in ((2.0 * moved, False), (0.5 * moved, True)):
+        monkeypatch.setattr(summary, "FAR", 1e-3 * most)
+        assert (unnamed(screen_of(design), "power-on", float(f"{moved:.3g}"), "first second") == []) == said
+    off = 1e3 * tolerated.offsets[1].max()
+    monkeypatch.setattr(summary, "FAR", 0.5e-3 * off)
+    assert unnamed(summary._starts(design), "0.5 mrad", float(f"{off:.3g}")) == []
+    monkeypatch.setattr(summary, "FAR", 2e-3 * max(off, moved))
+    assert summary._starts(design) == ""
+
+
+def test_settings_say_who_states_the_workspace(made, design):
+    def rows(stated, space):
+        s = dataclasses.replace(design.specification, workspace=stated)
+        setup = dataclasses.replace(design.setup, specification=s, workspace=space)
+        of = dataclasses.replace(design, setup=setup)
+        return summary.range_of(of), [row[3] for row in page._sample_rows(of)[:3]]
+
+    space = design.setup.workspace
+    _, (stated, *ends) = rows("limits", space)
+    assert "default" in stated
+    assert all("the robot's file" in text for text in ends)
+    path = dataclasses.replace(space, path=np.array([[0.0], [0.1]]))
+    where, told = rows({"time": (0.0, 1.0), "arm": (0.0, 0.1)}, path)
+    assert all(text == "option --workspace" for text in told)
+    assert "waypoints" in where
+    ratio = fh.load_robot("scara")
+    assert "1" not in {row[2] for row in page.robot_rows(ratio)}
+
+
+def test_both_required_dampings_are_drawn(design):
+    svg = page._pose_figure(design).svg
+    assert unnamed(text_of(f"{svg}".replace("svg", "g")), "nominal robot", "at corners") == []
+
+
+def test_the_numbers_of_the_page_are_in_its_file(design, tolerated):
+    numbers = page.workspace_numbers(design)
+    assert numbers["tolerated"]["louder"] == tolerated.louder
+    assert numbers["tolerated"]["tolerance"]["error"] == tolerated.tolerance.error
+    assert numbers["tolerated"]["proved"]["high"] == tolerated.proved.high
+    assert np.array(numbers["tolerated"]["offsets"]) == pytest.approx(tolerated.offsets)
+    assert len(numbers["goals"]) == 1 + len(design.moves)
+    assert numbers["goals"][1] == pytest.approx(design.moves[0].response.goal)
+    run = design.power_on
+    assert numbers["power_on"] == pytest.approx(np.abs(run.positions - run.goal).max(axis=0))
 
 
 def test_the_page_says_what_is_watched_at_run_time_and_what_is_not(made, design):

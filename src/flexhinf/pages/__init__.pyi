@@ -48,4 +48,4 @@ from .run import (
     run_verdict as run_verdict,
     write_film as write_film,
 )
-from .workspace import workspace_tables as workspace_tables, workspace_verdict as workspace_verdict
+from .workspace_summary import workspace_tables as workspace_tables, workspace_verdict as workspace_verdict

@@ -27,13 +27,8 @@ from flexhinf.pages.design.region import BOX_FILE, budget_of, proof_numbers
 from flexhinf.pages.design.runs import MARGINS as ALONG, long_run_rows, ring_down_rows
 from flexhinf.pages.design.weights import is_used, state_weights, whole_loop_rows
 from flexhinf.pages.page import design_page, design_tables, input_rows, notes, verdict
-from flexhinf.pages.workspace import (
-    workspace_numbers,
-    workspace_page,
-    workspace_tables,
-    workspace_text,
-    workspace_verdict,
-)
+from flexhinf.pages.workspace import workspace_numbers, workspace_page
+from flexhinf.pages.workspace_summary import workspace_tables, workspace_text, workspace_verdict
 from flexhinf.report import finite, to_json, write
 
 #: Runs are NetCDF files: a fifth of the size of text, with units.

@@ -90,10 +90,10 @@ def limit_text(line: Requirement) -> str:
 
 
 def achieved_text(line: Requirement) -> str:
-    """The achieved value with its unit and the joint of the worst value."""
+    """The achieved value with its unit, the joint of the worst value, and what else is known of it."""
     if np.isinf(line.found):
         return "diverges" if line.at_most else "unlimited"
-    places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s"]
+    places = [line.joint, "" if line.at is None else f"at {number(line.at, 3)} s", line.detail]
     where = f" ({', '.join(filter(None, places))})" if any(places) else ""
     return f"{number(line.found, 3)}{line.unit_text(line.found)}{where}"
 

@@ -70,8 +70,13 @@ def robot_rows(robot: Robot) -> Rows:
     return [
         ("joints", list(robot.joint_names), "", robot.name),
         *(
-            (p.name.replace("_", " "), f"{p.value:g}{spreads[p.name]}".rstrip(), p.unit, p.source)
-            for p in robot.parameters
+            (
+                name.replace("_", " "),
+                f"{p.value:g}{spreads[name]}".rstrip(),
+                "" if p.unit == "1" else p.unit,
+                p.source,
+            )
+            for name, p in ((p.name, p) for p in robot.parameters)
         ),
     ]
 

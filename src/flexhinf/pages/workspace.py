@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from textwrap import fill
 from typing import Any
 
 import numpy as np
 
 from flexhinf.design.plans import SPEED, STILL, UNLIMITED
-from flexhinf.design.requirements import Requirement
-from flexhinf.design.responses import Move
 from flexhinf.design.robustness import FASTEST, LATEST, LOUDEST, Robustness, robustness
 from flexhinf.design.specification import FIELDS
 from flexhinf.design.workspace.design import GOALS_SEED, POSES_SEED, SAMPLED_SEED, WorkspaceDesign
@@ -43,11 +40,21 @@ from flexhinf.pages.drawing import (
     listed,
     pose_text,
 )
-from flexhinf.pages.page import files_section, requirement_table, requirement_text
-from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups, source_of
+from flexhinf.pages.page import files_section, requirement_table
+from flexhinf.pages.settings import loop_rows, robot_rows, sensor_rows, settings_in_groups
+from flexhinf.pages.workspace_summary import (
+    advice,
+    columns_of,
+    key_numbers,
+    margin_text,
+    missed_text,
+    range_of,
+    requirements_with_margins,
+    workspace_verdict,
+    worst_motion,
+)
 from flexhinf.report import (
     INK,
-    KeyNumber,
     Page,
     Paragraph,
     Provenance,
@@ -59,7 +66,6 @@ from flexhinf.report import (
     house_style,
     number,
 )
-from flexhinf.report.blocks import WIDTH
 from flexhinf.robot.waypoints import LIMITS
 
 #: What the section about tolerance begins with.
@@ -68,118 +74,6 @@ PAIRS = (
     "motor. The law knows only their frequencies, which change with the pose. So what holds for every frequency of a "
     "range holds at every pose that has its vibrations there."
 )
-
-#: Columns of the table of moves: key of `motion_metrics`, heading, unit, factor of the number that is shown.
-COLUMNS = {
-    "remaining_error": ("remaining error", "{small}", 1e3), "wrong_way_percent": ("motion the wrong way", "%", 1.0),
-    "path_distance": ("distance from the path", "{small}", 1e3), "ripple_percent": ("ripple of the motors", "%", 1.0),
-}  # fmt: skip
-
-#: A requirement is near its limit where it has at most this share of it to spare; lines of a terminal that say so, and
-#: all its lines, less that of the report.
-NEAR, BRIEF, SCREEN = 0.2, 6, 24
-
-#: Fast vibrations with less damping are named beside the verdict.
-HARDLY = 0.05
-
-
-def workspace_verdict(design: WorkspaceDesign) -> str:
-    """Whether the requirements are met, and by what."""
-    missed = _missed_text(design)
-    return f"{f'Not met: {missed}' if missed else 'Every requirement is met'}. {_scope(design)}"
-
-
-def _scope(design: WorkspaceDesign) -> str:
-    poses, moves = count_text(len(design.loops), "random pose"), count_text(len(design.moves), "move")
-    again = "both" if design.corner_loops and design.sampled else "the poses" if design.corner_loops else ""
-    again = f", {again} again with robots at corners of their tolerances" if again else ""
-    scope = f"One controller for {range_of(design)}, judged at {poses} and in {moves}{again}."
-    fast = min(loop.fast_damping for loop in (*design.loops, *design.corner_loops))
-    if fast < HARDLY:
-        limit = design.specification.damped_below_limit
-        scope += f" Vibrations above {limit:g} rad/s are hardly damped: {number(fast, 2)} at least."
-    return scope
-
-
-def _missed_text(design: WorkspaceDesign) -> str:
-    return "; ".join(map(requirement_text, design.missed))
-
-
-def advice(design: WorkspaceDesign) -> str:
-    """What to try where a requirement is not met; nothing if all are."""
-    s, missed = design.specification, design.missed
-    both = {"link_position", "motor_position"} <= {*s.measured} or s.estimator == "none"
-    options = dict.fromkeys(FIELDS[line.field].option for line in missed if line.field)
-    slow = s.estimator != "none" and design.setup.law.gains.weights.bandwidth < max(BANDWIDTHS)
-    tried = {
-        "sensors of links and motors (--measured link_position,motor_position)": not both,
-        "finer sensors (--measurement-noise), which allow a faster law": slow,
-        "narrower tolerances, of a payload too": any("corner" in line.where for line in missed),
-        "a smaller --workspace": True,
-        f"other limits ({', '.join(options)})": bool(options),
-    }
-    return f"To try: {'; '.join(text for text, applies in tried.items() if applies)}." if missed else ""
-
-
-def workspace_tables(design: WorkspaceDesign) -> list[Any]:
-    """Requirements that are not met or near their limits, for a terminal: as many as fit on a screen with the text."""
-    from rich.console import Console
-
-    lines = sorted(filter(_near, design.requirements), key=lambda line: line.met)
-    title = "Requirements that are missed or nearly missed (* our default)"
-    space = SCREEN - len(workspace_text(design).splitlines())
-    for count in range(min(BRIEF, len(lines)), 0, -1):
-        table = requirement_table(lines[:count], design.specification.in_degrees, title).terminal()
-        if count == 1 or len(Console(width=WIDTH).render_lines(table)) <= space:
-            return [table]
-    return []
-
-
-def _near(line: Requirement) -> bool:
-    return not line.met or (line.limit > 0.0 and abs(line.found / line.limit - 1.0) <= NEAR)
-
-
-def workspace_text(design: WorkspaceDesign) -> str:
-    """The verdict for a terminal, under `workspace_tables`: what is met, the worst numbers, what to try."""
-    names = list(dict.fromkeys(line.what for line in design.missed))
-    missed = ", ".join([*names[:BRIEF], *([f"and {len(names) - BRIEF} more"] if names[BRIEF:] else [])])
-    met = f"Not met: {missed}." if missed else f"All {len(design.requirements)} requirements are met."
-    worst = ", ".join(f"{n.name} {n.value} {n.unit}".rstrip() for n in _key_numbers(design))
-    parts = f"{met} {_scope(design)}", f"At worst: {worst}.", advice(design)
-    return "\n".join(fill(part, WIDTH, break_on_hyphens=False) for part in parts if part)
-
-
-def range_of(design: WorkspaceDesign) -> str:
-    """The workspace in words."""
-    space = design.setup.workspace
-    where = (
-        "the joint ranges" if design.specification.workspace == LIMITS else "the stated ranges of the joints"
-    )
-    where = where if space.path is None else "the stated moves"
-    return "the stated box in space" if space.box is not None else where
-
-
-def worst_motion(moves: Sequence[Move]) -> list[dict[str, float]]:
-    """The worst joint of each move, by the keys of `COLUMNS`; NaN where a number does not exist, as a ripple without
-    limits of the motors."""
-    rows = []
-    for move in moves:
-        found = move.motion
-        rows.append({key: _largest([row.get(key) for row in found], bool(found)) for key in COLUMNS})
-    return rows
-
-
-def _columns(design: WorkspaceDesign) -> dict[str, tuple[str, str, float]]:
-    """Those of `COLUMNS` that the robot has, small deviations in the units of the joints."""
-    setup = design.setup
-    small, limited = Units(setup.model, setup.joints).small[0], setup.limits.limits_effort
-    kept = {key: row for key, row in COLUMNS.items() if limited or key != "ripple_percent"}
-    return {key: (title, unit.format(small=small), factor) for key, (title, unit, factor) in kept.items()}
-
-
-def _largest(values: Sequence[float | None], exists: bool = True) -> float:
-    """The largest value that is known; NaN if none is, infinite where a run diverged and has none."""
-    return max((value for value in values if value is not None), default=np.nan) if exists else np.inf
 
 
 def workspace_page(
@@ -191,7 +85,7 @@ def workspace_page(
     with house_style():
         sections = {
             ("Requirements", "specification"): [
-                requirement_table(design.requirements, s.in_degrees),
+                requirement_table(requirements_with_margins(design), s.in_degrees),
                 *(Paragraph(" ".join(text.split())) for text in warnings),
             ],
             (f"Loops at {len(loops)} poses", "poses"): [_pose_table(design), _pose_figure(design)],
@@ -225,26 +119,13 @@ def workspace_page(
             "Loop and samples": [*loop_rows(setup), *_sample_rows(design)],
         })),
         Provenance(shlex.join(command), s.seed),
-        _key_numbers(design),
+        key_numbers(design),
         [
             Status("met", f"{len(design.requirements)} requirements.") if design.met else
-            Status("not met", f"{_missed_text(design)}. {advice(design)}"),
+            Status("not met", f"{missed_text(design)}. {advice(design)}"),
             Status("not proved", _not_proved(design, tolerated)),
         ],
     )  # fmt: skip
-
-
-def _key_numbers(design: WorkspaceDesign) -> list[KeyNumber]:
-    moves = (*design.moves, *design.sampled)
-    rows, least = worst_motion(moves), min(l.damping for l in (*design.loops, *design.corner_loops))
-    below, worst = f"below {design.specification.damped_below_limit:g} rad/s", f"worst of {len(moves)} moves"
-    return [
-        KeyNumber("least damping", number(least, 3), "", below),
-        *(
-            KeyNumber(title, number(factor * max(row[key] for row in rows), 3), unit, worst)
-            for key, (title, unit, factor) in _columns(design).items()
-        ),
-    ]
 
 
 def _pose_table(design: WorkspaceDesign) -> Table:
@@ -290,6 +171,8 @@ def _pose_figure(design: WorkspaceDesign) -> Any:
         for k, (name, values) in enumerate(curves.items())
     ]
     required = [(pose_limits(s)[0], INK, "required of the nominal robot")]
+    if design.corner_loops and corner_damping(s) != pose_limits(s)[0]:
+        required.append((corner_damping(s), INK, "required of robots at corners"))
     panel = Panel("smallest damping ratio", "", lines, across="share of the poses (%)", dashed=required)
     caption = (
         "The smallest damping ratio at each pose, in ascending order: 20 % of the poses have less than a curve has at "
@@ -299,7 +182,7 @@ def _pose_figure(design: WorkspaceDesign) -> Any:
 
 
 def _move_table(design: WorkspaceDesign) -> Table:
-    rows, columns = [], _columns(design)
+    rows, columns = [], columns_of(design)
     for which, moves in (("nominal robot", design.moves), ("robots at corners", design.sampled)):
         found = worst_motion(moves)
         values = [[factor * row[key] for row in found] for key, (_, _, factor) in columns.items()]
@@ -317,7 +200,7 @@ def _move_table(design: WorkspaceDesign) -> Table:
 
 
 def _heads(design: WorkspaceDesign) -> list[str]:
-    return [f"{title}, {unit}" for title, unit, _ in _columns(design).values()]
+    return [f"{title}, {unit}" for title, unit, _ in columns_of(design).values()]
 
 
 def _joint_table(design: WorkspaceDesign) -> Table:
@@ -329,7 +212,7 @@ def _joint_table(design: WorkspaceDesign) -> Table:
     rows = []
     for k, joint in enumerate(design.setup.joints):
         cells = [joint]
-        for key, (_, _, factor) in _columns(design).items():
+        for key, (_, _, factor) in columns_of(design).items():
             values = [row[k].get(key, np.nan) if row else np.inf for row in found]
             worst = None if np.isnan(values).all() else int(np.nanargmax(values))
             cells.append(
@@ -340,10 +223,13 @@ def _joint_table(design: WorkspaceDesign) -> Table:
     return Table(("joint", *_heads(design)), rows, caption, stacks=True)
 
 
+def _ends_of_moves(design: WorkspaceDesign) -> list[np.ndarray]:
+    return [design.moves[0].response.start, *(move.response.goal for move in design.moves)]
+
+
 def _goal_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     slides, degrees = design.robot.links.slides, design.specification.in_degrees
-    ends = [design.moves[0].response.start, *(move.response.goal for move in design.moves)]
-    rows = [(str(k), pose_text(pose, slides, degrees)) for k, pose in enumerate(ends)]
+    rows = [(str(k), pose_text(pose, slides, degrees)) for k, pose in enumerate(_ends_of_moves(design))]
     caption = "Random goals. Move 1 goes from goal 0 to goal 1, move 2 from there to goal 2."
     if design.setup.limits.limits_effort:
         left = f"{tolerated.heavy} of the {len(design.loops)}" if tolerated.heavy else "none of the"
@@ -397,10 +283,10 @@ def _margin_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
     s = design.specification
     extra, gain = s.delay_margin_limit or 0.0, gain_limit(s)
     rows = [
-        ("extra delay on top of the latency, samples", _margin(tolerated.delay, LATEST), f"≥ {extra:g}"),
-        ("the same, springs damped by 0.5 % more", _margin(tolerated.damped_delay, LATEST), ""),
-        ("largest factor of all inputs at once", _margin(tolerated.louder, LOUDEST), f"≥ {gain:g}"),
-        ("smallest factor", _margin(1.0 / tolerated.softer, LOUDEST, "1/"), f"≤ 1/{gain:g}"),
+        ("extra delay on top of the latency, samples", margin_text(tolerated.delay, LATEST), f"≥ {extra:g}"),
+        ("the same, springs damped by 0.5 % more", margin_text(tolerated.damped_delay, LATEST), ""),
+        ("largest factor of all inputs at once", margin_text(tolerated.louder, LOUDEST), f"≥ {gain:g}"),
+        ("smallest factor", margin_text(1.0 / tolerated.softer, LOUDEST, "1/"), f"≤ 1/{gain:g}"),
     ]
     caption = "Where the loop becomes unstable, at the pose that is nearest to it with the required delay or factor."
     return Table(("margin", "found", "required"), rows, caption)
@@ -422,10 +308,6 @@ def _offsets(design: WorkspaceDesign, tolerated: Robustness) -> list[Paragraph]:
     )
     more = " An offset of a link's encoder remains as an error of its position." if len(measured) > 1 else ""
     return [Paragraph(text + more)]
-
-
-def _margin(value: float, most: float, before: str = "") -> str:
-    return f"{before}{number(value, 3)}" if value < 0.99 * most else f"beyond {before}{most:g}"
 
 
 def _pair_table(design: WorkspaceDesign, tolerated: Robustness) -> Table:
@@ -528,23 +410,31 @@ def _watched(design: WorkspaceDesign) -> Paragraph:
 def _sample_rows(design: WorkspaceDesign) -> list[tuple[Any, ...]]:
     """Settings: where the design is judged, by which random numbers."""
     s, space, dry = design.specification, design.setup.workspace, ", ".join(design.setup.dry_plant[0])
-    stated, seed = source_of(s, "workspace"), 100 * s.seed
+    seed, option = 100 * s.seed, FIELDS["workspace"].option
+    ranged = s.workspace == LIMITS or space.box is not None
+    turning = any(ends is None for ends in design.robot.links.limits)
+    ends = (
+        f"the robot's file{', ±180° where it states no range' if turning else ''}"
+        if ranged
+        else f"option {option}"
+    )
     return [
-        ("workspace", s.workspace if isinstance(s.workspace, str) else range_of(design), "", stated),
-        ("its smallest positions", space.lower, "", "±180° for a turning joint without a range"),
-        ("its largest positions", space.upper),
+        ("workspace", s.workspace if isinstance(s.workspace, str) else range_of(design), "",
+         f"{'default of' if s.workspace == LIMITS else 'option'} {option}"),
+        ("its smallest positions", space.lower, "", ends),
+        ("its largest positions", space.upper, "", ends),
         ("true plant of the moves", f"the robot{dry and f', with {dry}'}", "", "its file, and --extras"),
         ("poses that are judged", len(design.loops), "", f"seed {POSES_SEED + seed}, as are their corners"),
         ("moves", len(design.moves), "", f"goals by seed {GOALS_SEED + seed}"),
         ("moves of robots at corners", len(design.sampled), "", f"seed {SAMPLED_SEED + seed}"),
         ("poses of the search", CHOSEN_POSES, "", f"seed {CHOSEN_SEED}, whatever --seed"),
         ("rest at the end of a move", STILL, "s", "ours"),
-    ]
+    ]  # fmt: skip
 
 
 def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
     """What design.json holds of a controller for a workspace."""
-    law = design.setup.law.gains
+    law, t, run = design.setup.law.gains, robustness(design), design.power_on
     return {
         "version": 1, "kind": "workspace", "met": design.met,
         "pairs": {"ends": list(law.ends), "motor": law.motor, "damping": law.damping},
@@ -558,6 +448,9 @@ def workspace_numbers(design: WorkspaceDesign) -> dict[str, Any]:
             for pose, loop in zip(design.poses, design.loops)
         ],
         "corner_poses": [dict(zip(loop._fields, finite(list(loop)))) for loop in design.corner_loops],
+        "goals": _ends_of_moves(design),
+        "tolerated": finite(t._asdict() | {"tolerance": t.tolerance._asdict(), "proved": t.proved._asdict()}),
+        "power_on": None if run is None else finite(peak_of(run.positions - run.goal)),
         "moves": _known(worst_motion(design.moves)),
         "sampled_moves": _known(worst_motion(design.sampled)),
     }  # fmt: skip
