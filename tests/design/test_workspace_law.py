@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_lyapunov
+from tests.workspaces import few
 
 import flexhinf as fh
 from flexhinf.analysis import EquilibriumLoop
@@ -205,6 +206,54 @@ def test_bare_steps_that_saturate_a_soft_arm_come_to_rest(monkeypatch: pytest.Mo
         largest.append(np.abs(run.signals["state"][late, 0] - 2.5).max())
     assert largest[0] > 1.0
     assert largest[1] < 1e-3
+
+
+UNLIKE = """
+name = "unlike"
+tolerances = { stiffness = 20, mass = 3, motor_inertia = 5, friction = 30 }
+payload = [
+    { at = "elbow", mass = { value = 0.5, range = [0.0, 2.0] }, centre_of_mass = [0, 0, 0.2] },
+]
+"""
+JOINT = """
+[[joint]]
+name = "{}"
+axis = {}
+xyz = [0, 0, {}]
+limits = ["-110deg", "110deg"]
+speed_limit = "90deg/s"
+effort_limit = {}
+link = {{ mass = {}, centre_of_mass = [0, 0, {}], inertia = {{ xx = {}, yy = {}, zz = {} }} }}
+spring = {{ stiffness = {} }}
+motor = {{ motor_inertia = {}, coulomb_friction = {}, friction = {} }}
+"""
+
+
+def test_a_slower_law_for_the_gain_margin_has_to_arrive(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With motors unlike each other a fast law tolerates a gain of 1.8, and 7 rad/s one of 2, 20 mrad from the goal."""
+    joints = (
+        ("base", [0, 0, 1], 0.0, 80.0, 12.0, 0.2, 0.175, 0.175, 0.029, 8000.0, 1.0, 0.8, 8.0),
+        ("shoulder", [0, 1, 0], 0.4, 60.0, 8.0, 0.175, 0.087, 0.087, 0.01, 6000.0, 0.6, 0.6, 6.0),
+        ("elbow", [0, 1, 0], 0.35, 15.0, 3.0, 0.1, 0.011, 0.011, 0.0024, 1500.0, 0.025, 0.15, 1.5),
+    )
+    file = tmp_path / "unlike.toml"
+    file.write_text(UNLIKE + "".join(JOINT.format(*row) for row in joints), encoding="utf-8")
+    few(monkeypatch, BANDWIDTHS=(40.0, 7.0), CHOSEN_POSES=8, TRIED_MOVES=2)
+    asked: list[float] = []
+    tried = search.missed
+    monkeypatch.setattr(search, "missed", lambda setup: asked.append(tried(setup)) or asked[-1])
+    robot = fh.load_robot(file)
+    s = checked_specification(
+        robot, fh.Specification(measured=BOTH, measurement_noise=1e-10, workspace="limits")
+    )
+    space = workspace_of(robot, "limits")
+    chosen = tuned_setup(robot, s, space)
+    assert chosen.law.gains.weights.bandwidth == 40.0
+    assert asked[0] < 1.0 < asked[1]
+    assert search.tolerates(chosen, search.TOLERATED)
+    assert not search.tolerates(chosen, 2.2)
+    stated = tuned_setup(robot, replace(s, gain_margin=2.01), space)  # who states a margin gets it
+    assert stated.law.gains.weights.bandwidth == 7.0
 
 
 def test_louder_sensors_get_another_estimator():

@@ -38,15 +38,15 @@ def pose_requirements(s: Specification, loops: Sequence[PoseLoop]) -> list[Requi
     where, (damping, ripple), gain = f"{len(loops)} random poses, sampled loop", pose_limits(s), gain_limit(s)
     extra = 1e3 * s.period * (s.delay_margin_limit or 0.0)
     gains = [max(loop.louder, loop.softer) for loop in loops]
-    unstable = {
-        "unstable poses": [loop.growth for loop in loops],
-        f"poses unstable with {extra:g} ms more delay": [loop.late for loop in loops],
-        f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}": gains,
-    }
+    unstable = (
+        ("unstable poses", "", [loop.growth for loop in loops]),
+        (f"poses unstable with {extra:g} ms more delay", "delay_margin", [loop.late for loop in loops]),
+        (f"poses unstable with a gain of {gain:g} or {1.0 / gain:.3g}", "gain_margin", gains),
+    )
     row = REQUIREMENTS["corners"]
     return [
-        *(replace(row, what=what, criterion="a pole outside the unit circle").judge(
-            None, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, growths in unstable.items()),
+        *(replace(row, what=what, field=field, criterion="a pole outside the unit circle").judge(
+            s, 0.0, int(np.sum(np.array(growths) >= 1.0)), where) for what, field, growths in unstable),
         required.damping_requirement(s, damping, min(l.damping for l in loops), s.damped_below_limit, where),
         REQUIREMENTS["ripple"].judge(s, ripple, max(loop.ripple for loop in loops), where,
             criterion="largest standard deviation of an input by the noise of the sensors, per cent of its limit"),
