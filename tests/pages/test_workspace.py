@@ -215,6 +215,9 @@ def test_requirements_on_gain_and_delay_say_what_is_tolerated(design, tolerated)
     assert {line.detail for line in lines} == {gain, delay, ""}
     assert [line.found for line in lines] == [line.found for line in design.requirements]
     assert unnamed(text_of(page.requirement_table(lines).html()), gain, delay) == []
+    unstable = design.loops[0]._replace(growth=1.01), *design.loops[1:]
+    lines = summary.requirements_with_margins(dataclasses.replace(design, loops=unstable))
+    assert lines == list(design.requirements)
 
 
 def missing(design, what="poses unstable with a gain of 2 or 0.5"):
@@ -233,6 +236,10 @@ def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     assert unnamed(text, "--measurement-noise", "0.1 mrad rms was assumed") == []
     assert text.index("--measurement-noise") < text.index("--workspace")
     assert unnamed(summary.advice(missing(design, "damping of oscillations")), "--measurement-noise") != []
+    full = REQUIREMENTS["at_limit"].judge(None, 0.2, 0.5, "a move")
+    weak = dataclasses.replace(design, requirements=(*design.requirements, full))
+    assert unnamed(summary.advice(weak), "effort_limit", "--peak-speed") == []
+    assert unnamed(text, "effort_limit") != []
     stated = dataclasses.replace(design.specification, measurement_noise=1e-10)
     finer = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=stated))
     assert unnamed(summary.advice(missing(finer)), "0.01 mrad rms was stated") == []

@@ -172,7 +172,7 @@ def _pose_figure(design: WorkspaceDesign) -> Any:
     ]
     required = [(pose_limits(s)[0], INK, "required of the nominal robot")]
     if design.corner_loops and corner_damping(s) != pose_limits(s)[0]:
-        required.append((corner_damping(s), INK, "required of robots at corners"))
+        required.append((corner_damping(s), line_style(1)["color"], "required of robots at corners"))
     panel = Panel("smallest damping ratio", "", lines, across="share of the poses (%)", dashed=required)
     caption = (
         "The smallest damping ratio at each pose, in ascending order: 20 % of the poses have less than a curve has at "

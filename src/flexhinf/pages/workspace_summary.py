@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.design.requirements import Requirement
+from flexhinf.design.requirements import REQUIREMENTS, Requirement
 from flexhinf.design.responses import Move
 from flexhinf.design.robustness import LATEST, LOUDEST, robustness
 from flexhinf.design.specification import FIELDS
@@ -71,12 +71,14 @@ def advice(design: WorkspaceDesign) -> str:
     both = {"link_position", "motor_position"} <= {*s.measured} or s.estimator == "none"
     options = dict.fromkeys(FIELDS[line.field].option for line in missed if line.field)
     slow = design.setup.law.gains.weights.bandwidth < max(BANDWIDTHS)
-    loud = slow or any(key in line.what for line in missed for key in (" gain ", " delay"))
+    loud = slow or any(line.field in ("gain_margin", "delay_margin") for line in missed)
     noise, stated = s.measurement_noise, s.measurement_noise != FIELDS["measurement_noise"].default
     rms = f": {number(1e3 * noise**0.5, 3)} mrad rms was {'stated' if stated else 'assumed'}"
     finer = f"finer sensors (--measurement-noise{rms if isinstance(noise, float) else ''})"
+    full = any(line.what == REQUIREMENTS["at_limit"].what for line in missed)
     tried = {
-        "larger limits of the motors: is effort_limit of the file as seen from the link?": unheld > 0,
+        "larger limits of the motors (is effort_limit as seen from the link?)": unheld > 0 or full,
+        "slower moves (--peak-speed)": full,
         "sensors of links and motors (--measured link_position,motor_position)": bool(missed) and not both,
         finer: bool(missed) and loud and s.estimator != "none",
         "narrower tolerances, of a payload too": any("corner" in line.where for line in missed),
@@ -111,16 +113,15 @@ def workspace_tables(design: WorkspaceDesign) -> list[Any]:
 
 
 def requirements_with_margins(design: WorkspaceDesign) -> list[Requirement]:
-    """The requirements; those on gain and delay with what the worst pose tolerates."""
+    """The requirements; those on gain and delay with what the worst pose tolerates, if it is stable."""
+    if max(loop.growth for loop in design.loops) >= 1.0:
+        return list(design.requirements)
     t = robustness(design)
     known = {
-        " gain ": f"{margin_text(min(t.louder, 1.0 / t.softer), LOUDEST)} tolerated",
-        " more delay": f"{margin_text(t.delay, LATEST)} samples tolerated",
+        "gain_margin": f"{margin_text(min(t.louder, 1.0 / t.softer), LOUDEST)} tolerated",
+        "delay_margin": f"{margin_text(t.delay, LATEST)} samples tolerated",
     }
-    return [
-        replace(line, detail=next((text for key, text in known.items() if key in line.what), line.detail))
-        for line in design.requirements
-    ]
+    return [replace(line, detail=known.get(line.field, line.detail)) for line in design.requirements]
 
 
 def _near(line: Requirement) -> bool:
