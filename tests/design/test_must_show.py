@@ -13,6 +13,7 @@ from flexhinf.design import Design, Specification, design
 from flexhinf.design.evaluation import LawEvaluation
 from flexhinf.design.loop_setup import LoopSetup
 from flexhinf.design.monte_carlo import MonteCarlo, sampled_runs
+from flexhinf.design.requirements import REQUIREMENTS
 from flexhinf.design.responses import Response, sample_robots
 from flexhinf.design.specification import GAIN_MARGIN, PEAK_SENSITIVITY, TOLERANCE
 from flexhinf.design.synthesis.steps import synthesise
@@ -142,7 +143,7 @@ def test_the_degree_that_is_chosen_by_its_region_meets_the_specification(
     assert {line.what for line in result.requirements} >= {
         "bandwidth",
         "overshoot",
-        "peak input without limits",
+        f"{REQUIREMENTS['peak'].what} without limits",
         "unstable corners",
     }
     assert judged(result.evaluation.step)[0] <= 5.0

@@ -261,7 +261,7 @@ def test_noise_excuses_no_unstable_loop(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(judgement, "LONG", 0.1)
     line = standstill_requirement(setup, [(ends, None, 0)], [setup.move(ends)])
     assert line.limit == pytest.approx(3e-4)
-    assert unnamed(line.criterion, "one move of 1", "seed", "0.7 mrad") == []
+    assert unnamed(line.criterion, "move of 1", "seed", "0.7 mrad") == []
 
 
 def test_a_joint_may_rest_in_all_waypoints() -> None:

@@ -203,7 +203,7 @@ def test_the_terminal_shows_every_kind_that_is_missed(design, count):
     assert table.count("NOT MET") >= len(kinds)
     assert unnamed(table, *(kind.split()[0] for kind in kinds)) == []
     cut = len(of.missed) - table.count("NOT MET")
-    assert (unnamed(table, "more on the page") == []) == (cut > 0)
+    assert (unnamed(table, "the page") == []) == (cut > 0)
 
 
 def test_requirements_on_gain_and_delay_say_what_is_tolerated(design, tolerated):
@@ -233,16 +233,16 @@ def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     monkeypatch.setattr(summary, "BANDWIDTHS", (design.setup.law.gains.weights.bandwidth,))
     assert summary.advice(design) == ""
     text = summary.advice(missing(design))
-    assert unnamed(text, "--measurement-noise", "0.1 mrad rms was assumed") == []
+    assert unnamed(text, "--measurement-noise", "0.1 mrad", "assumed") == []
     assert text.index("--measurement-noise") < text.index("--workspace")
-    assert unnamed(summary.advice(missing(design, "damping of oscillations")), "--measurement-noise") != []
+    assert unnamed(summary.advice(missing(design, REQUIREMENTS["damping"].what)), "--measurement-noise") != []
     full = REQUIREMENTS["at_limit"].judge(None, 0.2, 0.5, "a move")
     weak = dataclasses.replace(design, requirements=(*design.requirements, full))
     assert unnamed(summary.advice(weak), "effort_limit", "--peak-speed") == []
     assert unnamed(text, "effort_limit") != []
     stated = dataclasses.replace(design.specification, measurement_noise=1e-10)
     finer = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=stated))
-    assert unnamed(summary.advice(missing(finer)), "0.01 mrad rms was stated") == []
+    assert unnamed(summary.advice(missing(finer)), "0.01 mrad", "stated") == []
 
 
 def test_poses_that_the_motors_cannot_hold_are_counted(design):
@@ -252,7 +252,7 @@ def test_poses_that_the_motors_cannot_hold_are_counted(design):
     weak = dataclasses.replace(design.specification, saturation=1.001 * limit)
     weak = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=weak))
     assert robustness(weak).unheld == 2
-    assert unnamed(summary.workspace_verdict(weak), "2 of these poses", "motors") == []
+    assert unnamed(summary.workspace_verdict(weak), " 2 of", "motors have") == []
     assert unnamed(summary.advice(weak), "effort_limit") == []
     assert unnamed(summary.workspace_verdict(design), "motors have") != []
     assert unnamed(summary.advice(missing(design)), "effort_limit") != []
@@ -317,7 +317,7 @@ def test_the_page_says_what_is_watched_at_run_time_and_what_is_not(made, design)
     limited = dataclasses.replace(design, setup=dataclasses.replace(design.setup, specification=limited))
     for of, told in ((design, False), (limited, True)):
         watched = text_of(page._watched(of).html())
-        assert (unnamed(watched, "at a limit", "0.2 s") == []) == told
+        assert (unnamed(watched, "limit", "0.2 s") == []) == told
     space = workspace_of(design.robot, "x=-0.2:0.2")
     changed = dataclasses.replace(design, setup=dataclasses.replace(design.setup, workspace=space))
     assert unnamed(text_of(made(changed).html()), "not watch", "tool", "box in space") == []
