@@ -288,7 +288,8 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     folder = export.checked_folder(o.out, o.force)
     controller, title = controller_of(o.source)
     name = o.name or export.identifier_of(title)
-    export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram)
+    if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
+        note(uncounted)
     export.write_files(folder, export.controller_files(controller, name, o.real))
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 

@@ -119,8 +119,8 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
 
-def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> None:
-    """Refuse a controller that does not fit a firmware.
+def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> str:
+    """Refuse a controller that does not fit a firmware; a note on what could not be counted, or "".
 
     `period`: Of the firmware's loop, such as "1ms"; empty for any. `flash`, `ram`: Room for
     code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a Cortex-M4F where
@@ -151,6 +151,14 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
             advice,
         )
+    return NOT_COUNTED.format(constants) if flash and whole is None else ""
+
+
+#: What --flash says where the code cannot be compiled.
+NOT_COUNTED = (
+    "--flash was compared with the constants alone, {} bytes: the code is counted where arm-none-eabi-gcc is "
+    "installed, and is usually several times as large."
+)
 
 
 #: Units of times and sizes.
