@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -187,14 +188,14 @@ def controller_files(
     code = code_of(controller, name, real)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
     allowed, accuracy = _accuracy(code, run)
-    reference = code.controller.operating_reference
 
     commands, measured = (
         ", ".join('"' + comment(name).replace('"', "'") + '"' for name in code.signals[kind]) for kind in "UY"
     )
+    text, home = _home(code)
     marks = {
         "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
-        "REFERENCE": ", ".join(constant(float(v), code.real) for v in (reference if len(reference) else [0.0])),
+        "HOME": ", ".join(constant(float(v), code.real) for v in home), "HOME_TEXT": text,
         "COMMAND_INTERFACES": commands, "STATE_INTERFACES": measured,
     }  # fmt: skip
     return {
@@ -202,10 +203,36 @@ def controller_files(
         f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
         **{
-            path.replace("NAME", name): fill(template(file), name, code.real, **marks)
+            path.replace("NAME", name): fill(
+                template(file).replace("@STANDSTILL@", _standstill(code, file)), name, code.real, **marks
+            )
             for path, file in AROUND.items()
         },
     }
+
+
+def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
+    """What a command of the templates begins with, in words and as numbers: that of the robot where it starts."""
+    c, place = code.controller, code.belief
+    if c.mode.moving and code.standstill is None:
+        return "A motion", c.operating_reference
+    state = np.asarray(c.law.operating_point)[: len(c.states)] if place is None else place
+    if code.standstill is not None:
+        return "Link positions", state[: code.standstill.size1_in(0)]
+    positions = state[[c.law.plant_states.index(name) for name in c.law.tracked]]
+    return "Positions", positions if len(positions) else np.zeros(1)
+
+
+#: The array of the command in the templates.
+COMMAND_ARRAYS = {"main.c": "input.r", "sketch.ino": "r", "ros2_controller.cpp": "reference_"}
+
+
+def _standstill(code: ControllerCode, file: str) -> str:
+    """The statement of a template that makes the command rest at `home`."""
+    r = COMMAND_ARRAYS.get(file, "")
+    if code.standstill is not None:
+        return f"@NAME@_rest(&@NAME@_defaults, home, {r});"
+    return f"for (int i = 0; i < @BIG@_COMMANDS; ++i) {{ {r}[i] = home[i]; }}"
 
 
 def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
@@ -285,10 +312,11 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     if code.predicts:
         start = f"call `{code.name}_start` with its state instead"
         other = start if code.starts_anywhere else "this observer cannot be told of it"
+        where = "moves start by default" if c.mode.moving else "the step of the design starts"
         begins = (
-            f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
-            "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
-            f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
+            f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where {where}.\nThe "
+            "estimator trusts that: from another place the first inputs may be as large as their limits. Where the "
+            f"robot is\nelsewhere, {other}; an input that acts already is its other argument."
         )
     arrays = {
         "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
@@ -314,7 +342,10 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         template("README.md"), code.name, code.real,
         VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
         MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=begins,
-        AT_LIMIT=f"; in {at_limit} of them an input is at its limit" if at_limit else "",
+        COMMAND="\n".join(wrap(code.command_text, 118)),
+        STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
+        EDGE="".join(f"{line}\n" for line in code.edge),
+        AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
         SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
         CODES=_table(
@@ -331,6 +362,19 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         ),
     )  # fmt: skip
 
+
+#: Why a test vector may saturate.
+AT_LIMIT = "; in {} of them an input is at its limit, as its commands swing faster than a robot should"
+
+#: How a moving command rests, and begins elsewhere.
+STANDSTILL_USE = """
+    @NAME@_rest(&@NAME@_defaults, q, input.r);    /* rests at link positions q, rad or m */
+    @NAME@_start(&state, &@NAME@_defaults, input.r, input.r + @BIG@_STATES);    /* begins there */
+
+Its code is about as large as that of the model, and not counted by `--flash`; `-D@BIG@_WITHOUT_REST` leaves it out.
+`flexhinf run DIR --mujoco --log run.csv` writes a whole move, in columns `reference/…`; a sample needs the row that is
+`@BIG@_LATENCY` periods later.
+"""
 
 #: What the numbers of a controller are.
 PARTS = {
