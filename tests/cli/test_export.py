@@ -109,6 +109,17 @@ def test_a_stored_law_is_called_what_it_was(controller: Path, tmp_path: Path) ->
     assert "| law | HJISolution |" in (tmp_path / "c" / "README.md").read_text()
 
 
+def test_the_gear_ratios_of_the_robot_are_stated(
+    controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot of a report's design file; the file of a controller has none."""
+    found = fh.load_controller(controller), fh.load_robot("quanser-rotflex")
+    for k, (one, text) in enumerate([(found, "(motor angle / 70)"), ((found[0], None), "after the gear")]):
+        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda source, one=one: one)
+        assert main(["export", "c", "report", "--out", str(tmp_path / str(k))]) == 0
+        assert text in (tmp_path / str(k) / "README.md").read_text()
+
+
 def test_it_says_that_only_constants_were_counted(
     controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -174,6 +174,36 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
 
 
+def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
+    """By the gear ratios of the robot's file, of 100 and 7; without them after the gear."""
+    robot = robot_of("planar-two-link").with_values({"gear_ratio_elbow": 7.0})
+    one = controller_of("planar-two-link")
+    known, unknown = (controller_files(one, "arm", robot=given) for given in (robot, None))
+    for name in ("README.md", "arm.h"):
+        assert "rad at the joint (motor angle / 100)" in known[name]
+        assert "rad/s at the joint (motor speed / 7)" in known[name]
+        assert "V at" not in known[name]
+        assert "rad at the joint, after the gear" in unknown[name]
+        assert "divided by the gear ratio" in unknown[name].replace("\n * ", " ").replace("\n", " ")
+
+
+def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
+    plain = robot_of("planar-two-link")
+    kept = [
+        p
+        for p in plain.parameters
+        if not p.name.startswith(("resistance", "torque_c", "back_emf", "inductance"))
+    ]
+    robot = replace(plain, parameters=tuple(kept), drive="torque")
+    penalty = fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=1.0)
+    law = fh.linear_law(robot.problem(penalty), gamma=np.inf)
+    said = controller_files(fh.Controller(law, None, 1e-3), "arm")["README.md"]
+    assert "| drive_torque_elbow | at the joint, after the gear |" in said
+    ekf = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-8, robot.operating_point()[0], 1e-8)
+    said = controller_files(fh.Controller(law, ekf, 1e-3), "arm", robot=robot)["README.md"]
+    assert "| drive_torque_elbow | N m at the joint (motor torque * 100) |" in said
+
+
 def test_it_is_said_where_a_braked_robot_rests() -> None:
     watch = fh.Supervision(workspace=(-2.0, 2.0), reactions={"workspace": "brake"}, braking_time=0.4)
     braked, told = (

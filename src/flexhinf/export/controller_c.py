@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from importlib.resources import files
 from textwrap import wrap
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -113,6 +114,25 @@ CODES = {
 }
 
 
+#: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
+AT_MOTOR = {
+    "motor_position": "motor angle /",
+    "motor_velocity": "motor speed /",
+    "drive_torque": "motor torque *",
+}
+
+#: What is stated of them all.
+GEARS = (
+    "Angles, speeds and torques of motors are those at the joint, after the gear: the angle of an encoder on a motor "
+    "is divided by the gear ratio before it is given, and a torque is divided by it for the motor."
+)
+
+#: What the header says before them.
+ELEMENTS = "Elements of the arrays below. "
+
+NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
+
+
 class ControllerCode:
     """The C of a controller; `name` is a C identifier, checked, with which all names begin.
 
@@ -123,11 +143,13 @@ class ControllerCode:
     sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
-    counts as missing, s.
+    counts as missing, s. `robot_numbers`: Those of the robot by name; the units of motors' signals state gear ratios.
     """
 
-    def __init__(self, controller: Controller, name: str, real: Real) -> None:
-        self.controller, self.name, self.real = controller, name, real
+    def __init__(
+        self, controller: Controller, name: str, real: Real, robot_numbers: Mapping[str, float] = NO_NUMBERS
+    ) -> None:
+        self.controller, self.name, self.real, self.robot_numbers = controller, name, real, robot_numbers
         c, estimator = controller, controller.estimator
         self.sizes = {
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
@@ -173,6 +195,27 @@ class ControllerCode:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
 
+    def unit_text(self, name: str) -> str:
+        """A signal's unit, and of a motor's where it is meant, with the gear ratio if the robot states one."""
+        unit = self.units.get(name, "")
+        for signal, motor in AT_MOTOR.items():
+            if name == signal or name.startswith(f"{signal}_"):
+                ratio = self.robot_numbers.get("gear_ratio" + name.removeprefix(signal))
+                place = (
+                    "at the joint, after the gear"
+                    if ratio is None
+                    else f"at the joint ({motor} {ratio:.10g})"
+                )
+                return comment(f"{unit} {place}".lstrip())
+        return comment(unit)
+
+    @property
+    def has_motors(self) -> bool:
+        """Whether a signal is one of a motor, seen from the joint."""
+        return any(
+            "at the joint" in self.unit_text(name) for names in self.signals.values() for name in names
+        )
+
     def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
         """Constants between commas, some in a line."""
         texts = [constant(float(value), self.real) for value in np.ravel(values)]
@@ -194,7 +237,7 @@ class ControllerCode:
         ]
         signals = []
         for kind, names in self.signals.items():
-            texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
+            texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
             if kind == "X" and self.belief is not None:
                 texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
@@ -212,6 +255,7 @@ class ControllerCode:
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
             STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED,
+            ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
             EDGE="".join(f"{line}\n * " for line in self.edge),
             COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
             HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
@@ -403,7 +447,9 @@ static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const 
 """
 
 
-def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
+def code_of(
+    controller: Controller, name: str, real: str, robot_numbers: Mapping[str, float] = NO_NUMBERS
+) -> ControllerCode:
     """The code of a controller in a type, checked."""
     if real not in ("double", "float"):
         raise unknown_name("There is no such type of numbers.", real, ("double", "float"), "double")
@@ -415,7 +461,7 @@ def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
     )
     if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
         controller = controller.in_pieces()
-    return ControllerCode(controller, checked_identifier(name), Real(real))
+    return ControllerCode(controller, checked_identifier(name), Real(real), robot_numbers)
 
 
 def _operations(step: Step) -> int:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,11 +24,23 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.compiled import build, cortex_m4_bytes
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
+from flexhinf.export.controller_c import (
+    GEARS,
+    MISSING_LIMIT,
+    NO_NUMBERS,
+    ControllerCode,
+    code_of,
+    comment,
+    fill,
+    template,
+)
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.loop.controller.options import equilibrium_line
 from flexhinf.validation import checked_path, value_text
+
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
 
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
 #: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen).
@@ -53,6 +65,7 @@ def export_c(
     name: str = "controller",
     real: str = "double",
     force: bool = False,
+    robot: Robot | None = None,
 ) -> Path:
     """Write a controller as dependency-free C99: header, source, test vector, and further files for firmware.
 
@@ -69,6 +82,8 @@ def export_c(
         three to five digits.
     force : bool
         Write into a folder that is not empty: files of the same names are replaced, others stay.
+    robot : Robot, optional
+        Whose gear ratios stand with the units of motors' signals.
 
     Returns
     -------
@@ -83,7 +98,7 @@ def export_c(
         If law or estimator need an operation that has no form in C.
     """
     target = checked_folder(folder, force)
-    write_files(target, controller_files(controller, name, real))
+    write_files(target, controller_files(controller, name, real, robot))
     return target
 
 
@@ -182,10 +197,10 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
 
 
 def controller_files(
-    controller: Controller, name: str = "controller", real: str = "double"
+    controller: Controller, name: str = "controller", real: str = "double", robot: Robot | None = None
 ) -> dict[str, str]:
     """The files of `export_c`: relative path to text; raises as it does."""
-    code = code_of(controller, name, real)
+    code = code_of(controller, name, real, NO_NUMBERS if robot is None else robot.nominal)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
     allowed, accuracy = _accuracy(code, run)
 
@@ -323,7 +338,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         "X": ("output.estimate", code.belief),
     }  # fmt: skip
     signals = [
-        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")),
+        (f"`{array}`", str(k), comment(name), code.unit_text(name),
          "" if starts is None else f"{starts[k]:.6g}")
         for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
     ]  # fmt: skip
@@ -342,6 +357,7 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         template("README.md"), code.name, code.real,
         VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
         MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=begins,
+        GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
         EDGE="".join(f"{line}\n" for line in code.edge),

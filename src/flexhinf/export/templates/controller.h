@@ -29,7 +29,7 @@ enum {
     @BIG@_WORK = @WORK@
 };
 
-/* Elements of the arrays below. */
+/* @ELEMENTS@ */
 @SIGNALS@
 
 /* First elements of the parameters, with how many there are. */
