@@ -169,9 +169,18 @@ def test_it_is_said_what_a_command_is(moving: bool) -> None:
         )
         assert unnamed(said, *(motion if moving else ("positions to go to", "jump"))) == []
         assert ("arm_rest" in said) is moving
+    begins = ("moves", "by default") if moving else ("step of the design",)
+    assert unnamed(files["README.md"].partition("`arm_init` believes")[2][:200], *begins) == []
     home = re.search(r"home\[\] = \{(.*)\};", files["main.c"])
     assert home is not None
     assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
+
+
+def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> None:
+    weak = fh.Controller(controller.law, controller.estimator, 1e-3, 0.01)
+    said = controller_files(weak, "arm")["README.md"]
+    assert unnamed(re.search(r"\d+ recorded samples.*", said)[0], "limit", "swing faster") == []  # type: ignore[index]
+    assert "swing" not in controller_files(fh.Controller(controller.law, None, 1e-3), "arm")["README.md"]
 
 
 def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
