@@ -11,8 +11,8 @@ import flexhinf as fh
 
 __all__ = ["FLAGS", "object_bytes"]
 
-#: Of gcc: a PC stands for the processors of firmware.
-FLAGS = ("-std=c99", "-Os", "-march=x86-64")
+#: Of gcc: a PC stands for the processors of firmware. What a step needs is counted, without the command that rests.
+FLAGS = ("-std=c99", "-Os", "-march=x86-64", "-DLAW_WITHOUT_REST")
 
 
 def object_bytes(controller: Any) -> int | None:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.refusals import unnamed
 
 import flexhinf as fh
 from flexhinf import report
@@ -106,6 +107,29 @@ def test_a_folder_with_files_needs_force(
 def test_a_stored_law_is_called_what_it_was(controller: Path, tmp_path: Path) -> None:
     assert main(["export", "c", str(controller), "--out", str(tmp_path / "c")]) == 0
     assert "| law | HJISolution |" in (tmp_path / "c" / "README.md").read_text()
+
+
+def test_the_gear_ratios_of_the_robot_are_stated(
+    controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot of a report's design file; the file of a controller has none."""
+    found = fh.load_controller(controller), fh.load_robot("quanser-rotflex")
+    for k, (one, text) in enumerate([(found, "(motor angle / 70)"), ((found[0], None), "after the gear")]):
+        monkeypatch.setattr("flexhinf.cli.design.controller_of", lambda source, one=one: one)
+        assert main(["export", "c", "report", "--out", str(tmp_path / str(k))]) == 0
+        assert text in (tmp_path / str(k) / "README.md").read_text()
+
+
+def test_it_says_that_only_constants_were_counted(
+    controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["export", "c", str(controller), "--out"]
+    monkeypatch.setattr("flexhinf.export.package.cortex_m4_bytes", lambda code: None)
+    assert main([*words, str(tmp_path / "a"), "--flash", "64kB"]) == 0
+    assert unnamed(capsys.readouterr().err, "note", "--flash", "constants", "arm-none-eabi-gcc") == []
+    monkeypatch.setattr("flexhinf.export.package.cortex_m4_bytes", lambda code: 1)
+    assert main([*words, str(tmp_path / "b"), "--flash", "64kB"]) == 0
+    assert "note" not in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -90,7 +90,7 @@ def test_a_move_is_followed_in_error_coordinates() -> None:
     assert len(made.trajectory.time) == 1201
     error = {line.what: line for line in run.requirements(made)}["tracking error"]
     assert error.found < 2e-3
-    assert "followed" in run_verdict(run, made)
+    assert unnamed(run_verdict(run, made), "followed", "move from (0.1 rad", "to (0.2 rad") == []
     assert len(run_tables(run, made)) == 3
 
 
@@ -106,7 +106,7 @@ def test_what_is_said_of_a_run(paper: tuple[fh.Robot, fh.Controller]) -> None:
     assert (
         unnamed(text.partition(". ")[0], *(kept if made.timing.slowness <= SLOW else ("0.3 s", "not"))) == []
     )
-    assert "not settle" in text
+    assert unnamed(text, "not settle", "step from −0.1 rad") == []
     assert len(run_tables(run, made)) == 3
     assert bool(run_notes(made)) >= bool(missed)
     free = fh.run_realtime(run.loop, **run.arguments, real_time=False)

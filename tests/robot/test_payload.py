@@ -194,7 +194,6 @@ def test_a_number_keeps_its_own_tolerance_and_an_unused_one_is_refused(write):
         ("1@", "LOWER"),
         pytest.param(f"1@{' ' * 20_000}:", "LOWER", id="spaces"),
         ("1e-320", r"mass[\s\S]* 9.99989e-321"),
-        ("0", r"mass[\s\S]* 0 to 0 kg"),
         ("-1..2", r"mass[\s\S]* -1 to 2 kg"),
         ("3..0", r"'mass'[\s\S]*<= 3 <="),
         ("1@elbow", r"'elbow'[\s\S]*'slide', 'turn'"),
@@ -207,6 +206,15 @@ def test_a_number_keeps_its_own_tolerance_and_an_unused_one_is_refused(write):
 def test_what_is_no_payload_is_refused(write, text, message):
     with pytest.raises(InvalidInput, match=message):
         load_robot(write(ARM), payload=text)
+
+
+@pytest.mark.parametrize("text", ["0", "0kg@turn", "0..0kg"])
+def test_no_mass_is_an_empty_hand(write, text):
+    bare, empty = load_robot(write(ARM)), load_robot(write(ARM + BOX), payload=text)
+    assert empty["payload_mass_turn"].value == 0.0
+    assert not empty.uncertain
+    vectors = [robot.plant().parameters.vector() for robot in (bare, empty)]
+    np.testing.assert_array_equal(*vectors)
 
 
 def test_a_range_holds_its_value_and_replaces_a_tolerance():

@@ -286,10 +286,11 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
     if o.name:
         export.checked_identifier(o.name)
     folder = export.checked_folder(o.out, o.force)
-    controller, title = controller_of(o.source)
-    name = o.name or export.identifier_of(title)
-    export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram)
-    export.write_files(folder, export.controller_files(controller, name, o.real))
+    controller, robot = controller_of(o.source)
+    name = o.name or export.identifier_of("controller" if robot is None else robot.name)
+    if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
+        note(uncounted)
+    export.write_files(folder, export.controller_files(controller, name, o.real, robot))
     typer.echo(f"{name}.h, {name}.c and what goes with them: {folder}\ntest:  make -C {o.out} test")
 
 
@@ -311,8 +312,9 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
             robot.plant(s.measured, extras=s.extras), o.out, name, s.period, *equilibrium
         )
     else:
-        controller, title = controller_of(o.source)
-        written = export.export_fmu(controller, o.out, o.name or export.identifier_of(title))
+        controller, robot = controller_of(o.source)
+        name = o.name or export.identifier_of("controller" if robot is None else robot.name)
+        written = export.export_fmu(controller, o.out, name)
     typer.echo(f"FMU: {written}")
 
 
@@ -327,8 +329,8 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
 
 
-def controller_of(source: str) -> tuple[fh.Controller, str]:
-    """The controller of a report, of a file, or of a design that is made now; and a name for it."""
+def controller_of(source: str) -> tuple[fh.Controller, fh.Robot | None]:
+    """The controller of a report, of a file, or of a design that is made now; and its robot, or None of a file."""
     from flexhinf.design.design_file import is_design_file
 
     path = file_of(source)
@@ -340,11 +342,11 @@ def controller_of(source: str) -> tuple[fh.Controller, str]:
             f"expected design.toml, the folder of a report or the file of a controller, got {source!r}",
             f"flexhinf design {source} --out DIR, then DIR in the place of {source}",
         )
-        return fh.load_controller(path), "controller"
+        return fh.load_controller(path), None
     robot, specification = fh.load_design(path)
     beside = path.parent / "controller"
     if report.unchanged(path.parent, ("design.toml", "controller")):
-        return fh.load_controller(beside), robot.name
+        return fh.load_controller(beside), robot
     if beside.exists():
         other = "the controller" if report.unchanged(path.parent, ("design.toml",)) else "design.toml"
         note(f"{other} was changed since the report: it is designed anew.")
@@ -353,7 +355,7 @@ def controller_of(source: str) -> tuple[fh.Controller, str]:
     with step_progress(stages(robot, specification)) as progress:
         result = fh.design(robot, specification, progress)
     note(pages.terminal_blocks(result)[2])
-    return result.controller(), robot.name
+    return result.controller(), robot
 
 
 def file_of(source: str, only_design: str = "", then: str = "") -> Path:

@@ -77,8 +77,8 @@ class PointOptions:
     """Options for the payload, and for a goal of a point of the robot."""
 
     payload: Text = option("", HARDWARE,
-        "What the robot carries: 2kg, a range 0..3kg (nominal at its lower end) or 0..1..3kg; @LINK where, :x,y,z its "
-        "centre of mass there (m). Default: the file's own.", "2kg", "kg@link")
+        "What the robot carries: 2kg, 0kg (an empty hand), a range 0..3kg (nominal at its lower end) or 0..1..3kg; "
+        "@LINK where, :x,y,z its centre of mass there (m). Default: the file's own.", "2kg", "kg@link")
     pose_xyz: Text = option("", WAY,
         "Goal of a point of the robot in the world, instead of --pose: 0.4,0,0.3 (m) or 400mm,0,300mm. The joints are "
         "found for it; out of reach is refused, near a singular pose there is a note.", "0.4,0,0.3", "x,y,z")
@@ -232,7 +232,7 @@ class ExportCOptions:
         "Period of your firmware's loop; refused if it is not the design's.", "1ms", "s")
     flash: Text = option("", HARDWARE,
         "Room for code and constants, such as 32kB; refused if they need more. The code is counted for a Cortex-M4F, "
-        "where arm-none-eabi-gcc is installed.", "32kB")
+        "where arm-none-eabi-gcc is installed; elsewhere a note says that only constants were.", "32kB")
     ram: Text = option("", HARDWARE, "Room for the state, such as 8kB; refused if it needs more.", "8kB")
     force: bool = option(False, WRITTEN, "Write into a folder that is not empty.")
 

@@ -157,7 +157,7 @@ class Specification:
         "x=0.2:0.5,z=0:0.4 (m, the point of --tool), or a CSV file of poses, with columns as for --move, of which "
         "time may be left out.", "limits", "rad, m",
         default="limits; the pose alone with an option that only a design of one pose reads, such as --pose")
-    start: options.Pose | None = option(None, WAY, "Position from which the step to the goal starts.",
+    start: options.Pose | None = option(None, WAY, "Position from which the step or the move to the goal starts.",
         "0.2,-0.4", "rad, m", default="0.1 rad (10 mm) from the goal")
     via: options.Poses = option((), WAY,
         "A pose between start and goal at which a law is designed too; repeat the option for several. The "
@@ -165,7 +165,7 @@ class Specification:
     shaping: ShapingName = option("jump", WAY,
         "How the command gets to the goal: jump (at once), quintic or jerk-limited (as fast as the bandwidth and the "
         "limits of effort and speed allow). A move stops at its waypoints with the last two, and passes through them "
-        "with jump.", "jerk-limited")
+        "with jump. A controller for the workspace always makes a quintic and takes no shaping.", "jerk-limited")
     feedforward: options.Flag = option(True, WAY,
         "Whether a move and a shaped command come with the feedforward of the inverse dynamics. Without it a law with "
         "integrals follows the positions alone.")

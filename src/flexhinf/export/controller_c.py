@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from importlib.resources import files
+from textwrap import wrap
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,6 +28,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop import Controller, Status
 from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
+from flexhinf.plant.joints import standstill_function
 from flexhinf.validation import unknown_name, value_text
 
 #: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
@@ -111,6 +114,25 @@ CODES = {
 }
 
 
+#: Signals of motors, seen from the joint, and what they are at the motor: its signal, divided or multiplied by a ratio.
+AT_MOTOR = {
+    "motor_position": "motor angle /",
+    "motor_velocity": "motor speed /",
+    "drive_torque": "motor torque *",
+}
+
+#: What is stated of them all.
+GEARS = (
+    "Angles, speeds and torques of motors are those at the joint, after the gear: the angle of an encoder on a motor "
+    "is divided by the gear ratio before it is given, and a torque is divided by it for the motor."
+)
+
+#: What the header says before them.
+ELEMENTS = "Elements of the arrays below. "
+
+NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
+
+
 class ControllerCode:
     """The C of a controller; `name` is a C identifier, checked, with which all names begin.
 
@@ -121,11 +143,13 @@ class ControllerCode:
     sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
-    counts as missing, s.
+    counts as missing, s. `robot_numbers`: Those of the robot by name; the units of motors' signals state gear ratios.
     """
 
-    def __init__(self, controller: Controller, name: str, real: Real) -> None:
-        self.controller, self.name, self.real = controller, name, real
+    def __init__(
+        self, controller: Controller, name: str, real: Real, robot_numbers: Mapping[str, float] = NO_NUMBERS
+    ) -> None:
+        self.controller, self.name, self.real, self.robot_numbers = controller, name, real, robot_numbers
         c, estimator = controller, controller.estimator
         self.sizes = {
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
@@ -171,6 +195,27 @@ class ControllerCode:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
 
+    def unit_text(self, name: str) -> str:
+        """A signal's unit, and of a motor's where it is meant, with the gear ratio if the robot states one."""
+        unit = self.units.get(name, "")
+        for signal, motor in AT_MOTOR.items():
+            if name == signal or name.startswith(f"{signal}_"):
+                ratio = self.robot_numbers.get("gear_ratio" + name.removeprefix(signal))
+                place = (
+                    "at the joint, after the gear"
+                    if ratio is None
+                    else f"at the joint ({motor} {ratio:.10g})"
+                )
+                return comment(f"{unit} {place}".lstrip())
+        return comment(unit)
+
+    @property
+    def has_motors(self) -> bool:
+        """Whether a signal is one of a motor, seen from the joint."""
+        return any(
+            "at the joint" in self.unit_text(name) for names in self.signals.values() for name in names
+        )
+
     def numbers(self, values: Sequence[float] | np.ndarray, indent: str = "    ") -> str:
         """Constants between commas, some in a line."""
         texts = [constant(float(value), self.real) for value in np.ravel(values)]
@@ -192,7 +237,7 @@ class ControllerCode:
         ]
         signals = []
         for kind, names in self.signals.items():
-            texts = [f"{comment(name)}, {comment(self.units.get(name, ''))}".rstrip(", ") for name in names]
+            texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
             if kind == "X" and self.belief is not None:
                 texts = [f"{text}; begins at {x:.6g}" for text, x in zip(texts, self.belief, strict=True)]
             rows = zip(constants(self.upper(kind), names), range(len(names)), texts, strict=True)
@@ -209,18 +254,23 @@ class ControllerCode:
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
-            FIRST=c.first_input.text, HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
+            STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED,
+            ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
+            EDGE="".join(f"{line}\n * " for line in self.edge),
+            COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
+            HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
 
     @cached_property
     def source(self) -> str:
         """The text of ``NAME.c``."""
         memory = self.controller.memory.places
-        start = self._start  # which may need one more function
+        start, standstill = self._start, self._standstill  # which may need functions
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         return fill(
             template("controller.c"), self.name, self.real,
-            START=start, QUEUED=self._queued, ARITHMETIC=arithmetic(self.name, self.real), VERSION=__version__,
+            START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
+            ARITHMETIC=arithmetic(self.name, self.real),
             DEFAULTS=self.numbers(self.controller.data_vector, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory),
@@ -256,6 +306,39 @@ class ControllerCode:
         arguments = arguments if plant.parameters.size else arguments[::2]
         call = f"{self.translator.function(holding_function(plant))}({', '.join(arguments)})"
         return START.replace("@HOLD@", HOLD.replace("@HOLDING@", call))
+
+    @cached_property
+    def standstill(self) -> Any:
+        """(q, parameters) → the moving command that rests at q, as a CasADi function; None without such a model."""
+        estimator = self.controller.estimator
+        if estimator is None or not self.controller.mode.moving or not estimator.plant.parameters.size:
+            return None
+        return standstill_function(estimator.plant)
+
+    @property
+    def command_text(self) -> str:
+        """What the command is, for header and README."""
+        if not self.controller.mode.moving:
+            return STANDING if self.controller.commanded else "There is no command."
+        later = ", @BIG@_LATENCY periods later" if self.controller.mode.latency else ""
+        return MOVING.format(latency=later, resting="" if self.standstill is None else RESTING)
+
+    @property
+    def edge(self) -> list[str]:
+        """Where a controller that brakes at the edge of its workspace comes to rest, in lines; none for another."""
+        c = self.controller
+        if c.supervision is None or c.supervision.reactions.get("workspace") != "brake":
+            return []
+        return wrap(EDGE.format(c.supervision.braking_time / 2.0), 112)
+
+    @property
+    def _standstill(self) -> str:
+        """``NAME_rest``, whose traced function stands beside it: a firmware may do without both."""
+        if self.standstill is None:
+            return ""
+        traced = self.translator.function(self.standstill)
+        text = self.translator.functions.pop(traced).replace(f"{self.real.name} ", "real ")
+        return STANDSTILL.replace("@TRACED@", text).replace("@CALL@", traced)
 
     @property
     def _queued(self) -> str:
@@ -301,6 +384,45 @@ HOLD = """
             }
         }"""
 
+#: What a command is: positions, or a motion; where the model says what rests; and how a workspace is braked at.
+STANDING = "input.r are the positions to go to. A jump is a step, and zeros are positions too."
+MOVING = (
+    "input.r is a motion: the state and the input that the robot has on its way when the output acts{latency}. At rest "
+    "it is an equilibrium and the input that holds it, never positions alone: with zeros behind them they are another "
+    "motion, the robot swings, and every step returns @BIG@_OK.{resting} On the way positions must not jump, nor their "
+    "velocities and accelerations: a quintic in time, for instance. In Python fh.Moving(plan, robot.inverse_dynamics) "
+    "gives all these numbers, .state(t) and .input(t), and robot.operating_point(q) those of rest."
+)
+RESTING = (
+    " At link positions q these are q, 0, q + g/K (of each joint the weight g and the spring K), 0, and the input that "
+    "holds g: @NAME@_rest computes them."
+)
+EDGE = (
+    "It brakes where a command is outside of the workspace, not before, and at a speed v rests up to v * {:g} s "
+    "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
+    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. From outside no way is "
+    "braked, further out neither."
+)
+
+#: The command that rests; as the header declares it, and its definition.
+STANDSTILL_DECLARED = """
+
+/* The command that rests at link positions (q): writes r, whose beginning q may be. Its first @BIG@_STATES numbers are
+ * the state, and the others the input, with which @NAME@_start begins there. Returns @BIG@_BAD_COMMAND where r is not
+ * finite. Not there with -D@BIG@_WITHOUT_REST. */
+int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r);"""
+STANDSTILL = """
+
+#ifndef @BIG@_WITHOUT_REST
+@TRACED@
+
+int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
+{
+    @CALL@(q, param->value + @BIG@_P_PARAMETERS, r);
+    return @NAME@_finite(r, @BIG@_COMMANDS) ? @BIG@_OK : @BIG@_BAD_COMMAND;
+}
+#endif"""
+
 #: Bits of the status, whose four numbers are a part of the memory.
 STATUS_BITS = """
     for (int i = 0; i < 4; ++i) {{
@@ -325,7 +447,9 @@ static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const 
 """
 
 
-def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
+def code_of(
+    controller: Controller, name: str, real: str, robot_numbers: Mapping[str, float] = NO_NUMBERS
+) -> ControllerCode:
     """The code of a controller in a type, checked."""
     if real not in ("double", "float"):
         raise unknown_name("There is no such type of numbers.", real, ("double", "float"), "double")
@@ -337,7 +461,7 @@ def code_of(controller: Controller, name: str, real: str) -> ControllerCode:
     )
     if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
         controller = controller.in_pieces()
-    return ControllerCode(controller, checked_identifier(name), Real(real))
+    return ControllerCode(controller, checked_identifier(name), Real(real), robot_numbers)
 
 
 def _operations(step: Step) -> int:

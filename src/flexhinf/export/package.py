@@ -15,7 +15,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,11 +24,23 @@ from flexhinf import __version__
 from flexhinf.codegen.c import constant
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.export.compiled import build, cortex_m4_bytes
-from flexhinf.export.controller_c import MISSING_LIMIT, ControllerCode, code_of, comment, fill, template
+from flexhinf.export.controller_c import (
+    GEARS,
+    MISSING_LIMIT,
+    NO_NUMBERS,
+    ControllerCode,
+    code_of,
+    comment,
+    fill,
+    template,
+)
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.loop.controller.options import equilibrium_line
 from flexhinf.validation import checked_path, value_text
+
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
 
 #: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
 #: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen).
@@ -52,6 +65,7 @@ def export_c(
     name: str = "controller",
     real: str = "double",
     force: bool = False,
+    robot: Robot | None = None,
 ) -> Path:
     """Write a controller as dependency-free C99: header, source, test vector, and further files for firmware.
 
@@ -68,6 +82,8 @@ def export_c(
         three to five digits.
     force : bool
         Write into a folder that is not empty: files of the same names are replaced, others stay.
+    robot : Robot, optional
+        Whose gear ratios stand with the units of motors' signals.
 
     Returns
     -------
@@ -82,7 +98,7 @@ def export_c(
         If law or estimator need an operation that has no form in C.
     """
     target = checked_folder(folder, force)
-    write_files(target, controller_files(controller, name, real))
+    write_files(target, controller_files(controller, name, real, robot))
     return target
 
 
@@ -119,8 +135,8 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
 
-def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> None:
-    """Refuse a controller that does not fit a firmware.
+def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> str:
+    """Refuse a controller that does not fit a firmware; a note on what could not be counted, or "".
 
     `period`: Of the firmware's loop, such as "1ms"; empty for any. `flash`, `ram`: Room for
     code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a Cortex-M4F where
@@ -151,6 +167,14 @@ def check_room(controller: Controller, real: str, period: str = "", flash: str =
             f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
             advice,
         )
+    return NOT_COUNTED.format(constants) if flash and whole is None else ""
+
+
+#: What --flash says where the code cannot be compiled.
+NOT_COUNTED = (
+    "--flash was compared with the constants alone, {} bytes: the code is counted where arm-none-eabi-gcc is "
+    "installed, and is usually several times as large."
+)
 
 
 #: Units of times and sizes.
@@ -173,20 +197,20 @@ def _quantity(text: str, units: Mapping[str, float]) -> float:
 
 
 def controller_files(
-    controller: Controller, name: str = "controller", real: str = "double"
+    controller: Controller, name: str = "controller", real: str = "double", robot: Robot | None = None
 ) -> dict[str, str]:
     """The files of `export_c`: relative path to text; raises as it does."""
-    code = code_of(controller, name, real)
+    code = code_of(controller, name, real, NO_NUMBERS if robot is None else robot.nominal)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
     allowed, accuracy = _accuracy(code, run)
-    reference = code.controller.operating_reference
 
     commands, measured = (
         ", ".join('"' + comment(name).replace('"', "'") + '"' for name in code.signals[kind]) for kind in "UY"
     )
+    text, home = _home(code)
     marks = {
         "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
-        "REFERENCE": ", ".join(constant(float(v), code.real) for v in (reference if len(reference) else [0.0])),
+        "HOME": ", ".join(constant(float(v), code.real) for v in home), "HOME_TEXT": text,
         "COMMAND_INTERFACES": commands, "STATE_INTERFACES": measured,
     }  # fmt: skip
     return {
@@ -194,10 +218,36 @@ def controller_files(
         f"{name}_test.c": _test(code, run, allowed),
         "README.md": _readme(code, run, accuracy),
         **{
-            path.replace("NAME", name): fill(template(file), name, code.real, **marks)
+            path.replace("NAME", name): fill(
+                template(file).replace("@STANDSTILL@", _standstill(code, file)), name, code.real, **marks
+            )
             for path, file in AROUND.items()
         },
     }
+
+
+def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
+    """What a command of the templates begins with, in words and as numbers: that of the robot where it starts."""
+    c, place = code.controller, code.belief
+    if c.mode.moving and code.standstill is None:
+        return "A motion", c.operating_reference
+    state = np.asarray(c.law.operating_point)[: len(c.states)] if place is None else place
+    if code.standstill is not None:
+        return "Link positions", state[: code.standstill.size1_in(0)]
+    positions = state[[c.law.plant_states.index(name) for name in c.law.tracked]]
+    return "Positions", positions if len(positions) else np.zeros(1)
+
+
+#: The array of the command in the templates.
+COMMAND_ARRAYS = {"main.c": "input.r", "sketch.ino": "r", "ros2_controller.cpp": "reference_"}
+
+
+def _standstill(code: ControllerCode, file: str) -> str:
+    """The statement of a template that makes the command rest at `home`."""
+    r = COMMAND_ARRAYS.get(file, "")
+    if code.standstill is not None:
+        return f"@NAME@_rest(&@NAME@_defaults, home, {r});"
+    return f"for (int i = 0; i < @BIG@_COMMANDS; ++i) {{ {r}[i] = home[i]; }}"
 
 
 def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
@@ -277,17 +327,18 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     if code.predicts:
         start = f"call `{code.name}_start` with its state instead"
         other = start if code.starts_anywhere else "this observer cannot be told of it"
+        where = "moves start by default" if c.mode.moving else "the step of the design starts"
         begins = (
-            f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where the step of the "
-            "design starts.\nThe estimator trusts that: from another place the first inputs may be as large as their "
-            f"limits. Where the robot is\nelsewhere, {other}; an input that acts already is its other argument."
+            f"`{code.name}_init` believes the robot at rest at the estimate of the last column, where {where}.\nThe "
+            "estimator trusts that: from another place the first inputs may be as large as their limits. Where the "
+            f"robot is\nelsewhere, {other}; an input that acts already is its other argument."
         )
     arrays = {
         "Y": ("input.y", None), "R": ("input.r", None), "U": ("output.u", code.safe_input),
         "X": ("output.estimate", code.belief),
     }  # fmt: skip
     signals = [
-        (f"`{array}`", str(k), comment(name), comment(code.units.get(name, "")),
+        (f"`{array}`", str(k), comment(name), code.unit_text(name),
          "" if starts is None else f"{starts[k]:.6g}")
         for kind, (array, starts) in arrays.items() for k, name in enumerate(code.signals[kind])
     ]  # fmt: skip
@@ -306,7 +357,11 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         template("README.md"), code.name, code.real,
         VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
         MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=begins,
-        AT_LIMIT=f"; in {at_limit} of them an input is at its limit" if at_limit else "",
+        GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
+        COMMAND="\n".join(wrap(code.command_text, 118)),
+        STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
+        EDGE="".join(f"{line}\n" for line in code.edge),
+        AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
         SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
         CODES=_table(
@@ -323,6 +378,19 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
         ),
     )  # fmt: skip
 
+
+#: Why a test vector may saturate.
+AT_LIMIT = "; in {} of them an input is at its limit, as its commands swing faster than a robot should"
+
+#: How a moving command rests, and begins elsewhere.
+STANDSTILL_USE = """
+    @NAME@_rest(&@NAME@_defaults, q, input.r);    /* rests at link positions q, rad or m */
+    @NAME@_start(&state, &@NAME@_defaults, input.r, input.r + @BIG@_STATES);    /* begins there */
+
+Its code is about as large as that of the model, and not counted by `--flash`; `-D@BIG@_WITHOUT_REST` leaves it out.
+`flexhinf run DIR --mujoco --log run.csv` writes a whole move, in columns `reference/…`; a sample needs the row that is
+`@BIG@_LATENCY` periods later.
+"""
 
 #: What the numbers of a controller are.
 PARTS = {

@@ -31,6 +31,7 @@ from flexhinf.pages.drawing import (
     count_text,
     framed,
     line_style,
+    pose_text,
     rounded,
     settling_text,
 )
@@ -120,11 +121,16 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
     def named(text: str, joint: str) -> str:
         return f"{text} ({joint})" if several and joint else text
 
+    ends = " to ".join(
+        pose_text(pose, prepared.robot.links.slides, units.degrees)
+        for pose in (prepared.start, prepared.goal)
+    )
     effort = named(f"{number(response.peak.value, 3)} {units.effort}", response.peak.joint)
     if prepared.plan is not None:
         worst = Move.along(prepared.plan, response, prepared.plants.limits).largest
         error = f"{number(units.scale * worst.value, 3)}{'' if units.degrees else ' '}{units.angle}"
-        return f"{text} The move was followed within {named(error, worst.joint)} and needed at most {effort}."
+        found = f"was followed within {named(error, worst.joint)} and needed at most {effort}"
+        return f"{text} The move from {ends} {found}."
     settling, overshoot = response.settling, response.overshoot
     settled = (
         f"settled in {named(settling_text(settling.value), settling.joint)}"
@@ -132,7 +138,7 @@ def run_verdict(prepared: DeployedRun, run: RealTimeRun) -> str:
         else f"did not settle ({settling.joint})"
     )
     over = named(f"{number(overshoot.value, 2)} %", overshoot.joint)
-    return f"{text} The step {settled}, overshot by {over} and needed at most {effort}."
+    return f"{text} The step from {ends} {settled}, overshot by {over} and needed at most {effort}."
 
 
 def _real_time(timing: Timing) -> str:

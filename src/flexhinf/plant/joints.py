@@ -175,6 +175,42 @@ def link_compliance(plant: Plant) -> LinkCompliance:
     return LinkCompliance(plant)
 
 
+def standstill_function(plant: Plant) -> Any:
+    """(q, parameter vector) → (x, u), (states + n,), at rest at link positions q: q2 = q1 + K⁻¹ G and the input that
+    holds G, as a CasADi function. None where G and K are not read off the flow at relaxed springs: it has other states
+    than elastic and rigid joints, or springs that are not linear.
+
+    As in `elastic_joints`, q̈1 = −C G with C of the links' torques, and the motors' rates have J⁻¹, K/J and k_u/J.
+    """
+    try:
+        links, falls, motors, rates = (row.tolist() for row in joint_places(plant))
+    except InvalidInput:
+        return None
+    q, p, x, u = (
+        ca.SX.sym(name, size)
+        for name, size in zip("qpxu", (len(links), plant.parameters.size, plant.n, len(links)))
+    )
+    d, at = ca.SX.sym("d", len(plant.disturbances)), ca.SX.zeros(plant.n)
+    flow = plant.traced_flow(x, u, d, p)
+    springs = [(rate, motor) for rate, motor, link in zip(rates, motors, links) if motor != link]
+    if any(any(ca.which_depends(flow[rate], x[motor], 2)) for rate, motor in springs):
+        return None
+    per_torque, per_twist, per_input = (
+        ca.diag(ca.jacobian(flow[rates], z)) for z in (d[_places(plant, "motor_torque")], x[motors], u)
+    )
+    compliance = ca.jacobian(flow[falls], d[_places(plant, "link_torque")])
+    held = -ca.ldl_solve(flow[falls], *ca.ldl(compliance))
+    at[motors] = q - held * per_torque / per_twist
+    at[links] = q  # of a rigid joint too
+    every = ca.vertcat(at, held * per_torque / per_input)
+    relaxed = ca.SX.zeros(plant.n)
+    relaxed[links] = relaxed[motors] = q
+    still = ca.vertcat(relaxed, ca.SX.zeros(u.numel() + d.numel()))
+    return ca.Function(
+        "rest", [q, p], [ca.densify(ca.substitute(every, ca.vertcat(x, u, d), still))], {"cse": True}
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class GravityTorque:
     """G(q1) of a plant of elastic joints (another is refused), on any element, with the plant's parameters as data."""

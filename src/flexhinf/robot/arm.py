@@ -235,7 +235,7 @@ class Payload:
     Parameters
     ----------
     mass : Parameter
-        kg; its range or tolerance is the uncertainty.
+        kg; its range or tolerance is the uncertainty, and zero an empty hand.
     at : str
         Name of the frame: a joint, standing for the link behind it, or a link of a URDF.
     centre_of_mass : three Parameter, optional
@@ -252,9 +252,9 @@ class Payload:
     def __post_init__(self) -> None:
         lower, upper = self.mass.interval
         refuse_if(
-            lower < 0.0 or not upper > 0.0 or not within_proportion(upper, positive=True),
+            lower < 0.0 or not within_proportion(upper, positive=True),
             "The mass of a payload is not usable.",
-            f"expected 0 kg or more, and at least 1e-30 kg at the upper end, got {lower:g} to {upper:g} kg",
+            f"expected 0 kg, or at least 1e-30 kg at the upper end, got {lower:g} to {upper:g} kg",
             "mass = { value = 0.0, range = [0.0, 3.0] }",
         )
         moments = np.linalg.eigvalsh(matrix_of(self.inertia_per_mass))

@@ -198,4 +198,4 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     }
     hold(state, param, output);
     return code;
-}
+}@STANDSTILL@

@@ -29,7 +29,7 @@ enum {
     @BIG@_WORK = @WORK@
 };
 
-/* Elements of the arrays below. */
+/* @ELEMENTS@ */
 @SIGNALS@
 
 /* First elements of the parameters, with how many there are. */
@@ -40,9 +40,9 @@ enum {
 
 /* What it says of itself: bits of output.status, 0 where the controller watches nothing. What it does about it stands
  * above as reactions. Where it brakes, output.path_rate falls from 1 to 0 and stays there: the program that makes the
- * command advances its time along the path by path_rate periods a sample, and one that does not read it is not braked. To
- * begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is another
- * controller (supervision in Python). */
+ * command advances its time along the path by path_rate periods a sample, and one that does not read it is not braked.
+ * @EDGE@To begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is
+ * another controller (supervision in Python). */
 @STATUS@
 
 /* Numbers of the controller. Those of @NAME@_defaults are the design's. */
@@ -54,10 +54,12 @@ typedef struct {
 
 extern const @NAME@_param @NAME@_defaults;
 
-/* What one sample is given. */
+/* What one sample is given.
+ *
+ * @COMMAND@ */
 typedef struct {
     @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements */
-    @NAME@_real r[@R@]; /* commands */
+    @NAME@_real r[@R@]; /* commands, see above */
     @NAME@_real age;                   /* of the measurements when the step begins, s; 0 if that is not known */
     int measured;                      /* 0 where there is no measurement */
 } @NAME@_input;
@@ -94,7 +96,7 @@ int @NAME@_start(@NAME@_state *state, const @NAME@_param *param, const @NAME@_re
                  const @NAME@_real *input);
 
 /* One sample. Returns one of the codes above; the output is safe to apply whatever the code. */
-int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);
+int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output);@STANDSTILL@
 
 #ifdef __cplusplus
 }

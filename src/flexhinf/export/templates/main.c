@@ -11,6 +11,9 @@ extern void report(int code);
 
 static @NAME@_state state; /* too large for most stacks */
 
+/* @HOME_TEXT@, where @NAME@_init believes the robot. */
+static const @NAME@_real home[] = {@HOME@};
+
 int main(void)
 {
     @NAME@_input input = {0};
@@ -19,6 +22,7 @@ int main(void)
         report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
         return 1;
     }
+    @STANDSTILL@ /* the command until there is another */
     @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* without a measurement: the input before the first */
     for (;;) {
         int code;

@@ -40,6 +40,8 @@ public:
         if (@NAME@_init(&state_) != @BIG@_OK) { // compiled with flags that change results
             return controller_interface::CallbackReturn::ERROR;
         }
+        static const @NAME@_real home[] = {@HOME@}; // @HOME_TEXT@, where @NAME@_init believes the robot
+        @STANDSTILL@
         input_.measured = 0; // the output is then the input before the first sample
         @NAME@_step(&state_, &@NAME@_defaults, &input_, &output_);
         return controller_interface::CallbackReturn::SUCCESS;
@@ -75,7 +77,7 @@ private:
     @NAME@_state state_;
     @NAME@_input input_{};
     @NAME@_output output_{};
-    @NAME@_real reference_[@R@] = {@REFERENCE@}; // to be written by a topic or an action of yours,
+    @NAME@_real reference_[@R@]{}; // to be written by a topic or an action of yours,
     // whose time along a path advances by output_.path_rate periods a sample: less than one where the controller brakes
 };
 

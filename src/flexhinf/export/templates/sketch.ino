@@ -49,13 +49,12 @@ static bool read_sensors(@NAME@_real *y)
     return true;
 }
 
-// The command path_rate periods further along its path: less than one where the controller brakes.
+// The command path_rate periods further along its path: less than one where the controller brakes. Here it rests.
 static void read_command(@NAME@_real *r, @NAME@_real path_rate)
 {
+    static const @NAME@_real home[] = {@HOME@}; // @HOME_TEXT@, where @NAME@_init believes the robot
     (void)path_rate;
-    for (int i = 0; i < @BIG@_COMMANDS; ++i) {
-        r[i] = 0;
-    }
+    @STANDSTILL@
 }
 
 static void drive_motors(const @NAME@_real *u)

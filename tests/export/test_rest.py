@@ -1,0 +1,234 @@
+"""The command of an exported controller: its rest, computed in C from link positions, and what is said of it."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.export.test_code import ARDUINO, STRICT, STUBS
+from tests.refusals import unnamed
+
+import flexhinf as fh
+from flexhinf.export.package import controller_files
+from flexhinf.plant.joints import standstill_function
+
+SHIM = """
+#include "arm.h"
+int rest(const arm_real *parameters, int count, const arm_real *q, arm_real *r)
+{
+    arm_param param = arm_defaults;
+    for (int i = 0; i < count; ++i) param.value[ARM_P_PARAMETERS + i] = parameters[i];
+    return arm_rest(&param, q, r);
+}
+"""
+
+
+@cache
+def robot_of(name: str) -> fh.Robot:
+    """Arms with gravity and a payload; one of them with a rigid shoulder."""
+    robot = fh.load_robot(name.removeprefix("rigid "), payload="0..3kg")
+    return replace(robot, rigid=robot.joint_names[:1]) if name.startswith("rigid") else robot
+
+
+@cache
+def controller_of(name: str, moving: bool = True, watch: fh.Supervision | None = None) -> fh.Controller:
+    """A linear law with the true model's filter, begun at the robot's home."""
+    robot = robot_of(name)
+    problem = robot.problem(fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=1.0))
+    law = fh.linear_law(problem, gamma=np.inf)
+    x, _ = robot.operating_point()
+    plant = robot.plant(("link_position", "motor_position")[: 1 + (not robot.rigid)])
+    ekf = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-6, 1e-8, x, 1e-8)
+    return fh.Controller(law, ekf, 1e-3, 500.0, moving=moving, supervision=watch)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "planar-two-link", "rigid planar-two-link", pytest.param("scara", marks=pytest.mark.slow),
+        pytest.param("spatial-three-link", marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
+def test_the_rest_in_c_is_the_operating_point_of_the_robot(
+    name: str, real: str, compiler: str, tmp_path: Path
+) -> None:
+    """At random poses, with payloads as parameters, and where positions are replaced in place."""
+    robot, one = robot_of(name), controller_of(name)
+    folder, kind = (
+        fh.export_c(one, tmp_path / "c", "arm", real),
+        {"double": np.float64, "float": np.float32}[real],
+    )
+    (folder / "shim.c").write_text(SHIM)
+    for file in ("arm.c", "main.c"):
+        subprocess.run([compiler, *STRICT, "-c", file, "-o", "out.o"], cwd=folder, check=True)
+    words = ("-std=c99", "-O1", "-shared", "-fPIC", "arm.c", "shim.c", "-lm", "-o", "arm.so")
+    subprocess.run([compiler, *words], cwd=folder, check=True)
+    library, rng = ctypes.CDLL(str(folder / "arm.so")), np.random.default_rng(1)
+    ranges = np.array([(-np.pi, np.pi) if pair is None else pair for pair in robot.links.limits])
+    table = one.estimator.plant.parameters
+    (mass,) = (p.name for p in robot.uncertain if p.name.startswith("payload_mass"))
+    for sign in (-1.0, 0.3, 1.0):
+        values = robot.corner({mass: sign})
+        numbers = table.replaced(table.known(values)).vector().astype(kind)
+        for q in rng.uniform(*ranges.T, (5, len(ranges))):
+            r = np.zeros(len(one.commanded), kind)
+            r[: len(q)] = q
+            place = r.ctypes.data
+            assert library.rest(*map(ctypes.c_void_p, (numbers.ctypes.data,)), len(numbers),
+                                *map(ctypes.c_void_p, (place, place))) == 0  # fmt: skip
+            wanted = np.concatenate(robot.operating_point(q, parameters=values))
+            assert np.abs(r - wanted).max() <= 10 * np.finfo(kind).eps * np.abs(wanted).max()
+    r[0] = np.nan
+    assert library.rest(*map(ctypes.c_void_p, (numbers.ctypes.data,)), len(numbers),
+                        *map(ctypes.c_void_p, (place, place))) == 2  # fmt: skip
+
+
+BOARD = """
+#include <stdio.h>
+#include <stdlib.h>
+#include "arm.h"
+static int samples;
+void wait_for_sample(void) { if (samples++ == 50) exit(0); }
+int read_sensors(arm_real *y) { static const arm_real at[] = {AT}; for (int i = 0; i < 4; ++i) y[i] = at[i]; return 1; }
+void read_command(arm_real *r, arm_real path_rate) { (void)r; (void)path_rate; }
+void drive_motors(const arm_real *u) { printf("%.17g %.17g\\n", u[0], u[1]); }
+void report(int code) { printf("code %d\\n", code); }
+"""
+
+
+def test_the_main_program_rests_at_the_start_until_there_is_a_command(compiler: str, tmp_path: Path) -> None:
+    """The weight is held; zeros behind the positions would ask for another motion."""
+    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    x, u = robot_of("planar-two-link").operating_point()
+    at = ", ".join(repr(float(value)) for value in x[[0, 1, 4, 5]])
+    (folder / "board.c").write_text(BOARD.replace("AT", at))
+    words = ("-std=c99", "-O1", "main.c", "arm.c", "board.c", "-lm", "-o", "firmware")
+    subprocess.run([compiler, *words], cwd=folder, check=True)
+    said = subprocess.run([folder / "firmware"], capture_output=True, text=True, check=True).stdout
+    assert np.loadtxt(said.splitlines()) == pytest.approx(np.tile(u, (50, 1)), rel=1e-6)
+
+
+def test_the_templates_of_a_moving_command_compile(
+    tmp_path: Path, needs_compiler: Callable[..., None]
+) -> None:
+    needs_compiler("g++")
+    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    for name, text in STUBS.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    sketch = (folder / "templates/arm.ino").read_text()
+    (folder / "sketch.cpp").write_text(ARDUINO + sketch)
+    for file in (folder / "sketch.cpp", folder / "templates/arm_ros2_controller.cpp"):
+        words = (
+            "g++",
+            "-std=c++17",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            f"-I{folder}",
+            f"-I{tmp_path}",
+            "-c",
+            file,
+        )
+        subprocess.run([*words, "-o", tmp_path / "out.o"], check=True)
+        assert "arm_rest(&arm_defaults, home" in file.read_text()
+
+
+def test_a_firmware_may_leave_the_rest_out(compiler: str, tmp_path: Path) -> None:
+    """Then the object has neither of its functions."""
+    folder = fh.export_c(controller_of("planar-two-link"), tmp_path / "c", "arm")
+    words = [compiler, *STRICT, "-DARM_WITHOUT_REST", "-c", "arm.c", "-o", "arm.o"]
+    subprocess.run(words, cwd=folder, check=True)
+    assert (
+        "arm_rest"
+        not in subprocess.run(["nm", folder / "arm.o"], capture_output=True, text=True, check=True).stdout
+    )
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_it_is_said_what_a_command_is(moving: bool) -> None:
+    files = controller_files(controller_of("planar-two-link", moving), "arm")
+    for name in ("README.md", "arm.h"):
+        said = files[name].replace("\n * ", " ")
+        motion = (
+            "positions alone",
+            "arm_rest",
+            "ARM_LATENCY",
+            "quintic",
+            "robot.operating_point",
+            "fh.Moving",
+        )
+        assert unnamed(said, *(motion if moving else ("positions to go to", "jump"))) == []
+        assert ("arm_rest" in said) is moving
+    begins = ("moves", "by default") if moving else ("step of the design",)
+    assert unnamed(files["README.md"].partition("`arm_init` believes")[2][:200], *begins) == []
+    home = re.search(r"home\[\] = \{(.*)\};", files["main.c"])
+    assert home is not None
+    assert [float(word) for word in home[1].split(",")] == pytest.approx(robot_of("planar-two-link").home)
+
+
+def test_it_is_said_why_a_test_vector_saturates(controller: fh.Controller) -> None:
+    weak = fh.Controller(controller.law, controller.estimator, 1e-3, 0.01)
+    said = controller_files(weak, "arm")["README.md"]
+    assert unnamed(re.search(r"\d+ recorded samples.*", said)[0], "limit", "swing faster") == []  # type: ignore[index]
+    assert "swing" not in controller_files(fh.Controller(controller.law, None, 1e-3), "arm")["README.md"]
+
+
+def test_signals_of_motors_are_said_to_be_those_at_the_joint() -> None:
+    """By the gear ratios of the robot's file, of 100 and 7; without them after the gear."""
+    robot = robot_of("planar-two-link").with_values({"gear_ratio_elbow": 7.0})
+    one = controller_of("planar-two-link")
+    known, unknown = (controller_files(one, "arm", robot=given) for given in (robot, None))
+    for name in ("README.md", "arm.h"):
+        assert "rad at the joint (motor angle / 100)" in known[name]
+        assert "rad/s at the joint (motor speed / 7)" in known[name]
+        assert "V at" not in known[name]
+        assert "rad at the joint, after the gear" in unknown[name]
+        assert "divided by the gear ratio" in unknown[name].replace("\n * ", " ").replace("\n", " ")
+
+
+def test_torques_of_motors_are_said_to_be_those_at_the_joint() -> None:
+    plain = robot_of("planar-two-link")
+    kept = [
+        p
+        for p in plain.parameters
+        if not p.name.startswith(("resistance", "torque_c", "back_emf", "inductance"))
+    ]
+    robot = replace(plain, parameters=tuple(kept), drive="torque")
+    penalty = fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=1.0)
+    law = fh.linear_law(robot.problem(penalty), gamma=np.inf)
+    said = controller_files(fh.Controller(law, None, 1e-3), "arm")["README.md"]
+    assert "| drive_torque_elbow | at the joint, after the gear |" in said
+    ekf = fh.ExtendedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-8, robot.operating_point()[0], 1e-8)
+    said = controller_files(fh.Controller(law, ekf, 1e-3), "arm", robot=robot)["README.md"]
+    assert "| drive_torque_elbow | N m at the joint (motor torque * 100) |" in said
+
+
+def test_it_is_said_where_a_braked_robot_rests() -> None:
+    watch = fh.Supervision(workspace=(-2.0, 2.0), reactions={"workspace": "brake"}, braking_time=0.4)
+    braked, told = (
+        controller_files(controller_of("planar-two-link", watch=one), "arm")
+        for one in (watch, replace(watch, reactions={}))
+    )
+    for name in ("README.md", "arm.h"):
+        said = braked[name].replace("\n * ", " ")
+        assert unnamed(said, "v * 0.2 s", "mechanical limits", "ARM_P_WORKSPACE", "from outside") == []
+        assert "mechanical limits" not in told[name]
+
+
+def test_springs_that_are_not_linear_and_coils_have_no_such_function() -> None:
+    robot = fh.paper_arm().with_parameters(
+        fh.Parameter("spring_hardening", 0.5), fh.Parameter("damping", 0.1), fh.Parameter("inductance", 1e-3)
+    )
+    assert standstill_function(robot.plant(extras=("spring_hardening",))) is None
+    assert standstill_function(robot.plant(inductance=True)) is None
+    assert standstill_function(robot.plant(extras=("joint_damping",))) is not None
