@@ -15,6 +15,7 @@ from flexhinf.codegen.program import (
     Cholesky,
     Copy,
     Guard,
+    Householder,
     Map,
     Normal,
     OuterSum,
@@ -128,6 +129,8 @@ class BoundWalk:
             return self._polynomial(step)
         if isinstance(step, Cholesky):
             return self._cholesky(step)
+        if isinstance(step, Householder):
+            return self._householder(step)
         if isinstance(step, Copy):
             source, target = self._view(step.source), self._view(step.target)
 
@@ -245,6 +248,16 @@ class BoundWalk:
             target(turns)[:] = cholesky(source(turns).reshape(step.order, step.order)).T.ravel()
 
         return factor
+
+    def _householder(self, step: Householder) -> Walk:
+        from flexhinf.scalars import householder
+
+        source, target = self._view(step.source), self._view(step.target)
+
+        def reflect(turns: tuple[int, ...]) -> None:
+            target(turns)[:] = householder(source(turns).reshape(step.shape), step.count).ravel()
+
+        return reflect
 
     def _normal(self, step: Normal) -> Walk:
         step_number, key, target = (self._view(piece) for piece in (step.step, step.key, step.target))

@@ -7,7 +7,7 @@ from scipy.signal import cont2discrete
 
 from flexhinf.baselines import lqr
 from flexhinf.estimation import ExtendedKalmanFilter
-from flexhinf.estimation.kalman import ConstantGainFilter, linear_model, stationary_gain
+from flexhinf.estimation.stationary import ConstantGainFilter, linear_model, stationary_gain
 from flexhinf.loop import Controller, Loop
 from flexhinf.plant import linear_plant
 

@@ -268,7 +268,7 @@ def test_the_largest_level_is_stated_whatever_level_was_asked_for(share: float) 
 
 def test_a_mode_decays_however_slowly_it_does() -> None:
     """Out of the input's and of the sensors' reach, it needs no law and no gain; at 0 it would."""
-    from flexhinf.estimation.kalman import check_detectable
+    from flexhinf.estimation.stationary import check_detectable
     from flexhinf.hinf.linear_part import LinearPart
 
     for rate in (-1e-6, -1e-9, -1e-12, 0.0, 1e-9):

@@ -16,6 +16,7 @@ from flexhinf.codegen import (
     Columns,
     Copy,
     Guard,
+    Householder,
     Map,
     OuterSum,
     Program,
@@ -258,7 +259,7 @@ def test_factors_of_low_rank_are_finite_and_the_same_in_lanes_and_in_c(n, tmp_pa
         compile_program(factored(n)),
         compile_program(factored(n), 8),
     )
-    in_c = compiled_cholesky(n, tmp_path)
+    compiled = in_c(factored(n), tmp_path)
     for _ in range(25):
         roots = rng.normal(size=(8, n, n - 1)) * 10.0 ** rng.uniform(-3, 3, (8, 1, n - 1))
         roots *= 10.0 ** rng.uniform(-6, 6, (8, n, 1))
@@ -270,20 +271,69 @@ def test_factors_of_low_rank_are_finite_and_the_same_in_lanes_and_in_c(n, tmp_pa
             np.testing.assert_array_equal(one[:, 0], row)
             factor, size = row.reshape(n, n).T, np.sqrt(np.diag(matrix))
             assert np.all(np.abs(factor @ factor.T - matrix) <= 1e-6 * np.outer(size, size))
-            if in_c is not None:
-                np.testing.assert_array_equal(in_c(matrix), row)
+            if compiled is not None:
+                np.testing.assert_array_equal(compiled(matrix), row)
     indefinite = np.diag([*np.ones(n - 1), -1e-9])
     alone.run({"a": indefinite.reshape(-1, 1), "y": one})
     assert np.isnan(one).any()
-    assert in_c is None or np.isnan(in_c(indefinite)).any()
+    assert compiled is None or np.isnan(compiled(indefinite)).any()
 
 
-def compiled_cholesky(n, folder):
-    """The factor in C as a function; None where there is no compiler, or other bits are to be expected."""
+def reflected(m: int, k: int, count: int) -> Program:
+    """Reflections of (m, k), in the memory of the result."""
+    buffers = (Buffer("a", m * k, "in"), Buffer("y", m * k, "out"))
+    return Program(
+        "reflected", buffers, (Householder(Slice("a", 0, m * k), Slice("y", 0, m * k), (m, k), count),)
+    )
+
+
+@pytest.mark.oracle
+@LANES
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize(
+    ("m", "k", "count"), [(1, 1, 1), (5, 3, 2), (13, 4, 4), (7, 9, 3), (25, 8, 8), (85, 28, 28)]
+)
+def test_reflections_make_a_triangle_of_the_same_squares(make, m, k, count, lanes, tmp_path):
+    rng = np.random.default_rng(m)
+    tables = rng.normal(size=(lanes, m, k)) * 10.0 ** rng.uniform(-8.0, 8.0, (lanes, m, 1))
+    tables[:, m // 2] = 0.0
+    if m > 4:
+        tables[:, :, count - 1] = 0.0  # a column of zeros stays one
+    y = np.full((m * k, lanes), np.nan)
+    assert make(reflected(m, k, count), lanes).run({"a": tables.reshape(lanes, -1).T.copy(), "y": y}).fine
+    compiled = in_c(reflected(m, k, count), tmp_path) if make is compile_program and lanes == 1 else None
+    alone = np.empty((m * k, 1))
+    for table, found in zip(tables, y.T.reshape(lanes, m, k), strict=True):
+        np.testing.assert_array_equal(np.tril(found[:, :count], -1), 0.0)
+        size = np.sqrt((table**2).sum(axis=0))
+        error = np.abs(found.T @ found - table.T @ table)
+        assert np.all(error <= 1e-13 * np.outer(size, size))
+        if count == k:
+            triangle = np.linalg.qr(table, mode="r")[:k]
+            signs = np.sign(np.diag(found)[:k, None]) * np.sign(np.diag(triangle)[:, None])
+            np.testing.assert_allclose(found[: len(triangle)], signs * triangle, atol=1e-11 * size.max())
+        if compiled is not None:
+            np.testing.assert_array_equal(compiled(table), found.ravel())
+        if make is compile_program:
+            compile_program(reflected(m, k, count)).run({"a": table.reshape(-1, 1).copy(), "y": alone})
+            np.testing.assert_array_equal(alone[:, 0], found.ravel())
+
+
+def test_reflections_in_place_are_those_apart():
+    table, program = np.random.default_rng(0).normal(size=(6, 3)), reflected(6, 3, 3)
+    y, here = np.empty((18, 1)), table.reshape(-1, 1).copy()
+    compile_program(program).run({"a": here.copy(), "y": y})
+    step = Householder(Slice("y", 0, 18), Slice("y", 0, 18), (6, 3), 3)
+    compile_program(Program("here", (Buffer("y", 18, "state"),), (step,))).run({"y": here})
+    np.testing.assert_array_equal(here, y)
+
+
+def in_c(program, folder):
+    """A program of `a` and `y` in C; None where there is no compiler, or other bits are to be expected."""
     if shutil.which("gcc") is None or not host().fused:
         return None
     translator = Translator("c", Real("double"))
-    name = translator.add(factored(n), "run")
+    name = translator.add(program, "run")
     source, library = folder / "c.c", folder / "c.so"
     entry = f"void entry(const double *a, double *y) {{ {name}(a, y); }}"
     source.write_text(f"#include <math.h>\n#define FMA(a, b, c) fma(a, b, c)\n{translator}{entry}\n")
@@ -292,7 +342,7 @@ def compiled_cholesky(n, folder):
     loaded = ctypes.CDLL(str(library))
 
     def run(matrix):
-        given, found = np.ascontiguousarray(matrix, dtype=float), np.empty(n * n)
+        given, found = np.ascontiguousarray(matrix, dtype=float), np.empty(program.buffer("y").size)
         loaded.entry(given.ctypes.data_as(ctypes.c_void_p), found.ctypes.data_as(ctypes.c_void_p))
         return found
 
@@ -359,6 +409,9 @@ REFUSED = {
         Slice("w", 0, 6), Slice("r", 0, 6), Slice("y", 0, 4), 3, symmetric=True
     ),
     "a factor of what is not square": lambda: Cholesky(Slice("a", 0, 8), Slice("b", 0, 8)),
+    "reflections of another size": lambda: Householder(Slice("a", 0, 8), Slice("b", 0, 6), (2, 3), 1),
+    "reflections over a part": lambda: Householder(Slice("a", 0, 6), Slice("a", 3, 6), (2, 3), 1),
+    "more reflections than rows": lambda: Householder(Slice("a", 0, 6), Slice("b", 0, 6), (2, 3), 3),
     "a factor over its matrix": lambda: Cholesky(Slice("a", 0, 9), Slice("a", 1, 9)),
 }
 

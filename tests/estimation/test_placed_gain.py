@@ -3,7 +3,7 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 from flexhinf.errors import InvalidInput, NotDetectable
-from flexhinf.estimation.kalman import check_decay, check_detectable, placed_gain, unobservable
+from flexhinf.estimation.stationary import check_decay, check_detectable, placed_gain, unobservable
 
 CHAIN = np.eye(4, k=1)  # four integrators
 FIRST = np.eye(1, 4)

@@ -21,6 +21,7 @@ from flexhinf.codegen.program import (
     Cholesky as Cholesky,
     Copy as Copy,
     Guard as Guard,
+    Householder as Householder,
     Map as Map,
     Normal as Normal,
     OuterSum as OuterSum,

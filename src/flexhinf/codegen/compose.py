@@ -22,6 +22,7 @@ from flexhinf.codegen.program import (
     Call,
     Cholesky,
     Copy,
+    Householder,
     Map,
     OuterSum,
     Polynomial,
@@ -95,6 +96,16 @@ class Direct:
         from flexhinf.scalars import cholesky
 
         return cholesky(matrix)
+
+    def householder(self, rows: Any, count: int) -> Any:
+        """Rows with the same TᵀT, the first columns zero below the diagonal, see `flexhinf.scalars.householder`."""
+        from flexhinf.scalars import householder
+
+        return householder(rows, count)
+
+    def stacked(self, *matrices: Any) -> Any:
+        """Matrices of one width, one below the other."""
+        return np.concatenate(matrices)
 
 
 DIRECT = Direct()
@@ -230,6 +241,21 @@ class Composer:
         factor = self.work(matrix.shape, "F")
         self.body.append(Cholesky(matrix.place, factor.place))
         return factor
+
+    def householder(self, rows: Block, count: int) -> Block:
+        """As `Direct.householder`."""
+        rows = self._ordered(rows, "C")
+        target = self.work(rows.shape)
+        self.body.append(Householder(rows.place, target.place, (rows.shape[0], rows.shape[1]), count))
+        return target
+
+    def stacked(self, *matrices: Block) -> Block:
+        """As `Direct.stacked`."""
+        whole, first = self.work((sum(len(matrix) for matrix in matrices), matrices[0].shape[1])), 0
+        for matrix in matrices:
+            self.copy(matrix, whole[first : first + len(matrix)])
+            first += len(matrix)
+        return whole
 
     def polynomial(self, point: Block, table: Block, degrees: tuple[int, ...], values: int) -> Block:
         """Values of polynomials at a point (n,), see `flexhinf.codegen.memory.Polynomial`; table is (Nmon, columns)."""

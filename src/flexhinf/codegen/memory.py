@@ -1,6 +1,6 @@
 """Where a kernel's numbers lie: named flat arrays, slices of them, and slices read as matrices.
 
-Steps of dense algebra: sums of outer products, polynomials, Cholesky factors.
+Steps of dense algebra: sums of outer products, polynomials, Cholesky factors, reflections.
 """
 
 from __future__ import annotations
@@ -174,6 +174,8 @@ class Block:
 
     def __getitem__(self, part: slice) -> Block:
         """Neighbouring elements of a vector, or rows of a matrix in C order."""
+        if self.order == "F":
+            raise InvalidInput("Rows of a block are not neighbours.", f"got {self}", "C order")
         start, stop, _ = part.indices(self.shape[0])
         shape = (max(0, stop - start), *self.shape[1:])
         if not prod(shape):
@@ -368,3 +370,26 @@ class Cholesky:
     def order(self) -> int:
         """n of the (n, n) matrix."""
         return math.isqrt(self.source.size)
+
+
+@dataclass(frozen=True)
+class Householder:
+    """Reflections of the rows of a matrix, as `flexhinf.scalars.householder`.
+
+    `source`, `target`: (m, k) in C order; the same place, or apart. `shape`: (m, k). `count`: Reflections, at most m
+    and k. Raises InvalidInput: slices of another size, or that overlap in part; another number of reflections.
+    """
+
+    source: Slice
+    target: Slice
+    shape: tuple[int, int]
+    count: int
+
+    def __post_init__(self) -> None:
+        fits = prod(self.shape) == self.source.size == self.target.size and 1 <= self.count <= min(self.shape)
+        if not fits or (self.source != self.target and overlap(self.source, self.target)):
+            raise misfit(
+                "Reflections do not fit their matrix.",
+                "two slices of its size, one or apart, and at most as many reflections as rows and columns",
+                self,
+            )

@@ -17,6 +17,7 @@ from flexhinf.codegen.memory import (
     Buffer,
     Cholesky,
     Columns,
+    Householder,
     OuterSum,
     Polynomial,
     Slice,
@@ -228,7 +229,9 @@ def leaves(body: Sequence[Any]) -> Iterator[Any]:
         yield from leaves(step.body) if fixed else (step,)
 
 
-Simple: TypeAlias = Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Copy | Normal | Guard
+Simple: TypeAlias = (
+    Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Householder | Copy | Normal | Guard
+)
 Step: TypeAlias = Simple | Repeat | When
 
 
@@ -252,6 +255,7 @@ _PIECES: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     OuterSum: (("left", "right", "weights", "plus"), ("target",)),
     Polynomial: (("point", "table"), ("target",)),
     Cholesky: (("source",), ("target",)),
+    Householder: (("source",), ("target",)),
     Copy: (("source",), ("target",)),
     Normal: (("step", "key"), ("target",)),
     Guard: (("source",), ()),

@@ -33,7 +33,7 @@ from flexhinf.estimation import (
     ExtendedKalmanFilter,
     OutputInjectionObserver,
     UnscentedKalmanFilter,
-    kalman,
+    stationary,
     stationary_covariance,
 )
 from flexhinf.loop import Controller, EnsembleResult, Loop, Schedule, Step, Supervision
@@ -351,7 +351,7 @@ class LoopPlants:
         if linear:
             kind, model = "ekf", linear_plant(model, *equilibrium)
         else:
-            kalman.check_detectable(a, c, model.states)
+            stationary.check_detectable(a, c, model.states)
             model = self.estimator_model if deployed else model
             options = {"about": equilibrium[0]} if kind == "observer" else {}
         # Stationary covariance at the goal, so that the gain is constant from the start. Without process noise it would

@@ -1,18 +1,16 @@
 """Estimators: the states a law needs, from the signals a robot has."""
 
 from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter
-from flexhinf.estimation.kalman import (
+from flexhinf.estimation.kalman import ExtendedKalmanFilter, SigmaPoints, UnscentedKalmanFilter
+from flexhinf.estimation.modal import ModalFilter
+from flexhinf.estimation.output_injection import OutputInjectionObserver
+from flexhinf.estimation.stationary import (
     ConstantGainBelief,
     ConstantGainFilter,
-    ExtendedKalmanFilter,
-    SigmaPoints,
-    UnscentedKalmanFilter,
     linear_model,
     stationary_covariance,
     stationary_gain,
 )
-from flexhinf.estimation.modal import ModalFilter
-from flexhinf.estimation.output_injection import OutputInjectionObserver
 
 #: What a controller's file may name, beside the public names.
 __all__ = [

@@ -5,12 +5,13 @@ from __future__ import annotations
 import abc
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
 from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
@@ -19,6 +20,7 @@ from flexhinf.validation import (
     checked_array,
     checked_kind,
     checked_positive,
+    one_of,
     read_only,
     real_array,
     value_text,
@@ -27,6 +29,8 @@ from flexhinf.validation import (
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
 MODEL_STEP = {4: 0.25, 8: 1.25}
+
+Form = Literal["square_root", "covariance"]
 
 #: Eigenvalues of correlations closer to zero than this are zero: what rounding makes of a singular matrix.
 SEMIDEFINITE = 1e-13
@@ -141,6 +145,9 @@ class RecursiveFilter(Estimator):
         R^n, covariance of a measurement.
     mean, covariance : (n,) and float, (n,) or (n, n) array
         Belief before the first measurement, x(0|−1).
+    form : {"square_root", "covariance"}
+        What a belief carries beside its mean: rows W with P = WᵀW, which rounding cannot make indefinite and which
+        keep their digits where variances lie many decades apart; or P itself, the paper's form.
 
     Raises
     ------
@@ -160,6 +167,7 @@ class RecursiveFilter(Estimator):
         measurement_noise: Any,
         mean: Any,
         covariance: Any,
+        form: Form = "covariance",
     ) -> None:
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.plant = plant
@@ -169,6 +177,8 @@ class RecursiveFilter(Estimator):
             covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
         )
         self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
+        one_of("There is no such form of a filter.", form, get_args(Form))
+        self.form: Form = form
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         mode = plant.fastest_mode(self.initial.mean)
         counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
@@ -186,7 +196,10 @@ class RecursiveFilter(Estimator):
             If it does not fit the plant.
         """
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
-        return read_only(Gaussian(start, self._start))
+        rooted = self.form == "square_root"
+        return read_only(
+            RootGaussian(start, root_rows(self._start)) if rooted else Gaussian(start, self._start)
+        )
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share the arrays of the settings, so nobody may write them."""
@@ -203,7 +216,7 @@ class RecursiveFilter(Estimator):
         return {
             "plant": self.plant, "period": self.period, "process_noise": self.process_noise,
             "measurement_noise": self.measurement_noise, "mean": np.array(self.initial.mean),
-            "covariance": self._start,
+            "covariance": self._start, "form": self.form,
         }  # fmt: skip
 
     # What an estimator is -------------------------------------------------------------------------
@@ -234,6 +247,8 @@ class RecursiveFilter(Estimator):
     ) -> tuple[Any, Any, Any]:
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
+        if self.form == "square_root":
+            return linear_correction(run, belief, expected, c, y, measurement_noise)
         root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
         return correction(
             run, (belief.mean, root), (expected, run.columns(applied, root, c)), weights, y, measurement_noise
@@ -350,7 +365,10 @@ class RecursiveFilter(Estimator):
     def _accept(self, belief: Any) -> None:
         """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""
         finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
-        if not finite or not np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float)))):
+        rooted = self.form == "square_root"
+        if not finite or not (
+            rooted or np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float))))
+        ):
             raise NumericalFailure(
                 "The covariance of the estimate is not semidefinite."
                 if finite

@@ -1,34 +1,31 @@
-"""Kalman filters: the unscented one, the paper's Algorithm 1 in matrix form, the extended and the stationary one.
+"""Kalman filters: the unscented one, the paper's Algorithm 1 in matrix form, and the extended one.
 
 Comments number the steps of Algorithm 1. Its γ of steps 1 and 5 is `SigmaPoints.spread`, Eq. (10).
 
 The Jacobian of the extended filter is exact, that of the integrated map F itself, through symbols, not I + A·period: a
 comparison with a filter that drops terms would say little. The matrix ∂F/∂x itself is not needed, only its product with
 a square root of the covariance: that is computed, column by column, through every Runge–Kutta step.
-
-*The stationary filter*, whose gain and covariance no longer change: its gain is usually that of the Kalman filter for
-the estimator's own model F at one operating point (`stationary_gain`). The extended filter's gain tends to it, and the
-unscented filter's does as far as F and H are straight over the spread of its points. Or the gain is that of an observer
-with the poles that its error shall have (`placed_gain`).
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
-from functools import cached_property
+from collections.abc import Mapping
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
-from flexhinf.estimation.filter import RecursiveFilter, correction, gained, rooted
-from flexhinf.plant import Estimator, Gaussian, Plant
-from flexhinf.scalars import apply, cholesky, clip, jacobian, trace
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.estimation.filter import Form, RecursiveFilter, correction, gained, rooted
+from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_rows, root_prediction
+from flexhinf.plant import Gaussian, Plant
+from flexhinf.scalars import apply, cholesky, clip, trace
+from flexhinf.scalars.differences import difference
 from flexhinf.scalars.trace import linear
-from flexhinf.validation import checked_array, checked_kind, read_only, real_array, real_number, value_text
+from flexhinf.validation import checked_kind, read_only, real_array, real_number, value_text
 
 
 class SigmaPoints:
@@ -118,10 +115,19 @@ class UnscentedKalmanFilter(RecursiveFilter):
         kappa: float = 0.0,
         redraw: bool = True,
         bounds: Mapping[str, tuple[float, float]] | None = None,
+        form: Form = "covariance",
     ) -> None:
-        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance)
+        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance, form)
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
+        if form == "square_root":
+            refuse_if(
+                not self.redraw or self.sigma.covariance_weights[0] < 0.0,
+                "This unscented filter has no square-root form.",
+                f"expected redraw=True and scaling parameters without a negative weight, got {redraw=}, {alpha=}, "
+                f"{beta=}, {kappa=}",
+                'form="covariance", or alpha=1, beta=2, kappa=0',
+            )
         what, advice = "The bounds of the estimates are no mapping.", "bounds={'stiffness': (0.5, 2.0)}"
         checked_kind(what, {} if bounds is None else bounds, Mapping, "(low, high) by name", advice)
         self.bounds: dict[str, tuple[float, float]] = {}
@@ -158,7 +164,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         sigma = self.sigma
         scaling = (sigma.alpha, sigma.beta, sigma.kappa)
         steps, bounds = f"{self.sub_steps} x {self.stages}", sorted(self.bounds.items())
-        return f"ukf {self.period!r} {steps} {scaling} {self.redraw} {bounds}"
+        return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds}"
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,), which must be inside the bounds; its points too."""
@@ -183,6 +189,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
+        if self.form == "square_root":
+            return self._predicted(run, belief, u, p, process_noise)
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
         moved = self.inside(run, run.sweep(self.moved, points, u, p))  # 2
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
@@ -200,6 +208,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """
         if self.linear_output and self.redraw and not self.bounds:
             return self.linear_innovation(run, belief, y, u, p, measurement_noise)
+        if self.form == "square_root":
+            return self._corrected(run, belief, y, u, p, measurement_noise)
         weights = self.sigma.covariance_weights
         points, deviations, centre = self.redrawn(run, belief)  # 5
         outputs = run.columns(self.output, points, u, p)  # 6
@@ -218,6 +228,74 @@ class UnscentedKalmanFilter(RecursiveFilter):
             mean = run.call(self.bounded, mean)
         corrected = Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, points)
         return corrected, innovation, p_yy
+
+    # With rows of deviations ----------------------------------------------------------------------
+    def _predicted(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> RootGaussian:
+        stepped = partial(self._stepped, run, u, p)
+        mean, moved = run.repeat(self.sub_steps, stepped, belief.mean, self._spread(run, belief).T)
+        shift, rows = self._halves(run, self._inside(run, mean, moved.T))
+        return RootGaussian(run.call(np.add, mean, shift), root_prediction(run, rows, process_noise))
+
+    def _corrected(self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
+        mean, apart = belief.mean, self._inside(run, belief.mean, self._spread(run, belief))
+        outputs = run.columns(self._output_difference, apart, mean, u, p)
+        shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
+        expected = run.call(self.output, mean, u, p)
+        innovation, mean = run.call(_parted, y, expected, shift, mean)
+        corrected, spread = correction_of_rows(run, mean, rows, innovation, measurement_noise)
+        if self.bounds:
+            corrected = corrected._replace(mean=run.call(self.bounded, corrected.mean))
+        return corrected, innovation, spread
+
+    def _spread(self, run: Any, belief: Any) -> Any:
+        """Deviations of the sigma points from the mean, (n, 2n)."""
+        up, down = run.columns(self.sigma.offsets, belief.root.T)
+        return run.stacked(up.T, down.T).T
+
+    def _stepped(self, run: Any, u: Any, p: Any, mean: Any, rows: Any) -> tuple[Any, Any]:
+        """The mean, and deviations (2n, n) from it, after one of the `sub_steps`."""
+        means: list[Any] = []
+
+        def stages(inner: Any, deviation: Any, mean: Any, u: Any, p: Any) -> Any:
+            pairs: Any = Pairs(inner, self.flow, self._flow_difference)
+            mean, deviation = self.sub_step((mean, deviation), u, p, pairs)
+            means.append(mean)
+            return deviation
+
+        moved = run.sweep(stages, rows.T, mean, u, p)
+        return means[-1], moved.T
+
+    def _halves(self, run: Any, deviations: Any) -> tuple[Any, Any]:
+        """Mean of deviations (k, 2n) by their weights, and rows whose WᵀW is their covariance."""
+        n, s = self.plant.n, self.sigma.spread
+        up, down = deviations.T[:n].T, deviations.T[n:].T
+        odd, even = run.columns(partial(_odd_and_even, s), (up, down))
+        shift = run.combination(even, np.full(n, 1.0 / s))
+        even = run.columns(partial(_centred, s), even, shift)
+        centre = run.call(partial(_scaled, math.sqrt(self.sigma.covariance_weights[0])), shift)
+        return shift, run.stacked(odd.T, even.T, centre)
+
+    def _inside(self, run: Any, mean: Any, deviations: Any) -> Any:
+        """Deviations that leave the bounds, cut off there."""
+        return run.columns(self._cut, deviations, mean) if self.bounds else deviations
+
+    def _cut(self, deviation: Any, mean: Any) -> Any:
+        deviation = np.array(deviation)
+        for name, (low, high) in self.bounds.items():
+            row = self.plant.index(name)
+            deviation[row] = clip(deviation[row], low - mean[row], high - mean[row])
+        return deviation
+
+    @cached_property
+    def _differences(self) -> tuple[Any, Any]:
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return tuple(difference(trace(function, *sizes)) for function in (self.flow, self.output))  # type: ignore[return-value]
+
+    def _flow_difference(self, x: Any, deviation: Any, u: Any, p: Any) -> Any:
+        return apply(self._differences[0], x, deviation, u, p)[0]
+
+    def _output_difference(self, deviation: Any, x: Any, u: Any, p: Any) -> Any:
+        return apply(self._differences[1], x, deviation, u, p)[0]
 
     @cached_property
     def linear_output(self) -> bool:
@@ -262,6 +340,28 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return states
 
 
+def _odd_and_even(spread: float, up: Any, down: Any) -> tuple[Any, Any]:
+    """Halves of the difference and the sum of a pair's deviations, in parts of the spread."""
+    return (0.5 / spread) * (up - down), (0.5 / spread) * (up + down)
+
+
+def _centred(spread: float, even: Any, shift: Any) -> Any:
+    return even - shift / spread
+
+
+def _scaled(factor: float, row: Any) -> Any:
+    return (factor * row).reshape(1, len(row))
+
+
+def _joined(first: Any, second: Any) -> Any:
+    return np.concatenate([first, second])
+
+
+def _parted(y: Any, expected: Any, shift: Any, mean: Any) -> tuple[Any, Any]:
+    """The innovation, and the mean of the sigma points."""
+    return y - expected - shift[: len(y)], mean + shift[len(y) :]
+
+
 def _less(row: Any, mean: Any) -> Any:
     return row - mean
 
@@ -272,7 +372,7 @@ class ExtendedKalmanFilter(RecursiveFilter):
     @property
     def estimator_key(self) -> str:
         """Method, period and sub-steps: constants of the traced code."""
-        return f"ekf {self.period!r} {self.sub_steps} x {self.stages}"
+        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages}"
 
     @property
     def operations(self) -> int:
@@ -295,257 +395,15 @@ class ExtendedKalmanFilter(RecursiveFilter):
         """Derivative of `sub_step` at x along a direction, (n,)."""
         return apply(self._tangent, x, direction, u, p)[0]
 
-    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Gaussian:
+    def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
-        mean, spread = belief.mean, run.cholesky(belief.covariance)
+        rooted = self.form == "square_root"
+        mean, spread = belief.mean, belief.root.T if rooted else run.cholesky(belief.covariance)
         for _ in range(self.sub_steps):
             spread = run.columns(self.tangent, spread, mean, u, p)
             mean = run.call(self.sub_step, mean, u, p)
+        if rooted:
+            return RootGaussian(mean, root_prediction(run, spread.T, process_noise))
         return Gaussian(mean, run.gram(spread, np.ones(self.plant.n), process_noise))
 
     innovation_stages = RecursiveFilter.linear_innovation  # with C = ∂H/∂x
-
-
-class ConstantGainBelief(NamedTuple):
-    """A mean (n,) and the gain (n, p) that corrects it."""
-
-    mean: Any
-    gain: Any
-
-
-class ConstantGainFilter(Estimator):
-    """x̂ = x̂⁻ + L (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the gain L carried along in the belief.
-
-    `filter`: The filter with model, discretisation and noises. `gain`: (n, p). Raises InvalidInput: if the gain is not
-    (n, p) finite numbers.
-    """
-
-    def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
-        self.filter, self.plant, self.period = filter, filter.plant, filter.period
-        self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
-        shape = (filter.plant.n, len(filter.plant.outputs))
-        gain = checked_array(
-            "The gain does not fit the plant.",
-            gain,
-            shape,
-            f"{shape} finite numbers",
-            "stationary_gain of linear_model(filter, x, u)",
-        )
-        self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
-
-    def settings(self) -> dict[str, Any]:
-        """Arguments of the constructor by name."""
-        return {"filter": self.filter, "gain": self.initial.gain}
-
-    @property
-    def estimator_key(self) -> str:
-        """Key of the traced code."""
-        return f"constant gain {self.period!r} {self.filter.sub_steps} x {self.filter.stages}"
-
-    def initial_at(self, mean: np.ndarray) -> Any:
-        """The initial belief with another mean (n,)."""
-        return ConstantGainBelief(self.filter.initial_at(mean).mean, self.initial.gain)
-
-    def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
-        """x̂(k|k) → x̂(k+1|k), pure, on any element."""
-        return ConstantGainBelief(self.filter.transition(belief.mean, u, p), belief.gain)
-
-    def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
-        """x̂(k|k−1) → x̂(k|k), pure, on any element."""
-        innovation = y - self.filter.output(belief.mean, u, self.plant.parameters.flat(p))
-        return ConstantGainBelief(belief.mean + belief.gain @ innovation, belief.gain)
-
-
-#: Doublings of the Riccati recursion at most: 2⁴⁰ samples.
-DOUBLINGS = 40
-
-
-def linear_model(filter: RecursiveFilter, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(∂F/∂x, ∂h/∂x), (n, n) and (p, n), of the filter's own sampled model at x (n,) and u (m,)."""
-    table = filter.plant.parameters
-    moved = jacobian(lambda s, v, w: filter.transition(s, v, table.named(w)), len(x), len(u), table.size)
-    return moved(x, u, table.vector())[1], filter.plant.linearise(x, u)[3]
-
-
-def stationary_gain(
-    model: tuple[np.ndarray, np.ndarray], process_noise: np.ndarray, measurement_noise: np.ndarray
-) -> np.ndarray:
-    """The Kalman gain (n, p) of a linear model (F, H) after very many samples; see `stationary_covariance`."""
-    c, r = model[1], measurement_noise
-    covariance = stationary_covariance(model, process_noise, r)
-    return np.linalg.solve(c @ covariance @ c.T + r, c @ covariance).T
-
-
-def stationary_covariance(
-    model: tuple[np.ndarray, np.ndarray], process_noise: np.ndarray, measurement_noise: np.ndarray
-) -> np.ndarray:
-    """The covariance (n, n) of a prediction of a linear model (F, H) after very many samples.
-
-    The Riccati recursion is doubled [anderson1979]: each turn goes as far as all turns before it together, so
-    R^v = 0 and a model that is only just detectable need no special case.
-
-    `model`: ((n, n), (p, n)) arrays, F and H of one sample. `process_noise`, `measurement_noise`: (n, n) and (p, p)
-    arrays, R^v per sample and R^n, the latter positive definite. Raises NumericalFailure: if the numbers are too far
-    apart for the recursion: R^v and R^n, or a model that grows by decades in a sample.
-    """
-    (a, c), r = model, measurement_noise
-    n, unit = len(a), np.eye(len(a))
-    forward, information, covariance = a.T, c.T @ np.linalg.solve(r, c), np.array(process_noise)
-    for _ in range(DOUBLINGS):
-        try:
-            shared = np.linalg.solve(unit + information @ covariance, np.hstack([forward, information]))
-        except np.linalg.LinAlgError as error:
-            raise NumericalFailure(
-                "The stationary covariance cannot be computed in these numbers.",
-                f"got R^v up to {np.abs(process_noise).max():.3g}, R^n up to {np.abs(r).max():.3g} and a model up to "
-                f"{np.abs(a).max():.3g} per sample",
-                "covariances of more similar size, or poles=",
-            ) from error
-        growth = forward.T @ covariance @ shared[:, :n]
-        information = information + forward @ shared[:, n:] @ forward.T
-        forward = forward @ shared[:, :n]
-        covariance = covariance + (growth + growth.T) / 2.0
-        information = (information + information.T) / 2.0
-        if np.abs(growth).max() <= 1e-15 * np.abs(covariance).max():
-            break
-    return covariance
-
-
-#: Relative size of a singular value that counts as zero: what the measurement does not show.
-UNSEEN = 1e-10
-
-#: A mode that decays by less than this in a sample does not decay.
-UNDAMPED = 1e-12
-
-#: Largest difference of poles that were placed from those that were wanted, relative to the fastest one.
-PLACED = 1e-6
-
-
-def placed_gain(
-    drift: np.ndarray,
-    measured: np.ndarray,
-    transition: np.ndarray,
-    period: float,
-    poles: Any,
-    states: Sequence[str],
-) -> np.ndarray:
-    """L (n, p) that gives (1 − L H) Φ the eigenvalues exp(s T) for the wanted s [tits1996].
-
-    `drift`, `measured`, `transition`: (n, n), (p, n) and (n, n) arrays, A, H, and Φ = exp(A T). `period`: T, s.
-    `poles`: (n,) complex, s, 1/s: negative real parts, complex ones in conjugate pairs. `states`: Names, for errors.
-    Raises InvalidInput: for another number of poles; poles that do not decay, are not in pairs or turn by more than
-    half a turn per sample; more equal ones than there are independent measurements. Raises NotDetectable: if (A, H) is
-    not observable. Raises NumericalFailure: if the poles that are reached are not those that were wanted.
-    """
-    from scipy.signal import place_poles
-
-    wanted = _checked(poles, states, period)
-    hidden = unobservable(drift, measured)
-    if hidden.size:
-        raise _not_seen(drift, hidden, states, "its poles cannot be chosen")
-    # As (z − 1)/T: the eigenvalues of a fast sampled system all lie next to one.
-    rates, slope = np.expm1(wanted * period) / period, (transition - np.eye(len(drift))) / period
-    size = np.linalg.norm(measured, axis=1)
-    size = np.where(size > 0.0, size, 1.0)
-    mixed, singular, rows = np.linalg.svd(measured / size[:, None], full_matrices=False)
-    rank = int(np.sum(singular > UNSEEN))  # of sensors that say the same, their mean
-    rows, mixed = singular[:rank, None] * rows[:rank], mixed[:, :rank]
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of slow convergence: the result is judged below
-            placed: Any = place_poles(slope.T, (rows @ transition).T, rates)
-    except ValueError as error:
-        raise InvalidInput(
-            "The poles of the observer cannot be placed.",
-            f"expected each pole at most once per independent measurement, got {wanted.tolist()}: {error}",
-            "distinct poles, a few per cent apart",
-        ) from error
-    gain = period * placed.gain_matrix.T @ mixed.T / size
-    reached = np.linalg.eigvals(slope - gain @ measured @ transition / period)
-    if max(np.abs(reached - rate).min() for rate in rates) > PLACED * np.abs(rates).max():
-        raise NumericalFailure(
-            "The poles of the observer are not reached.",
-            f"wanted {rates.tolist()} 1/s as (z − 1)/T, got {reached.tolist()}",
-            "poles further apart, or closer to the plant's own",
-        )
-    return gain
-
-
-def check_detectable(drift: np.ndarray, measured: np.ndarray, states: Sequence[str]) -> None:
-    """Refuse a plant with a mode that neither decays nor shows: no gain makes that error go away.
-
-    Raises NotDetectable: with the mode and the state it is mainly in.
-    """
-    hidden = unobservable(drift, measured)
-    modes = np.linalg.eigvals(hidden.T @ drift @ hidden)
-    if np.any(modes.real >= -4.0 * np.finfo(float).eps * len(drift) * np.linalg.norm(drift)):
-        raise _not_seen(drift, hidden, states, "an error in it does not decay")
-
-
-def check_decay(error: np.ndarray) -> None:
-    """Refuse (1 − L H) Φ, (n, n), if its error does not decay, as without process noise."""
-    radius = float(np.abs(np.linalg.eigvals(error)).max())
-    if radius >= 1.0 - UNDAMPED:
-        raise InvalidInput(
-            "The error of the observer does not decay.",
-            f"expected |eigenvalues| of (1 − L H) Φ below 1, got {radius:.12g}",
-            "process noise on every state, or poles=",
-        )
-
-
-def unobservable(drift: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """Orthogonal basis (n, k) of the motions ẋ = A x that never show in H x.
-
-    The directions that H does not see, less those that A carries out of them, until none is left to take away: this
-    needs no eigenvalues, which are ill defined for the chains of integrators that robots are.
-    """
-    from scipy.linalg import matrix_balance, null_space
-
-    balanced, (scale, _) = matrix_balance(drift, permute=False, separate=True)
-    balanced = balanced / (np.linalg.norm(balanced, 2) or 1.0)
-    rows = measured * scale
-    rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), np.finfo(float).tiny)
-    basis = null_space(rows, rcond=UNSEEN)
-    while basis.size:
-        moved = balanced @ basis
-        _, singular, directions = np.linalg.svd(moved - basis @ (basis.T @ moved))
-        kept = basis @ directions[np.count_nonzero(singular > UNSEEN) :].T
-        if kept.shape == basis.shape:
-            return np.linalg.qr(scale[:, None] * basis)[0]
-        basis = kept
-    return basis
-
-
-def _not_seen(drift: np.ndarray, hidden: np.ndarray, states: Sequence[str], so: str) -> NotDetectable:
-    modes = np.linalg.eigvals(hidden.T @ drift @ hidden)
-    mainly = states[int(np.argmax(np.abs(hidden).max(axis=1)))]
-    return NotDetectable(
-        f"What is measured does not show every mode of the observer's plant: {so}.",
-        f"expected an observable pair (A, H), got hidden modes at {np.round(modes, 6).tolist()} 1/s, mainly in "
-        f"{mainly!r}",
-        f"measure {mainly} in addition, or what depends on it",
-    )
-
-
-def _checked(poles: Any, states: Sequence[str], period: float) -> np.ndarray:
-    try:
-        wanted: Any = np.asarray(poles, dtype=complex)
-    except (TypeError, ValueError):
-        wanted = np.zeros(0, dtype=complex)
-    example = [-10.0 - 2.0 * k for k in range(len(states))]
-    if wanted.shape != (len(states),) or not np.all(np.isfinite(wanted)):
-        raise InvalidInput(
-            "The poles of the observer do not fit its plant.",
-            f"expected {len(states)} finite poles, one per state of {list(states)}, got {value_text(poles)}",
-            f"poles={example}, in 1/s",
-        )
-    unpaired = [s for s in wanted if np.sum(wanted == s) != np.sum(wanted == np.conj(s))]
-    fast = np.pi / period
-    if unpaired or wanted.real.max() >= 0.0 or np.abs(wanted.imag).max() >= fast:
-        raise InvalidInput(
-            "These are not the poles of an error that decays from sample to sample.",
-            f"expected negative real parts, complex poles in conjugate pairs and frequencies below {fast:.6g} rad/s, "
-            f"got {wanted.tolist()}",
-            f"poles={example}, in 1/s",
-        )
-    return wanted

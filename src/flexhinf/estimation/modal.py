@@ -24,7 +24,7 @@ from numpy.polynomial import chebyshev
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
-from flexhinf.estimation.kalman import ConstantGainFilter, check_decay, stationary_gain
+from flexhinf.estimation.stationary import ConstantGainFilter, check_decay, stationary_gain
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import ElasticJoints, elastic_joints, link_compliance
 from flexhinf.scalars import clip

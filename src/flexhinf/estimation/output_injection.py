@@ -39,7 +39,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation.filter import RecursiveFilter, applied, covariance_matrix
-from flexhinf.estimation.kalman import check_decay, check_detectable, placed_gain, stationary_gain
+from flexhinf.estimation.stationary import check_decay, check_detectable, placed_gain, stationary_gain
 from flexhinf.plant import Plant
 from flexhinf.scalars.trace import nonzero, sizes_of_rows, switches, varying
 from flexhinf.validation import read_only

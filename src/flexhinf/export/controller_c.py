@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen import Call, Cholesky, Map, OuterSum, Polynomial, Repeat, Sweep, When
+from flexhinf.codegen import Call, Cholesky, Householder, Map, OuterSum, Polynomial, Repeat, Sweep, When
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
@@ -476,6 +476,8 @@ def _operations(step: Step) -> int:
             return step.count * step.target.size
         case Polynomial():
             return step.rows * step.columns
+        case Householder():
+            return 2 * step.count * step.source.size
     return step.order**3 // 3 if isinstance(step, Cholesky) else 0
 
 

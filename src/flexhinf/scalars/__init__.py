@@ -14,6 +14,7 @@ from flexhinf.scalars.symbol import (
     cholesky as cholesky,
     clip as clip,
     gram as gram,
+    householder as householder,
     maximum as maximum,
     minimum as minimum,
     sign as sign,

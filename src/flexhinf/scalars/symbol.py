@@ -224,6 +224,32 @@ def cholesky(matrix: np.ndarray) -> np.ndarray:
     return factor
 
 
+#: A column whose squares add up to less is zero: the reciprocal of such a number need not be finite.
+SMALLEST = 1e-290
+
+
+def householder(rows: np.ndarray, count: int) -> np.ndarray:
+    """Q T for an orthogonal Q that makes the first `count` columns of T (m, k) zero below the diagonal.
+
+    The rows that result have the same TᵀT. A column t, from the diagonal on, becomes −norm, 0, …, 0 by
+    T − v (vᵀT) / (norm v₁) with v = t + norm e₁ [golub2013]. Rows whose numbers are small should stand last.
+    """
+    table = np.array(rows)
+    for c in range(count):
+        v = table[c:, c].copy()
+        square = v @ v
+        empty = square <= SMALLEST
+        with np.errstate(divide="ignore", invalid="ignore"):
+            norm = np.sqrt(square) * where(v[0] < 0.0, -1.0, 1.0)
+            v[0] = v[0] + norm
+            factor = where(empty, 0.0, 1.0 / (norm * v[0]))
+        others = table[c:, c + 1 :]
+        table[c:, c + 1 :] = others - np.outer(v, (v @ others) * factor)
+        table[c, c] = where(empty, table[c, c], -norm)
+        table[c + 1 :, c] = where(empty, table[c + 1 :, c], 0.0)
+    return table
+
+
 def solve_lower(factor: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve L X = B for lower-triangular L (n, n) and B (n,) or (n, k)."""
     solution = _empty_like(right, factor)

@@ -18,6 +18,7 @@ import numpy as np
 from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
+from flexhinf.scalars.symbol import SMALLEST
 
 
 class Real:
@@ -208,6 +209,45 @@ def cholesky(name: str, real: Real) -> str:
         }}
         for (int i = 0; i < j; ++i) {{
             row[i] = {{0}};
+        }}
+    }}
+}}"""
+
+
+def householder(name: str, real: Real) -> str:
+    """Reflections that make the first columns zero below the diagonal; see `flexhinf.codegen.program.Householder`.
+
+    Sums over rows are four, of every fourth row.
+    """
+    smallest = constant(SMALLEST if real.name == "double" else 1e-36, real)
+    return f"""static void {name}(const {{R}} *source, {{R}} *target, int m, int k, int count)
+{{
+    for (int i = 0; i < m * k; ++i) {{
+        target[i] = source[i];
+    }}
+    for (int c = 0; c < count; ++c) {{
+        {{R}} part[4] = {{{{0}}}};
+        for (int i = c; i < m; ++i) {{
+            part[i % 4] = FMA(target[i * k + c], target[i * k + c], part[i % 4]);
+        }}
+        const {{R}} square = (part[0] + part[1]) + (part[2] + part[3]);
+        const {{R}} diagonal = target[c * k + c];
+        const {{R}} size = {{sqrt}}(square);
+        const {{R}} norm = (diagonal < {{0}}) ? -size : size;
+        const {{R}} head = diagonal + norm;
+        const {{R}} factor = (square <= {smallest}) ? {{0}} : {{1}} / (norm * head);
+        for (int j = c + 1; j < k; ++j) {{
+            {{R}} sum[4] = {{{{0}}}};
+            for (int i = c; i < m; ++i) {{
+                sum[i % 4] = FMA((i == c) ? head : target[i * k + c], target[i * k + j], sum[i % 4]);
+            }}
+            const {{R}} all = ((sum[0] + sum[1]) + (sum[2] + sum[3])) * factor;
+            for (int i = c; i < m; ++i) {{
+                target[i * k + j] = FMA((i == c) ? -head : -target[i * k + c], all, target[i * k + j]);
+            }}
+        }}
+        for (int i = c; i < m && square > {smallest}; ++i) {{
+            target[i * k + c] = (i == c) ? -norm : {{0}};
         }}
     }}
 }}"""

@@ -31,6 +31,7 @@ from flexhinf.codegen.program import (
     Cholesky,
     Copy,
     Guard,
+    Householder,
     Map,
     OuterSum,
     Polynomial,
@@ -298,6 +299,10 @@ class Translator:
                 name = self._helper("cholesky", algebra.cholesky, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 yield f"{name}({', '.join(places)}, {step.order});"
+            elif isinstance(step, Householder):
+                name = self._helper("reflect", algebra.householder, self.real)
+                places = self._at(step.source, loops), self._at(step.target, loops)
+                yield f"{name}({', '.join(places)}, {step.shape[0]}, {step.shape[1]}, {step.count});"
             elif isinstance(step, Copy):
                 source, target = self._at(step.source, loops), self._at(step.target, loops)
                 size = step.source.size * max(1, self._columns)

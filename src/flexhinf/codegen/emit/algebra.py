@@ -1,4 +1,4 @@
-"""Dense linear algebra in loops: sums of outer products, and Cholesky factors.
+"""Dense linear algebra in loops: sums of outer products, Cholesky factors, and reflections.
 
 In a kernel for a single run neighbouring columns travel in the lanes of one vector; in a kernel of several lanes
 an element is one number of every lane. Every number is computed by the same operations in either case.
@@ -13,6 +13,7 @@ from itertools import chain
 
 from flexhinf.codegen.emit.opcodes import Lanes, Writer
 from flexhinf.polynomial import basis
+from flexhinf.scalars.symbol import SMALLEST
 
 #: Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
 #: lanes; in a kernel for a single run eight rows of eight columns in a vector each.
@@ -20,6 +21,9 @@ TILE, WIDE = 4, 8
 
 #: Polynomials that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run.
 TOGETHER = 8
+
+#: So many reflections are written one after the other, others in a loop.
+SHORT = 8
 
 PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.symbol, which says what it means
 
@@ -210,6 +214,92 @@ class Algebra:
                 place = self._at(k, pitch, column)
                 total = self.multiply_add(wide, spread, value, self._load(rows, place, together))
                 self._store(work, place, total, together)
+
+    # Rows with the same TᵀT ---------------------------------------------------------------------------
+    def householder(self, source: Operand, target: str, shape: tuple[int, int], count: int) -> None:
+        """See `flexhinf.codegen.program.Householder`: one column after the other, of rows in groups of four."""
+        writer, (m, k) = self.writer, shape
+        together = (WIDE if k > TILE else TILE) if self._single else 1
+        pitch, height = -(-k // together) * together, -(-m // TILE) * TILE
+        work = writer.allocate(f"[{height * pitch} x {writer.lanes.element}]")
+        v = writer.allocate(f"[{height} x {writer.lanes.element}]")
+        zero = writer.lanes.constant(0.0)
+        with writer.loop(str(m)) as i:
+            with writer.loop(str(k)) as j:
+                self._store(work, self._at(i, pitch, j), self._load(source, self._at(i, k, j), 1), 1)
+            with writer.loop(str(pitch), str(k)) as j:
+                self._store(work, self._at(i, pitch, j), zero, 1)
+        with writer.loop(str(height * pitch), str(m * pitch)) as i:
+            self._store(work, i, zero, 1)
+        sizes = height, pitch, together
+        if count <= SHORT:
+            for c in range(count):
+                self._reflect(work, v, sizes, str(c))
+        else:
+            with writer.loop(str(count)) as c:
+                self._reflect(work, v, sizes, c)
+        with writer.loop(str(m)) as i, writer.loop(str(k)) as j:
+            self._store(target, self._at(i, k, j), self._load(Operand(work), self._at(i, pitch, j), 1), 1)
+
+    def _reflect(self, work: str, v: str, sizes: tuple[int, int, int], c: str) -> None:
+        """Zero column c below the diagonal: T ← T − v vᵀT / (norm v_c), with v = t + norm e_c; v is zero above c."""
+        (height, pitch, together), writer, rows, wide = (
+            sizes,
+            self.writer,
+            Operand(work),
+            self._wide(sizes[2]),
+        )
+        zero, end = writer.lanes.constant(0.0), str(height // TILE)
+        group = str(int(c) // TILE) if c.isdecimal() else writer.let(f"udiv i64 {c}, {TILE}")
+        block = str(int(c) // together) if c.isdecimal() else writer.let(f"udiv i64 {c}, {together}")
+        places = [self._place(zero, 1) for _ in range(TILE)]
+
+        def members(q: str) -> list[str]:
+            first = writer.let(f"mul nsw i64 {q}, {TILE}")
+            return [self._ahead(first, a) for a in range(TILE)]
+
+        def summed(parts: list[str], wide: Writer) -> str:
+            pairs = [wide.real("fadd", *parts[a : a + 2]) for a in (0, 2)]
+            return wide.real("fadd", *pairs)
+
+        with writer.loop(end, group) as q:
+            for i, place in zip(members(q), places):
+                value = self._load(rows, self._at(i, pitch, c), 1)
+                above = writer.splat(writer.let(f"icmp slt i64 {i}, {c}"), "i1")
+                value = writer.select(above, zero, value)
+                self._store(v, i, value, 1)
+                self._add_to(place, value, value, 1)
+        square = summed([self._loaded(place, 1) for place in places], writer)
+        empty = writer.compare("ole", square, writer.lanes.constant(SMALLEST))
+        diagonal = self._load(Operand(v), c, 1)
+        size = writer.intrinsic("sqrt", square)
+        norm = writer.select(writer.compare("olt", diagonal, zero), writer.real("fneg", size), size)
+        head = writer.real("fadd", diagonal, norm)
+        factor = writer.real("fdiv", writer.lanes.constant(1.0), writer.real("fmul", norm, head))
+        factor = self._spread(writer.select(empty, zero, factor), together)
+        self._store(v, c, head, 1)
+        with writer.loop(str(pitch // together), block) as b:
+            column = writer.let(f"mul nsw i64 {b}, {together}")
+            sums = [self._place(self._wide(together).lanes.constant(0.0), together) for _ in range(TILE)]
+            with writer.loop(end, group) as q:
+                for i, place in zip(members(q), sums):
+                    part = self._spread(self._load(Operand(v), i, 1), together)
+                    self._add_to(
+                        place, part, self._load(rows, self._at(i, pitch, column), together), together
+                    )
+            total = summed([self._loaded(place, together) for place in sums], wide)
+            total = wide.real("fneg", wide.real("fmul", total, factor))
+            with writer.loop(end, group) as q:
+                for i in members(q):
+                    here = self._at(i, pitch, column)
+                    part = self._spread(self._load(Operand(v), i, 1), together)
+                    value = self.multiply_add(wide, part, total, self._load(rows, here, together))
+                    self._store(work, here, value, together)
+        below = self._ahead(c, 1) if not c.isdecimal() else str(int(c) + 1)
+        with writer.loop(str(height), below) as i:
+            kept = writer.select(empty, self._load(Operand(v), i, 1), zero)
+            self._store(work, self._at(i, pitch, c), kept, 1)
+        self._store(work, self._at(c, pitch, c), writer.select(empty, diagonal, writer.real("fneg", norm)), 1)
 
     def polynomial(
         self,

@@ -47,6 +47,7 @@ from flexhinf.codegen.program import (
     Cholesky,
     Copy,
     Guard,
+    Householder,
     Map,
     Normal,
     OuterSum,
@@ -184,6 +185,7 @@ class _Emitter:
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
             Repeat: self._repeat, When: self._when, Call: self._call, Map: self._map, Sweep: self._sweep,
             OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
+            Householder: self._householder,
             Normal: self._normal, Guard: self._guard,
         }  # fmt: skip
         self.scratch = ""  # memory for the columns that a Sweep has in hand
@@ -392,6 +394,10 @@ class _Emitter:
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
         Algebra(self.writer, self.fused).cholesky(source, target, step.order)
+
+    def _householder(self, step: Householder, turns: tuple[str, ...]) -> None:
+        source, target = self._operand(step.source, turns), self._address(step.target, turns)
+        Algebra(self.writer, self.fused).householder(source, target, step.shape, step.count)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer

@@ -1,0 +1,176 @@
+"""Beliefs as rows of deviations W, P = WᵀW: updates by reflections alone, without a subtraction and without a test.
+
+The covariance itself is never formed, so numbers of 1e-8 and 1e8 may stand beside each other, and P cannot become
+indefinite. Two arrays are reduced to triangles by Householder's reflections (`flexhinf.scalars.householder`):
+
+    of a prediction           of a measurement y = C x + v, R = W_rᵀ W_r
+
+    [ moved deviations ]      [ W Cᵀ   W   0   ]        [ S   K_x   K_v ]
+    [ W_q              ]      [ W_r    0   W_r ]   →    [ 0   X     N   ]
+
+X is the new W, and the mean moves by K_xᵀ g with Sᵀ g = y − C x̂ [kailath2000]. Noise stands last: what is summed last
+should be small. y = C x + v holds for the estimates of x and v, and 0 = C x + ν for each row (x, ν) that is left; what
+rounding leaves of that goes through the gains once more.
+
+A deviation moves by difference arithmetic (`flexhinf.scalars.differences`), not as the difference of two points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.scalars import where
+
+
+class RootGaussian(NamedTuple):
+    """A mean (n,) and rows W (n, n) of deviations, P = WᵀW."""
+
+    mean: Any
+    root: Any
+
+    @property
+    def covariance(self) -> Any:
+        """P (n, n)."""
+        return self.root.T @ self.root
+
+
+def root_rows(covariance: np.ndarray) -> np.ndarray:
+    """W (n, n) with WᵀW a covariance (n, n): the Cholesky factor of its correlations, the largest pivot first.
+
+    A remainder below n eps of its own variance is rounding, and left out.
+    """
+    n = len(covariance)
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    unit = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)
+    left = covariance * unit[:, None] * unit
+    rows, waiting = np.zeros((n, n)), list(range(n))
+    for k in range(n):
+        pivot = max(waiting, key=lambda j: left[j, j])
+        if not left[pivot, pivot] > n * np.finfo(float).eps:
+            break
+        waiting.remove(pivot)
+        row = np.zeros(n)
+        row[[pivot, *waiting]] = left[pivot, [pivot, *waiting]] / np.sqrt(left[pivot, pivot])
+        rows[k] = row * scale
+        left = left - np.outer(row, row)
+    return rows
+
+
+def root_prediction(run: Any, rows: Any, process_noise: Any) -> Any:
+    """W (n, n) of moved deviations, rows (m, n), and R^v (n, n)."""
+    n = rows.shape[1]
+    return run.householder(run.stacked(rows, run.cholesky(process_noise).T), n)[:n]
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """A run on pairs of a state and a deviation of it, for the stages of a Runge–Kutta step of one `flow`.
+
+    The flow's difference is computed by `difference`, of (x, d, …); all else that the stages call are sums, which
+    values and deviations have alike.
+    """
+
+    run: Any
+    flow: Callable[..., Any]
+    difference: Callable[..., Any]
+
+    def call(self, function: Callable[..., Any], *arrays: Any) -> tuple[Any, Any]:
+        """As `flexhinf.codegen.Direct.call`, of pairs."""
+        if function == self.flow:
+            (x, d), *held = arrays
+            return self.run.call(function, x, *held), self.run.call(self.difference, x, d, *held)
+        values, deviations = zip(*arrays, strict=True)
+        return self.run.call(function, *values), self.run.call(function, *deviations)
+
+
+def linear_correction(
+    run: Any, belief: RootGaussian, expected: Any, slope: Any, y: Any, noise: Any
+) -> tuple[RootGaussian, Any, Any]:
+    """x(k|k), the innovation and its covariance, for an output that is linear about the mean.
+
+    `expected`: (p,), the output at the mean. `slope`: C (p, n). `y`, `noise`: (p,) and (p, p), measurement and R^n.
+    """
+    p = len(y)
+    seen, noises = (
+        run.columns(_seen, belief.root.T, slope),
+        run.columns(_noise, run.cholesky(noise), belief.mean),
+    )
+    reduced = run.householder(run.stacked(seen.T, noises.T), p)
+    gains, left = reduced[:p], reduced[p:]
+    mean, innovation, spread = run.call(_moved, gains, y, expected, belief.mean, slope)
+    return RootGaussian(mean, run.columns(_left, left.T, gains, slope).T), innovation, spread
+
+
+def correction_of_rows(
+    run: Any, mean: Any, rows: Any, innovation: Any, noise: Any
+) -> tuple[RootGaussian, Any]:
+    """x(k|k) and the covariance of the innovation, of deviations of outputs and states beside each other.
+
+    `rows`: (m, p + n). `innovation`: (p,).
+    """
+    n, p = len(mean), len(innovation)
+    noises = run.columns(_beside_zeros, run.cholesky(noise), mean)
+    reduced = run.householder(run.stacked(rows, noises.T), p)
+    gains, left = reduced[:p], run.columns(_states, reduced[p:].T, innovation).T
+    mean, spread = run.call(_gained, gains, innovation, mean)
+    return RootGaussian(mean, run.householder(left, n)[:n]), spread
+
+
+def _seen(row: Any, slope: Any) -> Any:
+    """A row (C w, w, 0)."""
+    return np.concatenate([slope @ row, row, np.zeros(len(slope))])
+
+
+def _noise(row: Any, mean: Any) -> Any:
+    """A row (r, 0, r)."""
+    return np.concatenate([row, np.zeros(len(mean)), row])
+
+
+def _beside_zeros(row: Any, mean: Any) -> Any:
+    return np.concatenate([row, np.zeros(len(mean))])
+
+
+def _states(row: Any, innovation: Any) -> Any:
+    return row[len(innovation) :]
+
+
+def solved(gains: Any, error: Any) -> Any:
+    """g of Sᵀ g = e, for the first p columns S (p, p) of the gains; zero where a pivot is, for want of any noise."""
+    left, found = np.array(error), []
+    for k in range(len(left)):
+        pivot = gains[k, k]
+        zero = pivot == 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found.append(where(zero, 0.0, left[k] / where(zero, 1.0, pivot)))
+        left[k + 1 :] = left[k + 1 :] - gains[k, k + 1 : len(left)] * found[k]
+    return np.array(found)
+
+
+def _refined(gains: Any, error: Any, slope: Any) -> tuple[Any, Any]:
+    """Moves of x and v by what y − C x̂ is, and again by what that leaves of it."""
+    p, n = slope.shape
+    g = solved(gains, error)
+    x, v = g @ gains[:, p : p + n], g @ gains[:, p + n :]
+    g = solved(gains, error - slope @ x - v)
+    return x + g @ gains[:, p : p + n], v + g @ gains[:, p + n :]
+
+
+def _moved(gains: Any, y: Any, expected: Any, mean: Any, slope: Any) -> tuple[Any, Any, Any]:
+    innovation, factor = y - expected, gains[:, : len(y)]
+    return mean + _refined(gains, innovation, slope)[0], innovation, factor.T @ factor
+
+
+def _gained(gains: Any, innovation: Any, mean: Any) -> tuple[Any, Any]:
+    p = len(innovation)
+    return mean + solved(gains, innovation) @ gains[:, p:], gains[:, :p].T @ gains[:, :p]
+
+
+def _left(row: Any, gains: Any, slope: Any) -> Any:
+    """x of a row (0, x, ν) that is left, once 0 = C x + ν holds."""
+    p, n = slope.shape
+    x, v = row[p : p + n], row[p + n :]
+    return x + solved(gains, -(slope @ x) - v) @ gains[:, p : p + n]
