@@ -28,6 +28,8 @@ ROWS = Path(__file__).resolve().parent / "rows"
 
 #: Poses of linear loops at which tuning looks; lines of the criterion that it counts in moves, and all.
 TUNED_POSES, DRIVEN = 20, 2
+#: Moves that may show that a candidate is not the best.
+FIRST = 2
 LINES = len(LEAST) + DRIVEN
 
 
@@ -93,7 +95,7 @@ def lines_of(loops: dict[str, Any]) -> dict[str, bool]:
 def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[Numbers, list[dict[str, Any]]]:
     """What the rule in `laws` chooses, and all candidates that it looked at.
 
-    Those are not driven that are unstable, or that keep two linear lines less than the best keeps lines.
+    None is driven that is unstable, or on that cannot be the best any more.
     """
     loaded = true_arms(entry, "payload")[0]
     moves = the_goals.moves(arm, the_goals.goals(arm, loaded, TUNING, TUNING_SEED)[0])
@@ -104,26 +106,42 @@ def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[Numbers,
         return one["lines"], one["stable"], one.get("arrived", 0), -np.inf if worst is None else -worst
 
     for candidates in choice.candidates:
-        judged = []
+        judged = list[dict[str, Any]]()
         for numbers in candidates:
             if (
                 same := _same(arm, numbers)
             ) not in seen:  # shares with which all bandwidths are the largest are one
                 seen.add(same)
                 judged.append(_judged(arm, choice, links, numbers))
-        tried += sorted(judged, key=order, reverse=True)
-        for one in tried[len(tried) - len(judged) :]:
-            if one["stable"] == TUNED_POSES and one["lines"] + DRIVEN >= max(map(order, tried))[0]:
+        for one in sorted(judged, key=lambda one: -one["lines"]):
+            if one["stable"] == TUNED_POSES:
                 law = choice.make(arm, links, **one["numbers"])
-                run = summary(
-                    trip(PLANTS["mujoco"], law, [arm], moves, Condition("tuning", links=links)).moves
-                )
-                one |= {name: run[name] for name in ("arrived", "remaining_worst", "ripple")}
-                quiet = run["ripple"] is not None and run["ripple"] <= MOST["ripple"]
-                one["lines"] += quiet + (run["arrived"] == len(moves))
+                _driven(one, law, arm, moves, links, max(map(order, tried), default=(-1.0,)))
+            tried.append(one)
         if max(map(order, tried))[0] == LINES:
             break
     return max(tried, key=order)["numbers"], tried
+
+
+def _driven(
+    one: dict[str, Any],
+    law: Law,
+    arm: Arm,
+    moves: Sequence[the_goals.Move],
+    links: bool,
+    best: tuple[float, ...],
+) -> None:
+    """Add what a candidate does in the moves; in the first of them, or in none, where it comes behind the best."""
+    linear, at_most = one["lines"], (one["lines"] + DRIVEN, one["stable"], len(moves), 0.0)
+    for count in sorted({min(FIRST, len(moves)), len(moves)}):
+        if at_most < best:
+            return
+        condition = Condition("tuning", links=links)
+        run = summary(trip(PLANTS["mujoco"], law, [arm], moves[:count], condition).moves)
+        worst, ripple = (np.inf if run[key] is None else run[key] for key in ("remaining_worst", "ripple"))
+        one |= {name: run[name] for name in ("moves", "arrived", "remaining_worst", "ripple")}
+        one["lines"] = linear + (ripple <= MOST["ripple"]) + (run["arrived"] == count)
+        at_most = one["lines"], one["stable"], len(moves) - count + run["arrived"], -worst
 
 
 def _same(arm: Arm, numbers: Numbers) -> str:
