@@ -385,9 +385,9 @@ LAWS = {
         "joint-torque feedback, gains by inertia, integral of the link",
         _difference(matrix=True, integral=True),
         _of_shares(
+            {"lighter": LIGHTER, "turning": 0.0},
             {"lighter": LIGHTER, "turning": TURNING},
             {"lighter": 1.0, "turning": TURNING},
-            {"lighter": LIGHTER, "turning": 0.0},
         ),
         needs_links=True,
     ),
