@@ -108,9 +108,8 @@ def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[Numbers,
     for candidates in choice.candidates:
         judged = list[dict[str, Any]]()
         for numbers in candidates:
-            if (
-                same := _same(arm, numbers)
-            ) not in seen:  # shares with which all bandwidths are the largest are one
+            same = _same(arm, numbers)
+            if same not in seen:
                 seen.add(same)
                 judged.append(_judged(arm, choice, links, numbers))
         for one in sorted(judged, key=lambda one: -one["lines"]):
@@ -145,7 +144,7 @@ def _driven(
 
 
 def _same(arm: Arm, numbers: Numbers) -> str:
-    """What candidates that are the same law have in common."""
+    """What candidates that are the same law have in common: shares that are beyond the largest bandwidth are one."""
     rest = dict(numbers)
     if "share" in rest:
         rest["w"] = bandwidths(arm, rest.pop("share"), rest.pop("fastest")).tolist()
