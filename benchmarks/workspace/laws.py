@@ -4,21 +4,19 @@ A law is anything with the three methods of `Law`; `LAWS` says how each is made.
 feedforward (`goals.Reference`), encoders of links and motors or of motors alone, and know that their input acts one
 sample later. Inputs are in the robot's own unit.
 
-The rule of tuning: a rival has one number, the share s: joint j gets the bandwidth ω_j = s √(K_j / M_jj), a part of
-its own vibration with the motor held, at home, and at most the first of `FASTEST`. Of `SHARES` the rival gets the one
-with which it arrives most often in `TUNING` moves that are not those of the benchmark, then with the smallest worst
-remaining error. Before others come those that there tolerate one more sample of delay (springs damped by 0.5 %) and a
-gain of two, then those that are stable. Where no share tolerates both, the first of `FASTEST` with which some share
-tolerates one is taken, or else with which some is stable: robots with light wrists on stiff springs need it. Of them,
-those come first that stay below 1.5 % of ripple; where none does, the least ripple decides between those that arrive
-as often. So a rival is tuned for the criterion by which it is judged.
+The rule of tuning: a rival with a share s gives joint j the bandwidth ω_j = s √(K_j / M_jj), a part of its own
+vibration with the motor held, at home, and at most the first of `FASTEST`; `LAWS` lists what else may be chosen. Every
+candidate is judged by six lines of the criterion, with its thresholds: damping, two extra delays and gain of the linear
+loops at other poses, and ripple and all moves arriving in `TUNING` moves that are not those of the benchmark. The rival
+gets the candidate that keeps most of these lines, then arrives most often, then has the smallest worst remaining error.
+While none keeps all six, lower largest bandwidths are tried as well. A candidate that is unstable at one of the poses
+keeps no line and is not driven; where all are, the one that is stable at most poses is taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import comb
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,21 +35,30 @@ __all__ = [
     "DifferenceLaw",
     "FlatnessLaw",
     "Law",
+    "QuadraticLaw",
     "bandwidths",
 ]
 
 #: Shares that are tried; moves that each is tried in, and the seed of their goals; largest bandwidths, rad/s.
-SHARES, TUNING, TUNING_SEED = (0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.5, 4.0), 8, 77
+SHARES, TUNING, TUNING_SEED = (0.1, 0.15, 0.2, 0.3, 0.45, 0.7, 1.0, 1.5, 2.0, 2.5, 4.0), 8, 77
 FASTEST = (120.0, 60.0, 30.0, 15.0)
 #: Damping ratio of a PD, rate of an integral in parts of ω, what a new difference counts in the filtered velocity.
 DAMPING, INTEGRAL, BLEND = 0.8, 0.4, 0.6
-#: By torque feedback a rotor feels so much lighter; the torque is extrapolated by so many samples. Joints whose own
-#: vibration is faster than this, rad/s, have none: within the latency it would excite them.
-LIGHTER, LEAD, TORQUE_FAST = 0.5, 2.0, 180.0
+#: By torque feedback a rotor feels so much lighter; the torque is extrapolated by so many samples; its rate damps the
+#: joint's own vibration by so much. Joints whose own vibration is faster than this, rad/s, have no feedback of the
+#: torque, or of its rate: within the latency it would excite them.
+LIGHTER, LEAD, TURNING = 0.5, 2.0, 0.42
+TORQUE_FAST, RATE_FAST = 180.0, 400.0
 #: Gains of a law with a filter are made anew every so many samples, while the command moves.
 EVERY = 50
-#: Kalman filter: noise of the encoders (rad, m), random torques each sample in parts of the limits, links and motors.
-NOISE, LINKS, MOTORS = 1e-5, 0.005, 0.03
+#: Kalman filter: noise of the encoders (rad, m); random torques each sample in parts of the limits, links and motors.
+NOISE, TORQUES = 1e-5, ((0.005, 0.03), (0.0006, 0.01), (0.0025, 0.03))
+#: Damping of a vibration that flatness leaves where it is.
+LEFT = 0.5
+#: LQG: bandwidths, rad/s, weights of velocities, random torques of its filter, and the weight of the integral.
+RATES, VELOCITIES, SPREADS, INTEGRATED = (
+    (56.0, 40.0, 28.0, 20.0, 14.0), (3.0, 5.0), ((0.0025, 0.03), (0.0006, 0.01), (0.005, 0.005)), 0.5,
+)  # fmt: skip
 
 
 class Law(Protocol):
@@ -80,24 +87,27 @@ class DifferenceLaw:
     """PD on the motors about the command, velocities by filtered differences; torque feedback; integral of the links.
 
         u' = −Ω M̄ Ω e_θ − (2ζ √Ω M̄ √Ω − B J_θ/J) ė_θ − 0.4 Ω^1.5 M̄ Ω^1.5 ∫ e,
-        τ = (J / J_θ) u' + (1 − J / J_θ) K (e_θ − e_q)⁺
+        τ = (J / J_θ) u' + (1 − J / J_θ) K (e_θ − e_q)⁺ − 2ζ_v ω_v J (ė_θ − ė_q)
 
     e are deviations from the reference; Ω = diag(ω_j); M̄ is M(q) + J_θ at the commanded pose, or at home its diagonal.
-    With J_θ = J there is no torque feedback; ⁺ is an extrapolation over the latency. The integral is in N·m, of the
-    links' error, or of the motors' where links are not measured, and stands still for a joint whose motor is at its
-    limit.
+    With J_θ = J there is no torque feedback; ⁺ is an extrapolation over the latency. ζ_v = `turning` feeds back the
+    torque's rate, by which the joint's own vibration ω_v with a free motor, at home, is damped. The integral is in N·m,
+    of the links' error, or of the motors' where links are not measured, and stands still for a joint whose motor is at
+    its limit.
     """
 
     def __init__(
         self, arm: Arm, links: bool, share: float, fastest: float = FASTEST[0], *,
-        matrix: bool = False, integral: bool = False, torque: bool = False,
+        matrix: bool = False, integral: bool = False, lighter: float = 1.0, turning: float = 0.0,
     ) -> None:  # fmt: skip
-        self.arm, self.links, self.matrix, self.torque = arm, links, matrix, links and torque
+        self.arm, self.links, self.matrix = arm, links, matrix
+        self.torque = links and (lighter != 1.0 or turning != 0.0)
         self.w, self.integral = bandwidths(arm, share, fastest), integral
         own = np.diag(arm.inertia_matrix(arm.home))
-        slow = np.sqrt(arm.stiffness * (1.0 / own + 1.0 / arm.rotor)) < TORQUE_FAST
-        self.rotor = np.where(slow & torque, LIGHTER, 1.0) * arm.rotor  # J_θ
+        turns = np.sqrt(arm.stiffness * (1.0 / own + 1.0 / arm.rotor))  # ω_v
+        self.rotor = np.where(turns < TORQUE_FAST, lighter, 1.0) * arm.rotor  # J_θ
         self.scale = arm.rotor / self.rotor
+        self.damper = np.where(turns < RATE_FAST, 2.0 * turning * turns, 0.0) * arm.rotor / arm.per_input
         unit, w = (self.scale / arm.per_input)[:, None], self.w
         #: M̄ times these, entry by entry, are the gains on e_θ, ė_θ and the sum of e T.
         self.weights = np.array(
@@ -129,24 +139,25 @@ class DifferenceLaw:
         n = self.arm.n
         self.before: tuple[np.ndarray, np.ndarray] | None = None
         self.twist: np.ndarray | None = None
-        self.velocity, self.sum = np.zeros(n), np.zeros(n)
+        self.velocity, self.sum = np.zeros((1 + self.torque) * n), np.zeros(n)
 
     def step(self, y: np.ndarray, reference: Reference) -> np.ndarray:
         """Input for a measurement."""
         arm, n, x = self.arm, self.arm.n, reference.state
         link, motor = y[:n] - x[:n], y[-n:] - x[2 * n : 3 * n]
-        now = y[-n:], x[3 * n :]
+        now = (y, np.concatenate((x[n : 2 * n], x[3 * n :]))) if self.torque else (y[-n:], x[3 * n :])
         before = self.before or now
         rate = (now[0] - before[0]) / PERIOD - 0.5 * (now[1] + before[1])  # no blow where the command jumps
         self.velocity = self.velocity + BLEND * (rate - self.velocity)
         self.before = now
         p, d, i = self.gains(x[:n])
-        wish = reference.input - p @ motor - d @ self.velocity - self.sum
+        wish = reference.input - p @ motor - d @ self.velocity[-n:] - self.sum
         if self.torque:
             twist = motor - link
             late = twist if self.twist is None else self.twist
             self.twist = twist
             wish = wish + self.turn * arm.stiffness * (twist + LEAD * (twist - late))
+            wish = wish - self.damper * (self.velocity[n:] - self.velocity[:n])
         u = arm.limited(wish)
         error = link if self.links else motor
         if self.integral:
@@ -154,36 +165,54 @@ class DifferenceLaw:
         return u
 
     def linear(self, q: np.ndarray) -> Linear:
-        """States: e_θ before, its filtered rate, e_θ − e_q before, and the integral, if there is, as an input."""
+        """States: e before of what is differentiated, its filtered rate, and the integral, if there is, as an input."""
         n, unit, zero = self.arm.n, np.eye(self.arm.n), np.zeros((self.arm.n, self.arm.n))
         p, d, i = self.gains(q)
-        spring = np.diag(self.turn * self.arm.stiffness)
-        a, b, c = np.zeros((4 * n, 4 * n)), np.zeros((4 * n, 2 * n)), np.zeros((n, 4 * n))
-        a[n : 2 * n, : 2 * n] = np.hstack([-BLEND / PERIOD * unit, (1.0 - BLEND) * unit])
-        a[3 * n :, 3 * n :] = unit
-        error = (PERIOD * i, zero) if self.links else (zero, PERIOD * i)
-        b[:] = np.block([[zero, unit], [zero, BLEND / PERIOD * unit], [-unit, unit], list(error)])
-        c[:] = np.hstack([d * BLEND / PERIOD, -(1.0 - BLEND) * d, -LEAD * spring, -unit])
-        through = np.hstack([-(1.0 + LEAD) * spring, (1.0 + LEAD) * spring - p - d * BLEND / PERIOD])
-        size, first = (4 if self.integral else 3) * n, 0 if self.links else n
-        return a[:size, :size], b[:size, first:], c[:, :size], through[:, first:]
+        motor = np.hstack([zero, unit]) if self.torque else unit
+        twist = np.hstack([-unit, unit]) if self.torque else zero
+        spring = np.diag(self.turn * self.arm.stiffness) @ twist
+        rate, m = d @ motor + np.diag(self.damper) @ twist, motor.shape[1]
+        a, b, c = np.zeros((2 * m + n, 2 * m + n)), np.zeros((2 * m + n, m)), np.zeros((n, 2 * m + n))
+        a[m : 2 * m, : 2 * m] = np.hstack([-BLEND / PERIOD * np.eye(m), (1.0 - BLEND) * np.eye(m)])
+        a[2 * m :, 2 * m :] = unit
+        b[:m], b[m : 2 * m] = np.eye(m), BLEND / PERIOD * np.eye(m)
+        c[:] = np.hstack([BLEND / PERIOD * rate - LEAD * spring, -(1.0 - BLEND) * rate, -unit])
+        through = (1.0 + LEAD) * spring - p @ motor - BLEND / PERIOD * rate
+        seen = np.eye(2 * n if self.links else n)  # what is differentiated, of what is measured
+        b, through = b @ seen[-m:], through @ seen[-m:]
+        b[2 * m :] = PERIOD * i @ seen[:n]
+        size = 2 * m + self.integral * n
+        return a[:size, :size], b[:size], c[:, :size], through
 
 
 class FlatnessLaw:
-    """Flatness: each link's error is made a chain (s + ω_j)⁵ with its integral, whatever the other joints do.
+    """Flatness: each link's error is made a chain of five poles with its integral, whatever the other joints do.
 
     With the robot frozen at the commanded pose, z = q − q_d, w = θ − θ_d: z̈ = M⁻¹ (K (w − z) − G' z), so
 
         z⁗ = v = −Σ a_i z^(i) − a_I ∫ z    for    τ = J K⁻¹ (M v + (K + G') z̈) + K (w − z) + B ẇ.
 
+    The poles are five at −ω_j, or three and the joint's own vibration with a free motor, left where it is and damped.
     The state comes from a Kalman filter about the command at the commanded pose, with both encoders or motors alone,
     and is predicted to the sample at which the input acts.
     """
 
-    def __init__(self, arm: Arm, links: bool, share: float, fastest: float = FASTEST[0]) -> None:
-        self.arm, self.links, w = arm, links, bandwidths(arm, share, fastest)
-        self.chain = [comb(5, i) * w ** (5 - i) for i in range(5)]  # a_I, a_0 … a_3 of each joint
+    def __init__(
+        self, arm: Arm, links: bool, share: float, fastest: float = FASTEST[0], *,
+        left: bool = False, torques: Sequence[float] = TORQUES[0],
+    ) -> None:  # fmt: skip
+        self.arm, self.links, self.left, self.torques = arm, links, left, torques
+        self.w = bandwidths(arm, share, fastest)
         self.start(arm.home)
+
+    def chain(self, m: np.ndarray) -> np.ndarray:
+        """a_I, a_0 … a_3 of each joint, (5, n), for M(q)."""
+        turns = np.sqrt(self.arm.stiffness * (1.0 / np.diag(m) + 1.0 / self.arm.rotor))
+        found = []
+        for w, turn in zip(self.w, turns):
+            last = (1.0, 2.0 * LEFT * turn, turn**2) if self.left else np.poly([-w, -w])
+            found.append(np.polymul(np.poly([-w] * 3), last)[:0:-1])
+        return np.array(found).T
 
     def gains(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State feedback (n, 4n) and the integral's gain (n, n), in units of the input."""
@@ -194,7 +223,7 @@ class FlatnessLaw:
         inverse = np.linalg.inv(m)
         ddz = inverse @ (k @ (w - z) - slope @ z)
         dddz = inverse @ (k @ (dw - dz) - slope @ dz)
-        integral, *chain = self.chain
+        integral, *chain = self.chain(m)
         v = -sum(a[:, None] * row for a, row in zip(chain, (z, dz, ddz, dddz)))
         soft = (arm.rotor / arm.stiffness / arm.per_input)[:, None]
         unit = 1.0 / arm.per_input[:, None]
@@ -209,7 +238,8 @@ class FlatnessLaw:
         push = np.zeros((4 * n, n))
         push[n : 2 * n] = np.linalg.inv(arm.inertia_matrix(q))
         limit = arm.per_input * arm.limit
-        spread = np.hstack([held(a, push, PERIOD)[1] * limit * LINKS, g * arm.limit * MOTORS])
+        links, motors = self.torques
+        spread = np.hstack([held(a, push, PERIOD)[1] * limit * links, g * arm.limit * motors])
         scale = np.tile(np.repeat([NOISE, NOISE / PERIOD], n), 2)
         c = outputs(n, self.links) * scale / NOISE
         fs, ws = f * scale / scale[:, None], spread / scale[:, None]
@@ -270,18 +300,67 @@ class FlatnessLaw:
         return a, b, u, u_y
 
 
+class QuadraticLaw(FlatnessLaw):
+    """LQG with integral: the state feedback that minimises a quadratic cost of the sampled robot at the commanded pose.
+
+        Σ |W² (M + J) e / τ_max|² + |v W (M + J) ė / τ_max|² + |½ W³ (M + J) ∫ e / τ_max|² + |u / u_max|²,    W = w
+
+    with e of the links. So a deviation costs as much as the input with which a rigid robot of bandwidth w would meet
+    it. Filter, prediction and integral are those of `FlatnessLaw`. Gains solve a Riccati equation of 5n states.
+    """
+
+    def __init__(
+        self, arm: Arm, links: bool, w: float, velocity: float = VELOCITIES[0], torques: Sequence[float] = SPREADS[0],
+    ) -> None:  # fmt: skip
+        self.arm, self.links, self.bandwidth, self.velocity, self.torques = arm, links, w, velocity, torques
+        self.start(arm.home)
+
+    def gains(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """State feedback (n, 4n) and the integral's gain (n, n), in units of the input."""
+        arm, n, w, unit = self.arm, self.arm.n, self.bandwidth, np.eye(self.arm.n)
+        f, g = held(*arm.linear(q), PERIOD)
+        f = np.block([[f, np.zeros((4 * n, n))], [PERIOD * unit, np.zeros((n, 3 * n)), unit]])
+        g = np.vstack([g, np.zeros((n, n))])
+        inertia = (arm.inertia_matrix(q) + np.diag(arm.rotor)) / (arm.limit * arm.per_input)[:, None]
+        weights = np.zeros((3 * n, 5 * n))
+        for k, (at, weight) in enumerate(((0, w**2), (1, self.velocity * w), (4, INTEGRATED * w**3))):
+            weights[k * n : (k + 1) * n, at * n : (at + 1) * n] = weight * inertia
+        cost = np.diag(arm.limit**-2.0)
+        p = solve_discrete_are(f, g, weights.T @ weights + 1e-12 * np.eye(5 * n), cost)
+        feedback = np.linalg.solve(cost + g.T @ p @ g, g.T @ p @ f)
+        return feedback[:, : 4 * n], feedback[:, 4 * n :]
+
+
+#: What a law is made with beside its robot and its sensors.
+Numbers = dict[str, Any]
+
+
+def _of_shares(*more: Numbers) -> tuple[list[Numbers], ...]:
+    """Candidates with each largest bandwidth: all shares, each with every one of these."""
+    return tuple(
+        [{"share": share, "fastest": fastest} | one for one in more or ({},) for share in SHARES]
+        for fastest in FASTEST
+    )
+
+
 @dataclass(frozen=True)
 class Choice:
     """A law of the benchmark: how it is called, how it is made from the nominal robot, and what it needs."""
 
     title: str
-    make: Callable[..., Law]  # (arm, links, share, fastest), or (arm, links, folder) for what is designed
-    tuned: bool = True
+    make: Callable[..., Law]  # (arm, links, **numbers), or (arm, links, folder) for what is designed
+    #: What the rule of tuning chooses from; the next ones while none of those before keeps all lines.
+    candidates: tuple[list[Numbers], ...] = ()
     needs_links: bool = False
+
+    @property
+    def tuned(self) -> bool:
+        """Whether it is a rival."""
+        return bool(self.candidates)
 
 
 def _difference(**options: Any) -> Callable[..., Law]:
-    return lambda arm, links, *numbers: DifferenceLaw(arm, links, *numbers, **options)
+    return lambda arm, links, **numbers: DifferenceLaw(arm, links, **numbers, **options)
 
 
 def _one_pose(arm: Arm, links: bool, folder: Any) -> Law:
@@ -298,16 +377,37 @@ def _workspace(arm: Arm, links: bool, folder: Any) -> Law:
 
 #: By name, rivals first.
 LAWS = {
-    "pd": Choice("PD + gravity on motor encoders", _difference()),
+    "pd": Choice("PD + gravity on motor encoders", _difference(), _of_shares()),
     "pd-integral": Choice(
-        "PD + integral of the link, full M(q)", _difference(matrix=True, integral=True)
+        "PD + integral of the link, full M(q)", _difference(matrix=True, integral=True), _of_shares()
     ),
     "torque": Choice(
         "joint-torque feedback, gains by inertia, integral of the link",
-        _difference(matrix=True, integral=True, torque=True),
+        _difference(matrix=True, integral=True),
+        _of_shares(
+            {"lighter": LIGHTER, "turning": 0.0},
+            {"lighter": LIGHTER, "turning": TURNING},
+            {"lighter": 1.0, "turning": TURNING},
+        ),
         needs_links=True,
     ),
-    "flatness": Choice("flatness, Kalman filter", FlatnessLaw),
-    "one-pose": Choice("flexhinf, law of one pose (home)", _one_pose, tuned=False),
-    "workspace": Choice("flexhinf, law for the workspace", _workspace, tuned=False),
+    "flatness": Choice(
+        "flatness, Kalman filter",
+        FlatnessLaw,
+        _of_shares(*({"left": left, "torques": pair} for left in (False, True) for pair in TORQUES)),
+    ),
+    "lqg": Choice(
+        "LQG with integral, solved at each pose",
+        QuadraticLaw,
+        (
+            [
+                {"w": w, "velocity": velocity, "torques": pair}
+                for w in RATES
+                for velocity in VELOCITIES
+                for pair in SPREADS
+            ],
+        ),
+    ),
+    "one-pose": Choice("flexhinf, law of one pose (home)", _one_pose),
+    "workspace": Choice("flexhinf, law for the workspace", _workspace),
 }  # fmt: skip

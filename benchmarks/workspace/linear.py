@@ -14,7 +14,19 @@ from scipy.linalg import expm
 
 from benchmarks.workspace.arm import LATENCY, PERIOD, Arm
 
-__all__ = ["DELAYS", "GAINS", "Linear", "closed", "damping", "held", "judged", "late", "margin", "outputs"]
+__all__ = [
+    "DELAYS",
+    "GAINS",
+    "LEAST",
+    "Linear",
+    "closed",
+    "damping",
+    "held",
+    "judged",
+    "late",
+    "margin",
+    "outputs",
+]
 
 #: A sampled controller: A, B, C, D.
 Linear = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -23,6 +35,8 @@ Linear = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 SLOW, FAST = 2.0, 350.0
 #: Damping ratio of the springs in the second of each two delay margins.
 SPRINGS = 0.005
+#: The criterion: least damping, extra delay (the second with springs damped more), gain margin.
+LEAST = {"damping": 0.2, "delay": 1.0, "damped_delay": 2.0, "gain": 2.0}
 #: Extra delays (samples) and gains that are tried one after the other; the edge between two is then halved.
 DELAYS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 GAINS = (1.1, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 8.0)

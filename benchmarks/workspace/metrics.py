@@ -14,10 +14,13 @@ import numpy as np
 from benchmarks.workspace.arm import PERIOD
 from benchmarks.workspace.goals import Move
 
-__all__ = ["ARRIVED", "PUSH", "PUSHED", "TAIL", "MoveMetrics", "metrics", "summary"]
+__all__ = ["ARRIVED", "MOST", "PUSH", "PUSHED", "STEPS", "TAIL", "MoveMetrics", "metrics", "summary"]
 
 #: The end of a move that counts for arriving and for ripple, samples; the largest error there of one that arrives.
 TAIL, ARRIVED = 300, 1e-3
+#: The criterion: most of a motion the wrong way, and of the ripple, per cent; and of bare steps, the wrong way and the
+#: excursion of the joints that rest.
+MOST, STEPS = {"wrong_way": 1.0, "ripple": 1.5}, {"wrong_way": 5.0, "excursion": 25.0}
 #: A push on all links: share of the limits, samples before the end of the move, length in samples.
 PUSH, PUSHED, PUSH_LENGTH = 0.3, 750, 50
 #: Where a joint is back after a push, in parts of the largest travel.

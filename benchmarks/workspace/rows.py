@@ -13,9 +13,9 @@ import numpy as np
 import flexhinf as fh
 from benchmarks.workspace import goals as the_goals
 from benchmarks.workspace.arm import Arm
-from benchmarks.workspace.laws import FASTEST, LAWS, SHARES, TUNING, TUNING_SEED, Choice, Law, bandwidths
-from benchmarks.workspace.linear import MARGINS, PoseLoop, judged
-from benchmarks.workspace.metrics import summary
+from benchmarks.workspace.laws import LAWS, TUNING, TUNING_SEED, Choice, Law, Numbers, bandwidths
+from benchmarks.workspace.linear import LEAST, MARGINS, PoseLoop, judged
+from benchmarks.workspace.metrics import MOST, summary
 from benchmarks.workspace.plants import PLANTS
 from benchmarks.workspace.robots import ROBOTS, Entry, true_arms
 from benchmarks.workspace.size import object_bytes
@@ -26,8 +26,11 @@ __all__ = ["ROWS", "Bench", "kept", "law_name", "law_record", "row_name", "writt
 #: The rows that the docs show.
 ROWS = Path(__file__).resolve().parent / "rows"
 
-#: Where tuning looks: poses of linear loops, what their margins should be, and the largest ripple, per cent.
-TUNED_POSES, TUNED_DELAY, TUNED_GAIN, TUNED_RIPPLE = 8, 1.0, 2.0, 1.5
+#: Poses of linear loops at which tuning looks; lines of the criterion that it counts in moves, and all.
+TUNED_POSES, DRIVEN = 20, 2
+#: Moves that may show that a candidate is not the best.
+FIRST = 2
+LINES = len(LEAST) + DRIVEN
 
 
 def kept(folder: Path, name: str) -> dict[str, Any] | None:
@@ -56,11 +59,15 @@ def row_name(robot: str, law: str, plant: str, condition: str) -> str:
 
 # Laws ---------------------------------------------------------------------------------------------
 def judged_at(
-    arm: Arm, law: Law, links: bool, count: int, seed: int = the_goals.POSES_SEED
-) -> dict[str, Any]:
-    """The smallest of every number over random poses; None where the loop is unstable at one of them."""
+    arm: Arm, law: Law, links: bool, count: int, seed: int = the_goals.POSES_SEED,
+    enough: dict[str, float] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The smallest of every number over random poses; None where the loop is unstable at one of them.
+
+    Margins beyond `enough` are not sought, and are `enough` then.
+    """
     loops: list[PoseLoop] = []
-    least = dict.fromkeys(MARGINS, np.inf)
+    least = {name: np.inf if enough is None else enough[name] for name in MARGINS}
     for q in the_goals.poses(arm, count, seed):
         try:
             loops.append(judged(arm, q, law.linear(q), links, enough=list(least.values())))
@@ -77,56 +84,84 @@ def judged_at(
     }
 
 
-def tuned(
-    entry: Entry, arm: Arm, choice: Choice, links: bool
-) -> tuple[dict[str, float], list[dict[str, Any]]]:
-    """The share and the largest bandwidth of the rule in `laws`, and what every share did with the latter."""
+def lines_of(loops: dict[str, Any]) -> dict[str, bool]:
+    """Whether linear loops keep each line of the criterion; none where one of them is unstable."""
+    stable = loops["stable"] == loops["poses"]
+    return {
+        name: stable and loops[name] is not None and loops[name] >= least for name, least in LEAST.items()
+    }
+
+
+def tuned(entry: Entry, arm: Arm, choice: Choice, links: bool) -> tuple[Numbers, list[dict[str, Any]]]:
+    """What the rule in `laws` chooses, and all candidates that it looked at.
+
+    None is driven that is unstable, or on that cannot be the best any more.
+    """
     loaded = true_arms(entry, "payload")[0]
     moves = the_goals.moves(arm, the_goals.goals(arm, loaded, TUNING, TUNING_SEED)[0])
-    fewest, fastest, tried = 4, 0.0, list[dict[str, Any]]()
-    for largest in FASTEST:
-        placed = [_placed(arm, choice, links, share, largest) for share in SHARES]
-        if (missed := min(map(_missed, placed))) < fewest:
-            fewest, fastest, tried = missed, largest, placed
-        if not fewest:
+    tried, seen = list[dict[str, Any]](), set[str]()
+
+    def order(one: dict[str, Any]) -> tuple[float, ...]:
+        worst = one.get("remaining_worst")
+        return one["lines"], one["stable"], one.get("arrived", 0), -np.inf if worst is None else -worst
+
+    for candidates in choice.candidates:
+        judged = list[dict[str, Any]]()
+        for numbers in candidates:
+            same = _same(arm, numbers)
+            if same not in seen:
+                seen.add(same)
+                judged.append(_judged(arm, choice, links, numbers))
+        for one in sorted(judged, key=lambda one: -one["lines"]):
+            if one["stable"] == TUNED_POSES:
+                law = choice.make(arm, links, **one["numbers"])
+                _driven(one, law, arm, moves, links, max(map(order, tried), default=(-1.0,)))
+            tried.append(one)
+        if max(map(order, tried))[0] == LINES:
             break
-    first = min(one["place"] for one in tried)
-    seen: dict[bytes, dict[str, Any]] = {}  # shares with which all bandwidths are the largest are one
-    for one in [one for one in tried if one["place"] == first]:
-        key = bandwidths(arm, one["share"], fastest).tobytes()
-        if key not in seen:
-            law = choice.make(arm, links, one["share"], fastest)
-            run = trip(PLANTS["mujoco"], law, [arm], moves, Condition("tuning", links=links))
-            seen[key] = summary(run.moves)
-        one |= {name: seen[key][name] for name in ("arrived", "remaining_worst", "ripple")}
-
-    def order(one: dict[str, Any]) -> tuple[Any, ...]:
-        worst, ripple = (np.inf if one[key] is None else one[key] for key in ("remaining_worst", "ripple"))
-        rings = ripple > TUNED_RIPPLE
-        return rings, -one["arrived"], ripple if rings else worst
-
-    share = min((one for one in tried if one["place"] == first), key=order)["share"]
-    return {"share": share, "fastest": fastest}, tried
+    return max(tried, key=order)["numbers"], tried
 
 
-def _placed(arm: Arm, choice: Choice, links: bool, share: float, fastest: float) -> dict[str, Any]:
-    """A candidate's margins at the poses of the tuning, and its place: 0 if it keeps both, 2 if it is unstable."""
-    law = choice.make(arm, links, share, fastest)
-    margins = judged_at(arm, law, links, TUNED_POSES, TUNING_SEED)
-    delay, gain = margins["damped_delay"], margins["gain"]
-    one = {"share": share, "place": 0, "delay": delay, "gain": gain}
-    return one | {"place": (0, 1, 1, 2)[_missed(one)]}
+def _driven(
+    one: dict[str, Any],
+    law: Law,
+    arm: Arm,
+    moves: Sequence[the_goals.Move],
+    links: bool,
+    best: tuple[float, ...],
+) -> None:
+    """Add what a candidate does in the moves; in the first of them, or in none, where it comes behind the best."""
+    linear, at_most = one["lines"], (one["lines"] + DRIVEN, one["stable"], len(moves), 0.0)
+    for count in sorted({min(FIRST, len(moves)), len(moves)}):
+        if at_most < best:
+            return
+        condition = Condition("tuning", links=links)
+        run = summary(trip(PLANTS["mujoco"], law, [arm], moves[:count], condition).moves)
+        worst, ripple = (np.inf if run[key] is None else run[key] for key in ("remaining_worst", "ripple"))
+        one |= {name: run[name] for name in ("moves", "arrived", "remaining_worst", "ripple")}
+        one["lines"] = linear + (ripple <= MOST["ripple"]) + (run["arrived"] == count)
+        at_most = one["lines"], one["stable"], len(moves) - count + run["arrived"], -worst
 
 
-def _missed(one: dict[str, Any]) -> int:
-    """Margins that a candidate misses; 3 where it is unstable."""
-    delay, gain = one["delay"], one["gain"]
-    return 3 if delay is None or gain is None else (delay < TUNED_DELAY) + (gain < TUNED_GAIN)
+def _same(arm: Arm, numbers: Numbers) -> str:
+    """What candidates that are the same law have in common: shares that are beyond the largest bandwidth are one."""
+    rest = dict(numbers)
+    if "share" in rest:
+        rest["w"] = bandwidths(arm, rest.pop("share"), rest.pop("fastest")).tolist()
+    return json.dumps(rest)
 
 
-def numbers(choice: Choice, record: dict[str, Any], folder: Path) -> tuple[Any, ...]:
-    """What a law is made with, beside its robot and its sensors."""
-    return (record["share"], record["fastest"]) if choice.tuned else (folder,)
+def _judged(arm: Arm, choice: Choice, links: bool, numbers: Numbers) -> dict[str, Any]:
+    """A candidate's linear loops at the poses of the tuning, and how many lines they keep."""
+    law = choice.make(arm, links, **numbers)
+    loops = judged_at(arm, law, links, TUNED_POSES, TUNING_SEED, LEAST)
+    kept = {name: loops[name] for name in ("stable", *LEAST)}
+    return {"numbers": numbers, "lines": sum(lines_of(loops).values())} | kept
+
+
+def made(choice: Choice, arm: Arm, links: bool, record: dict[str, Any], folder: Path) -> Law:
+    """The law of a record; one that is designed is loaded from the folder."""
+    return choice.make(arm, links, **record["numbers"]) if choice.tuned else choice.make(arm, links, folder)
 
 
 def law_record(entry: Entry, choice: Choice, links: bool, poses: int, folder: Path) -> dict[str, Any]:
@@ -134,13 +169,12 @@ def law_record(entry: Entry, choice: Choice, links: bool, poses: int, folder: Pa
     arm, record = Arm.of(entry.robot()), dict[str, Any]()
     began = time.process_time()
     if choice.tuned:
-        chosen, record["tuning"] = tuned(entry, arm, choice, links)
-        record |= chosen
-        law = choice.make(arm, links, *numbers(choice, record, folder))
+        record["numbers"], record["tuning"] = tuned(entry, arm, choice, links)
+        law = made(choice, arm, links, record, folder)
         record["design_cpu"] = time.process_time() - began
     else:
         try:
-            law = choice.make(arm, links, folder)
+            law = made(choice, arm, links, record, folder)
         except fh.FlexhinfError as error:
             return {"poses": poses, "refused": str(error).splitlines()[0]}
         record |= getattr(law, "note", {"design_cpu": time.process_time() - began})
@@ -206,9 +240,9 @@ class Bench:
             return None
         entry = ROBOTS[robot]
         arm, (moves, left) = Arm.of(entry.robot()), self.moves(robot, how.steps)
-        made = choice.make(arm, how.links, *numbers(choice, record, self.folder))
+        controller = made(choice, arm, how.links, record, self.folder)
         arms = true_arms(entry, how.robots)
-        found = trip(lambda true: PLANTS[plant](true, how.friction), made, arms, moves, how, self.done)
+        found = trip(lambda true: PLANTS[plant](true, how.friction), controller, arms, moves, how, self.done)
         row = {
             "robot": robot, "law": law, "plant": plant, "condition": condition, "goals": self.goals,
             "left_out": left, "refused_steps": found.refused, "step_cpu": found.step_cpu, **summary(found.moves),

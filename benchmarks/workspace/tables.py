@@ -12,9 +12,9 @@ from benchmarks.workspace import gamma
 from benchmarks.workspace.arm import PERIOD
 from benchmarks.workspace.laws import LAWS
 from benchmarks.workspace.linear import DELAYS, GAINS
-from benchmarks.workspace.metrics import PUSHED
+from benchmarks.workspace.metrics import MOST, PUSHED, STEPS
 from benchmarks.workspace.robots import ROBOTS
-from benchmarks.workspace.rows import kept, law_name, row_name
+from benchmarks.workspace.rows import kept, law_name, lines_of, row_name
 from benchmarks.workspace.trip import CONDITIONS
 
 __all__ = ["MANY", "SHORT", "TABLES", "best_rival", "criterion"]
@@ -25,18 +25,15 @@ MANY = "200-goals"
 PD, MISSING = "pd", "not measured"
 #: Laws of the product; the one that the criterion is for.
 PRODUCT, OVER_ALL = ("one-pose", "workspace"), "workspace"
-#: The criterion: least damping, extra delay (springs damped more), gain margin; most of the motion the wrong way and of
-#: the ripple, per cent; of the bare steps of this robot, the wrong way and of the joints that rest, per cent.
-LEAST = {"damping": 0.2, "delay": 1.0, "damped_delay": 2.0, "gain": 2.0}
-MOST = {"wrong_way": 1.0, "ripple": 1.5}
-STEPPED, STEPS = "scara", {"wrong_way": 5.0, "excursion": 25.0}
+#: The robot of one joint: no other joint moves when it does.
+SINGLE = "paper"
 
 
 # The criterion ------------------------------------------------------------------------------------
 def criterion(folder: Path, robot: str, law: str) -> dict[str, tuple[bool, str]] | None:
     """Lines of the criterion: whether each is kept, and what was found; None where rows of them are missing.
 
-    One robot has two lines more, of its bare steps; they are left out where these were not measured.
+    Arms of several joints have two lines more, of bare steps; they are left out where these were not measured.
     """
     record = kept(folder, law_name(robot, law, True))
     rows = [_row(folder, robot, law, name) for name in ("nominal", "payload", "sampled")]
@@ -47,20 +44,22 @@ def criterion(folder: Path, robot: str, law: str) -> dict[str, tuple[bool, str]]
         for name, row in zip(("nominal", "payload", "sampled"), rows)
         if row is not None
     }
-    stable = record["stable"] == record["poses"]
+    stable, met = record["stable"] == record["poses"], lines_of(record)
     for key, title in (("damping", "damping"), ("delay", "extra delay"),
                        ("damped_delay", "extra delay with damped springs"), ("gain", "gain margin")):  # fmt: skip
-        met = stable and record[key] is not None and record[key] >= LEAST[key]
         said = _number(record[key]) if key == "damping" else _margin(record[key], (np.inf,))
-        lines[title] = met, said if stable else f"stable at {record['stable']} of {record['poses']} poses"
+        lines[title] = (
+            met[key],
+            said if stable else f"stable at {record['stable']} of {record['poses']} poses",
+        )
     bounds = [("moves", rows[0], MOST)]
-    if robot == STEPPED and (steps := _row(folder, robot, law, "steps")) is not None:
+    if robot != SINGLE and (steps := _row(folder, robot, law, "steps")) is not None:
         bounds.append(("bare steps", steps, STEPS))
     for what, row, most in bounds:
         for key, title in (("wrong_way", "wrong way"), ("excursion", "others move"), ("ripple", "ripple")):
             if key in most:
-                met = row[key] is not None and row[key] <= most[key]
-                lines[f"{title} in {what}" if key != "ripple" else title] = met, _percent(row[key])
+                kept_line = row[key] is not None and row[key] <= most[key]
+                lines[f"{title} in {what}" if key != "ripple" else title] = kept_line, _percent(row[key])
     return lines
 
 
@@ -98,7 +97,13 @@ def judgement(folder: Path) -> str:
 
 #: Rivals in few words, and what they may be better at: condition (none: linear loops), key, title, whether more is
 #: better, and how it is written.
-SHORT = {"pd": "PD", "pd-integral": "PD + integral", "torque": "torque feedback", "flatness": "flatness"}
+SHORT = {
+    "pd": "PD",
+    "pd-integral": "PD + integral",
+    "torque": "torque feedback",
+    "flatness": "flatness",
+    "lqg": "LQG",
+}
 NUMBERS: tuple[tuple[str | None, str, str, bool, Callable[[Any], str]], ...] = (
     ("nominal", "remaining_median", "remains, median", False, lambda value: _milli(value)),
     ("nominal", "remaining_worst", "remains, worst", False, lambda value: _milli(value)),
@@ -279,7 +284,7 @@ def loops(folder: Path) -> str:
                 _cells(
                     robot,
                     choice.title,
-                    f"{record['share']:g} ({record['fastest']:g} rad/s)" if "share" in record else "",
+                    _chosen(record.get("numbers", {})),
                     f"{record['stable']} of {record['poses']}",
                     _number(record["damping"]),
                     _number(record["fast"]),
@@ -387,6 +392,23 @@ def _arrive(row: dict[str, Any] | None) -> str:
 
 def _both(row: dict[str, Any] | None) -> str:
     return MISSING if row is None else f"{_arrive(row)}, {_milli(row['remaining_worst'])}"
+
+
+def _chosen(numbers: dict[str, Any]) -> str:
+    """What a rival was tuned to: its share or bandwidth, then what else was chosen."""
+    texts = []
+    if "share" in numbers:
+        texts.append(f"{numbers['share']:g} ({numbers['fastest']:g} rad/s)")
+    if "w" in numbers:
+        texts.append(f"{numbers['w']:g} rad/s, velocities {numbers['velocity']:g}")
+    if "turning" in numbers:
+        fed = {"torque": numbers["lighter"] != 1.0, "its rate": numbers["turning"] != 0.0}
+        texts.append(" and ".join(name for name, used in fed.items() if used))
+    if "left" in numbers:
+        texts.append("three poles and the vibration" if numbers["left"] else "five equal poles")
+    if "torques" in numbers:
+        texts.append("filter " + ", ".join(f"{100.0 * one:g} %" for one in numbers["torques"]))
+    return "; ".join(texts)
 
 
 def _of_statics(row: dict[str, Any] | None) -> str:

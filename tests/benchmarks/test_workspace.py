@@ -185,11 +185,15 @@ def test_dry_friction_holds_a_motor_up_to_its_limit(arms: dict[str, Arm]) -> Non
 
 # Linear loops -------------------------------------------------------------------------------------
 def choices(arm: Arm, links: bool) -> dict[str, Law]:
-    return {
-        name: choice.make(arm, links, 0.3)
-        for name, choice in LAWS.items()
-        if choice.tuned and (links or not choice.needs_links)
-    }
+    """Each rival by every set of numbers that its candidates differ in, beside bandwidths."""
+    found = {}
+    for name, choice in LAWS.items():
+        if choice.tuned and (links or not choice.needs_links):
+            for numbers in choice.candidates[0]:
+                rest = {key: value for key, value in numbers.items() if key not in ("share", "w")}
+                first = {"share": 0.3} if "share" in numbers else {"w": 28.0}
+                found[f"{name} {rest}"] = choice.make(arm, links, **first | rest)
+    return found
 
 
 @pytest.mark.parametrize("name", [PLANAR, SCARA])
@@ -295,6 +299,85 @@ def test_gains_with_the_full_inertia_are_those_of_the_commanded_pose(arms: dict[
         wanted = DifferenceLaw(arm, True, 0.3, matrix=True, integral=True).gains(q)
         assert all(np.array_equal(mine, its) for mine, its in zip(law.gains(q), wanted))
     assert not np.array_equal(law.gains(one)[0], law.gains(other)[0])
+
+
+@pytest.mark.oracle
+def test_the_rate_of_the_torque_is_fed_back(arms: dict[str, Arm]) -> None:
+    """A twist that grows evenly asks for 2 ζ_v ω_v J times its rate, where the vibration is slow enough."""
+    arm, rng = arms[SCARA], np.random.default_rng(1)
+    theta, held = arm.rest(arm.home)
+    rest = np.concatenate([arm.home, 0.0 * arm.home, theta, 0.0 * arm.home])
+    reference, seen = Reference(rest, held, rest), np.concatenate([arm.home, theta])
+    speed = 1e-6 * rng.standard_normal(arm.n)  # of the links; the motors stand
+    laws = [
+        DifferenceLaw(arm, True, 0.3, matrix=True, integral=True, turning=turning) for turning in (0.0, 0.42)
+    ]
+    for law in laws:
+        law.start(arm.home)
+    for k in range(60):
+        y = seen + PERIOD * k * np.concatenate([speed, 0.0 * speed])
+        without, fed = (law.step(y, reference) for law in laws)
+    turns = np.sqrt(arm.stiffness * (1.0 / np.diag(arm.inertia_matrix(arm.home)) + 1.0 / arm.rotor))
+    assert np.array_equal(turns < 400.0, [True, True, False, False])
+    wanted = np.where(turns < 400.0, 2.0 * 0.42 * turns * arm.rotor * speed / arm.per_input, 0.0)
+    assert fed - without == pytest.approx(wanted, rel=1e-6, abs=1e-15)
+
+
+def test_the_rate_of_the_torque_damps_the_vibration(arms: dict[str, Arm]) -> None:
+    arm = arms[PLANAR]
+    without, fed = (
+        judged(
+            arm, arm.home, DifferenceLaw(arm, True, 0.45, matrix=True, turning=turning).linear(arm.home), True
+        )
+        for turning in (0.0, 0.42)
+    )
+    assert fed.damping > 2.0 * without.damping
+
+
+@pytest.mark.oracle
+def test_flatness_places_its_poles(arms: dict[str, Arm]) -> None:
+    """Without damping of the springs, the continuous robot has them; the vibrations of the joints stay, damped."""
+    arm = replace(arms[PLANAR], spring_damping=np.zeros(2))
+    q = poses(arm, 1, 4)[0]
+    a, b = arm.linear(q)
+    turns = np.sqrt(arm.stiffness * (1.0 / np.diag(arm.inertia_matrix(q)) + 1.0 / arm.rotor))
+    for left in (False, True):
+        law = FlatnessLaw(arm, True, 0.5, left=left)
+        k, i = law.gains(q)
+        whole = np.block([[a - b @ k, -b], [i, np.zeros((2, 8))]])
+        slow = np.repeat(law.w, 3 if left else 5).astype(complex)
+        fast = (
+            [turn * (-0.5 + sign * np.sqrt(0.75) * 1j) for turn in turns for sign in (1, -1)] if left else []
+        )
+        wanted = np.poly(np.concatenate([-slow, fast]))
+        assert np.poly(np.linalg.eigvals(whole)) == pytest.approx(wanted.real, rel=1e-5)
+
+
+@pytest.mark.oracle
+def test_the_gains_of_lqg_minimise_its_cost(arms: dict[str, Arm]) -> None:
+    """Riccati's recursion over many samples, with the cost of the docstring written as a sum over joints."""
+    arm, w, velocity = arms[PLANAR], 40.0, 3.0
+    law, q, n = LAWS["lqg"].make(arm, True, w=w, velocity=velocity), poses(arm, 1, 4)[0], 2
+    plant, m = (
+        control.sample_system(control.ss(*arm.linear(q), np.eye(8), 0.0), PERIOD, "zoh"),
+        arm.inertia_matrix(q),
+    )
+    f, g = np.eye(10), np.vstack([plant.B, np.zeros((2, 2))])
+    f[:8, :8], f[8:, :2] = plant.A, PERIOD * np.eye(2)
+    cost = np.zeros((10, 10))
+    for joint, rotor in enumerate(arm.rotor):
+        inertia = np.array([m[joint, k] + rotor * (k == joint) for k in range(n)])
+        for first, weight in ((0, w**2), (2, velocity * w), (8, 0.5 * w**3)):
+            row = np.zeros(10)
+            row[first : first + 2] = weight * inertia / (arm.per_input[joint] * arm.limit[joint])
+            cost += np.outer(row, row)
+    spent, p = np.diag(1.0 / arm.limit**2), cost.copy()
+    for _ in range(5000):
+        gain = np.linalg.solve(spent + g.T @ p @ g, g.T @ p @ f)
+        p = cost + f.T @ p @ (f - g @ gain)
+        p = 0.5 * (p + p.T)
+    mine = np.hstack(law.gains(q))  # type: ignore[attr-defined]
+    assert mine == pytest.approx(gain, rel=1e-3, abs=1e-4 * np.abs(gain).max())
 
 
 # Metrics ------------------------------------------------------------------------------------------

@@ -8,18 +8,24 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from benchmarks.workspace import __main__ as program, rows as the_rows
 from benchmarks.workspace.arm import Arm
-from benchmarks.workspace.laws import FASTEST, LAWS, DifferenceLaw
-from benchmarks.workspace.robots import ROBOTS
+from benchmarks.workspace.goals import goals, moves, poses
+from benchmarks.workspace.laws import FASTEST, LAWS, TUNING_SEED, Choice, DifferenceLaw
+from benchmarks.workspace.linear import judged
+from benchmarks.workspace.plants import PLANTS
+from benchmarks.workspace.robots import ROBOTS, true_arms
 from benchmarks.workspace.rows import Bench, tuned
 from benchmarks.workspace.size import FLAGS, object_bytes
 from benchmarks.workspace.tables import MANY, SHORT, TABLES, best_rival, criterion
+from benchmarks.workspace.trip import Condition, trip
 
 import flexhinf as fh
 
@@ -27,45 +33,89 @@ PLANAR, SCARA = "planar-two-link", "scara"
 
 
 # Tuning -------------------------------------------------------------------------------------------
+ALL = {"damping": 0.2, "delay": 1.0, "damped_delay": 2.0, "gain": 2.0}
+FINE = {"moves": 2, "arrived": 2, "remaining_worst": 5e-4, "ripple": 1.5}
+
+
 @pytest.mark.parametrize(
-    ("margins", "fastest", "allowed"),
+    ("stages", "chosen", "looked_at", "driven"),
     [
-        ({120.0: [(None, None), (1.2, 2.5)]}, 120.0, [1]),  # one keeps both
-        ({120.0: [(1.2, 1.5), (0.5, 1.5)], 15.0: [(1.2, 2.5), (0.1, 1.1)]}, 15.0, [0]),
-        (
-            {120.0: [(1.2, 1.5), (0.5, 1.5)], 60.0: [(3.0, 1.9), (1.2, 1.5)]},
-            120.0,
-            [0, 1],
-        ),  # no further with 60
-        ({120.0: [(None, None), (0.5, 1.5)], 30.0: [(1.2, 1.5), (0.5, 1.1)]}, 30.0, [0, 1]),
-        ({}, 120.0, [0, 1]),  # unstable with all
+        # One keeps all lines: lower bandwidths are not tried. Of those that do, the smaller error decides.
+        ([[({}, {}), ({}, {"remaining_worst": 4e-4})], [({}, {})]], 1, 2, [0, 1]),
+        # All ripple too much: the lower ones are tried
+        ([[({}, {"ripple": 1.51}), ({}, {"ripple": 9.0})], [({}, {})]], 2, 3, [0, 1, 2]),
+        # None keeps all: the most lines, of any stage; each line counts as much
+        ([[({"damping": 0.19}, {})], [({"damping": 0.19, "gain": 1.9}, {})], [({}, {"arrived": 1})]], 0, 3, [0, 2]),
+        ([[({}, {"ripple": None, "arrived": 0})], [({"delay": 0.9}, {})]], 1, 2, [0, 1]),
+        # As many lines: the one that arrives most often, then the nearest
+        ([[({"delay": 0.9}, {"arrived": 1}), ({"delay": 0.9, "gain": 1.9}, {})]], 1, 2, [0, 1]),
+        ([[({}, {"arrived": 0, "remaining_worst": None}), ({}, {"arrived": 1})]], 1, 2, [0, 1]),
+        # What cannot keep as many lines is not driven, nor what is unstable
+        ([[({"damping": 0.1, "gain": 1.9, "delay": 0.9}, {}), ({}, {})]], 1, 2, [1]),
+        ([[({"stable": 1}, {}), ({"damping": 0.0, "gain": 1.0, "delay": 0.0, "damped_delay": 0.0}, {})]], 1, 2, [1]),
+        # Unstable all: at the fewest poses
+        ([[({"stable": 0}, {}), ({"stable": 1}, {})], [({"stable": 1}, {})]], 1, 3, []),
     ],
-)
-def test_lower_bandwidths_are_tried_where_margins_ask_for_them(
-    monkeypatch: pytest.MonkeyPatch, margins: dict[float, Any], fastest: float, allowed: list[int]
+)  # fmt: skip
+def test_a_rival_gets_the_candidate_that_keeps_most_lines(
+    monkeypatch: pytest.MonkeyPatch, stages: Any, chosen: int, looked_at: int, driven: list[int]
 ) -> None:
-    """Of the shares that come as far with the largest bandwidth that is taken, those that arrive decide."""
-    shares = (0.5, 1.0)
-    monkeypatch.setattr(the_rows, "SHARES", shares)
-    monkeypatch.setattr(the_rows, "TUNING", 1)
+    """Candidates whose linear loops and moves are written down."""
+    monkeypatch.setattr(the_rows, "TUNED_POSES", 2)
+    monkeypatch.setattr(the_rows, "TUNING", 2)
+    known = [one for stage in stages for one in stage]
+    names = iter(range(len(known)))
+    candidates = tuple([{"name": next(names)} for _ in stage] for stage in stages)
+    choice = Choice("known", lambda arm, links, name: name, candidates)
+    monkeypatch.setattr(
+        the_rows, "judged_at", lambda arm, law, *_: {"poses": 2, "stable": 2} | ALL | known[law][0]
+    )
+    monkeypatch.setattr(the_rows, "trip", lambda plant, law, *_: SimpleNamespace(moves=law))
+    monkeypatch.setattr(the_rows, "summary", lambda law: FINE | known[law][1])
     entry = ROBOTS[PLANAR]
-    arm, made = Arm.of(entry.robot()), list[tuple[float, float]]()
+    numbers, tried = tuned(entry, Arm.of(entry.robot()), choice, True)
+    assert numbers == {"name": chosen}
+    assert len(tried) == looked_at
+    assert sorted(one["numbers"]["name"] for one in tried if "arrived" in one) == driven
 
-    class Known(DifferenceLaw):
-        def __init__(self, arm: Arm, links: bool, share: float, fastest: float) -> None:
-            super().__init__(arm, links, share, fastest)
-            made.append((share, fastest))
 
-    def known(_arm: Arm, _law: Any, *_: Any) -> dict[str, Any]:
-        share, largest = made[-1]
-        delay, gain = margins.get(largest, [(None, None)] * 2)[shares.index(share)]
-        return {"damped_delay": delay, "gain": gain}
+def test_the_rule_on_a_small_robot(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each candidate's six lines by hand: loops at the same poses, and the same moves."""
+    monkeypatch.setattr(the_rows, "TUNED_POSES", 3)
+    monkeypatch.setattr(the_rows, "TUNING", 3)  # the first may be enough
+    monkeypatch.setattr(the_rows, "FIRST", 1)
+    entry, arm = ROBOTS[PLANAR], Arm.of(ROBOTS[PLANAR].robot())
+    shares, fastest = (0.1, 0.7, 1.5, 4.0), 1e3  # unstable, without integral too soft, and two that arrive
+    candidates = [{"share": share, "fastest": fastest} for share in shares]
+    numbers, tried = tuned(entry, arm, Choice("PD", DifferenceLaw, (candidates,)), True)
+    way = moves(arm, goals(arm, true_arms(entry, "payload")[0], 3, TUNING_SEED)[0])
+    found = []
+    for share in shares:
+        law = DifferenceLaw(arm, True, share, fastest)
+        loops = [judged(arm, q, law.linear(q), True) for q in poses(arm, 3, TUNING_SEED)]
+        run = trip(PLANTS["mujoco"], law, [arm], way, Condition("by hand")).moves
+        held = all(loop.stable for loop in loops)
+        least = [min(getattr(loop, name) for loop in loops) for name in ALL]
+        lines = [held and value >= bound for value, bound in zip(least, ALL.values())]
+        lines += [all(one.arrives for one in run), max(one.ripple for one in run) <= 1.5] if held else []
+        far = max(one.remaining for one in run)
+        found.append((sum(lines), sum(one.arrives for one in run) if held else 0, -far, share))
+    assert numbers["share"] == max(found)[-1]
+    driven = {one["numbers"]["share"]: one["lines"] for one in tried if one.get("moves") == 3}
+    assert driven == {one[-1]: one[0] for one in found if one[-1] in driven}
+    assert all(one < max(found) for one in found if one[-1] not in driven)
+    assert len(driven) == 2
 
-    monkeypatch.setattr(the_rows, "judged_at", known)
-    chosen, tried = tuned(entry, arm, type(LAWS["pd"])("known", Known), True)
-    assert chosen["fastest"] == fastest
-    assert [k for k, one in enumerate(tried) if "arrived" in one] == allowed
-    assert shares.index(chosen["share"]) in allowed
+
+def test_shares_with_the_same_bandwidths_are_one_candidate(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Own vibrations are at 18 and 43 rad/s: with at most 30, and 15, these shares differ no more."""
+    monkeypatch.setattr(the_rows, "judged_at", lambda *_: {"poses": 2, "stable": 0} | ALL)
+    entry = ROBOTS[PLANAR]
+    shares = [{"share": share, "fastest": fastest} for fastest in (120.0, 15.0) for share in (0.1, 2.5, 4.0)]
+    _, tried = tuned(
+        entry, Arm.of(entry.robot()), Choice("PD", DifferenceLaw, (shares[:3], shares[3:])), True
+    )
+    assert [one["numbers"] for one in tried] == [*shares[:3], shares[4]]
 
 
 def test_bandwidths_fall() -> None:
@@ -89,7 +139,8 @@ def test_a_run_that_goes_on_is_the_run_that_was_not_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(the_rows, "TUNING", 1)
-    monkeypatch.setattr(the_rows, "SHARES", (1.5, 2.5))
+    shares = [{"share": share, "fastest": 120.0} for share in (1.5, 2.5)]
+    monkeypatch.setitem(LAWS, "pd", replace(LAWS["pd"], candidates=(shares,)))
     monkeypatch.setattr(the_rows, "TUNED_POSES", 2)
     asked = [
         "--robots", PLANAR, "--laws", "pd", "--plants", "mujoco", "--conditions", "nominal", "push", "steps",
@@ -131,7 +182,7 @@ def test_rows_that_several_processes_make_are_those_of_one(
     asked += ["--goals", "1", "--poses", "2", "--rows"]
     for name in ("one", "two"):
         for law, share in (("pd", 2.5), ("flatness", 1.5)):  # tuned already
-            record = {"share": share, "fastest": 120.0, "poses": 2}
+            record = {"numbers": {"share": share, "fastest": 120.0}, "poses": 2}
             the_rows.written(tmp_path / name, f"{PLANAR}.{law}", record)
     assert program.main([*asked, str(tmp_path / "one")]) == 0
     command = [sys.executable, "-m", "benchmarks.workspace", *asked, str(tmp_path / "two"), "--jobs", "2"]
@@ -185,7 +236,7 @@ LOOPS: dict[str, Any] = {
 }
 
 
-def judged(folder: Path, robot: str, law: str, loops: dict[str, Any], nominal: dict[str, Any]) -> Any:
+def missed_lines(folder: Path, robot: str, law: str, loops: dict[str, Any], nominal: dict[str, Any]) -> Any:
     """Lines of the criterion that a law misses whose other numbers are at their bounds."""
     the_rows.written(folder, f"{robot}.{law}", LOOPS | loops)
     for condition in ("nominal", "payload", "sampled", "steps"):
@@ -208,22 +259,55 @@ def judged(folder: Path, robot: str, law: str, loops: dict[str, Any], nominal: d
 def test_each_line_of_the_criterion_counts(
     tmp_path: Path, loops: dict[str, Any], nominal: dict[str, Any], missed: int
 ) -> None:
-    assert len(judged(tmp_path, SCARA, "pd", loops, nominal)) == missed
-    assert len(criterion(tmp_path, SCARA, "pd") or {}) == 11  # two of its bare steps
-    assert criterion(tmp_path, PLANAR, "pd") is None
+    assert len(missed_lines(tmp_path, PLANAR, "pd", loops, nominal)) == missed
+    assert len(criterion(tmp_path, PLANAR, "pd") or {}) == 11  # two of its bare steps
+    assert criterion(tmp_path, SCARA, "pd") is None
+
+
+def test_bare_steps_count_on_arms_of_several_joints(tmp_path: Path) -> None:
+    for robot, count in ((PLANAR, 11), (SCARA, 11), ("paper", 9)):
+        missed_lines(tmp_path, robot, "pd", {}, {})
+        before = criterion(tmp_path, robot, "pd") or {}
+        bad = GOOD | {"wrong_way": 5.01, "excursion": 25.1}
+        the_rows.written(tmp_path, f"{robot}.pd.mujoco.steps", bad)
+        after = criterion(tmp_path, robot, "pd") or {}
+        assert len(after) == count
+        assert sum(met for met, _ in before.values()) == count
+        assert sum(met for met, _ in after.values()) == 9
+
+
+def test_the_table_shows_what_each_rival_was_tuned_to(tmp_path: Path) -> None:
+    pairs = "filter 0.06 %, 1 %"
+    share, torques = {"share": 4.0, "fastest": 60.0}, [0.0006, 0.01]
+    shown = {
+        "pd": (share, "4 (60 rad/s)"),
+        "torque": (share | {"lighter": 1.0, "turning": 0.42}, "4 (60 rad/s); its rate"),
+        "flatness": (
+            share | {"left": True, "torques": torques},
+            f"4 (60 rad/s); three poles and the vibration; {pairs}",
+        ),
+        "lqg": (
+            {"w": 40.0, "velocity": 5.0, "torques": torques},
+            f"40 rad/s, velocities 5; {pairs}",
+        ),
+    }
+    for law, (numbers, _) in shown.items():
+        the_rows.written(tmp_path, f"{PLANAR}.{law}", LOOPS | {"numbers": numbers, "design_cpu": 1.0})
+    lines = [line.split("|")[3].strip() for line in TABLES["loops"](tmp_path).splitlines()[2:]]
+    assert lines == [text for _, text in shown.values()]
 
 
 def test_the_best_rival_keeps_most_lines_and_then_arrives_most_often(tmp_path: Path) -> None:
-    judged(tmp_path, PLANAR, "pd", {"damping": 0.1}, {})
-    judged(tmp_path, PLANAR, "pd-integral", {}, {"arrived": 2})
-    judged(tmp_path, PLANAR, "flatness", {"damping": 0.1}, {"remaining_worst": 1e-4})
-    judged(tmp_path, PLANAR, "workspace", {}, {})
+    missed_lines(tmp_path, PLANAR, "pd", {"damping": 0.1}, {})
+    missed_lines(tmp_path, PLANAR, "pd-integral", {}, {"arrived": 2})
+    missed_lines(tmp_path, PLANAR, "flatness", {"damping": 0.1}, {"remaining_worst": 1e-4})
+    missed_lines(tmp_path, PLANAR, "workspace", {}, {})
     assert best_rival(tmp_path, PLANAR) == "flatness"
     assert best_rival(tmp_path, SCARA) is None
     rows = [line for line in TABLES["criterion"](tmp_path).splitlines() if line.startswith(f"| {PLANAR}")]
-    assert "8 of 9" in rows[0]
+    assert "10 of 11" in rows[0]
     assert "damping (0.10)" in rows[0]
-    assert "9 of 9" in rows[1]
+    assert "11 of 11" in rows[1]
 
 
 def test_a_rival_that_is_better_is_named_with_both_numbers(tmp_path: Path) -> None:
@@ -237,7 +321,7 @@ def test_a_rival_that_is_better_is_named_with_both_numbers(tmp_path: Path) -> No
         ),  # unstable at a pose
         ("flatness", {"gain": 2.51}, {"ripple": 0.9, "path": 0.999e-3}),  # written alike: 1 mrad
     ):
-        judged(tmp_path, PLANAR, law, loops, nominal)
+        missed_lines(tmp_path, PLANAR, law, loops, nominal)
     lines = TABLES["better"](tmp_path).splitlines()[2:]
     assert [line.split("|")[2].strip() for line in lines] == ["PD", "torque feedback"]
     assert "gain margin (3.00, 2.50)" in lines[0]
