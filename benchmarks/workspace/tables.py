@@ -235,16 +235,15 @@ def many(folder: Path) -> str:
     """Moves of the law for the workspace to more goals: how many arrive, and the worst that remains."""
     lines = _head(
         "robot", "arrive, worst that remains: nominal", "payload", "sampled robots", "second sample of latency",
-        "nominal: wrong way", "ripple",
+        "wrong way: nominal", "payload", "sampled robots", "ripple, nominal",
     )  # fmt: skip
     for robot in ROBOTS:
         names = ("nominal", "payload", "sampled", "late")
         rows = [_row(folder / MANY, robot, OVER_ALL, name) for name in names]
         if any(row is not None for row in rows):
-            nominal = [
-                MISSING if rows[0] is None else _percent(rows[0][key]) for key in ("wrong_way", "ripple")
-            ]
-            lines.append(_cells(robot, *map(_both, rows), *nominal))
+            keys = [(row, "wrong_way") for row in rows[:3]] + [(rows[0], "ripple")]
+            others = [MISSING if row is None else _percent(row[key]) for row, key in keys]
+            lines.append(_cells(robot, *map(_both, rows), *others))
     return "\n".join(lines)
 
 
