@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from benchmarks.workspace.robots import ROBOTS
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def test_the_quoted_gain_of_a_cubic_law_is_that_of_the_study(pages: dict[str, st
 
 
 def test_what_is_said_of_gamma_is_what_its_table_shows(pages: dict[str, str]) -> None:
-    """From γ = ∞ to the smallest: errors covered change by less than a third, damping grows by about a half."""
+    """From γ = ∞ to the smallest errors covered change by less than a half, damping grows by two to three quarters."""
     table = pages["which_law"].partition("<!-- made: which-gamma -->")[2].partition("<!-- end -->")[0]
     changed = {}
     for line in table.strip().splitlines()[2:]:
@@ -48,10 +49,9 @@ def test_what_is_said_of_gamma_is_what_its_table_shows(pages: dict[str, str]) ->
             [float(each) for each in re.findall(r"[\d.]+", cell)] for cell in (cells[0], cells[-1])
         )
         changed[robot] = [one / other for one, other in zip(smallest, lqr)]
-    assert set(changed) == {"planar-two-link", "scara", "ur5", "panda"}
+    assert set(changed) == set(ROBOTS)
     for known, late, damping in changed.values():
-        assert 2.0 / 3.0 < min(known, late) <= max(known, late) < 4.0 / 3.0
-        assert 1.4 < damping < 2.0
-    assert changed["planar-two-link"][0] > 1.1
-    assert changed["ur5"][0] > 1.1
+        assert 1.0 / 1.5 < min(known, late) <= max(known, late) < 1.5
+        assert 1.35 < damping < 1.8
+    assert sum(known > 1.1 for known, *_ in changed.values()) > len(changed) // 2
     assert changed["panda"][0] < 0.9

@@ -216,7 +216,7 @@ class RecursiveFilter(Estimator):
         return {
             "plant": self.plant, "period": self.period, "process_noise": self.process_noise,
             "measurement_noise": self.measurement_noise, "mean": np.array(self.initial.mean),
-            "covariance": self._start, "form": self.form,
+            "covariance": self._start,
         }  # fmt: skip
 
     # What an estimator is -------------------------------------------------------------------------

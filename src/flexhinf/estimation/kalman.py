@@ -156,6 +156,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
             "kappa": sigma.kappa,
             "redraw": self.redraw,
             "bounds": dict(self.bounds),
+            "form": self.form,
         }
 
     @property
@@ -368,6 +369,10 @@ def _less(row: Any, mean: Any) -> Any:
 
 class ExtendedKalmanFilter(RecursiveFilter):
     """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`."""
+
+    def settings(self) -> dict[str, Any]:
+        """Arguments of the constructor by name."""
+        return {**super().settings(), "form": self.form}
 
     @property
     def estimator_key(self) -> str:

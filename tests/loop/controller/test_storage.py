@@ -49,6 +49,8 @@ ESTIMATORS: dict[str, Callable[[], Any]] = {
         ARM.plant(), 1e-3, *NOISES, bounds={"link_position": (-3.0, 3.0)}
     ),
     "ekf": lambda: fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES),
+    "root": lambda: fh.UnscentedKalmanFilter(ARM.plant(), 1e-3, *NOISES, form="square_root"),
+    "extended root": lambda: fh.ExtendedKalmanFilter(ARM.plant(), 1e-3, *NOISES, form="square_root"),
     "observer": lambda: fh.OutputInjectionObserver(ARM.plant(), 1e-3, *NOISES[:3]),
     "placed": lambda: fh.OutputInjectionObserver(
         ARM.plant(), 1e-3, *NOISES, poles=[-60.0, -70.0, -80.0 + 5j, -80.0 - 5j]
