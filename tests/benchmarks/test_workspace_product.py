@@ -50,6 +50,7 @@ def at_rest(arm: Arm, links: bool, seed: int) -> tuple[np.ndarray, np.ndarray, R
     return q, np.concatenate([q, theta]) if links else theta, Reference(rest, held, rest)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("links", [True, False])
 def test_the_linear_model_is_what_the_steps_do(arm: Arm, laws: dict[bool, Any], links: bool) -> None:
     law, rng = laws[links], np.random.default_rng(0)

@@ -229,6 +229,7 @@ motor = {{ motor_inertia = {}, coulomb_friction = {}, friction = {} }}
 """
 
 
+@pytest.mark.slow
 def test_a_slower_law_for_the_gain_margin_has_to_arrive(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With motors unlike each other a fast law tolerates a gain of 1.8, and 7 rad/s one of 2, 20 mrad from the goal."""
     joints = (
@@ -256,6 +257,7 @@ def test_a_slower_law_for_the_gain_margin_has_to_arrive(tmp_path, monkeypatch: p
     assert stated.law.gains.weights.bandwidth == 7.0
 
 
+@pytest.mark.slow
 def test_louder_sensors_get_another_estimator():
     quiet, loud = setup("scara"), setup("scara", measurement_noise=1e-7)
     assert quiet.random != loud.random

@@ -94,6 +94,7 @@ def test_the_status_comes_first_failures_before_the_rest(report_design: Make) ->
     assert "defaults" not in design_page(report_design("met"), ["flexhinf"]).status[0].text
 
 
+@pytest.mark.slow
 def test_the_page_says_which_step_the_region_allows(report_design: Make) -> None:
     design = report_design("met")
     assert widest_step(design) == math.inf

@@ -227,6 +227,7 @@ def missing(design, what="poses unstable with a gain of 2 or 0.5"):
     return dataclasses.replace(design, requirements=tuple(lines))
 
 
+@pytest.mark.slow
 def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     """Finer sensors for gain and delay at the top bandwidth too, with the noise that was looked at; the workspace
     last."""
@@ -245,6 +246,7 @@ def test_what_to_try_helps_where_it_is_said(design, tolerated, monkeypatch):
     assert unnamed(summary.advice(missing(finer)), "0.01 mrad", "stated") == []
 
 
+@pytest.mark.slow
 def test_poses_that_the_motors_cannot_hold_are_counted(design):
     """More than the limit, by the robot's own equation at each pose; not only the 70 % of the goals."""
     held = [np.abs(design.robot.operating_point(pose)[1]).max() for pose in design.poses]

@@ -72,6 +72,7 @@ def test_a_stricter_limit_costs_more_noise_at_the_motor(
     assert strict.noise_search.chosen.input_noise > 1.2 * synthesis.noise_search.chosen.input_noise
 
 
+@pytest.mark.slow
 def test_noise_levels_are_searched_for_the_delay_margin(setup_of: Callable[..., LoopSetup]) -> None:
     options = {"measured": ("motor_position",), "preset": "damped"}
     chosen = []
