@@ -234,11 +234,11 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def _predicted(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> RootGaussian:
         stepped = partial(self._stepped, run, u, p)
         mean, moved = run.repeat(self.sub_steps, stepped, belief.mean, self._spread(run, belief).T)
-        shift, rows = self._halves(run, self._inside(run, mean, moved.T))
+        shift, rows = self._halves(run, self.inside(run, moved.T, mean))
         return RootGaussian(run.call(np.add, mean, shift), root_prediction(run, rows, process_noise))
 
     def _corrected(self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
-        mean, apart = belief.mean, self._inside(run, belief.mean, self._spread(run, belief))
+        mean, apart = belief.mean, self.inside(run, self._spread(run, belief), belief.mean)
         outputs = run.columns(self._output_difference, apart, mean, u, p)
         shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
         expected = run.call(self.output, mean, u, p)
@@ -275,17 +275,6 @@ class UnscentedKalmanFilter(RecursiveFilter):
         even = run.columns(partial(_centred, s), even, shift)
         centre = run.call(partial(_scaled, math.sqrt(self.sigma.covariance_weights[0])), shift)
         return shift, run.stacked(odd.T, even.T, centre)
-
-    def _inside(self, run: Any, mean: Any, deviations: Any) -> Any:
-        """Deviations that leave the bounds, cut off there."""
-        return run.columns(self._cut, deviations, mean) if self.bounds else deviations
-
-    def _cut(self, deviation: Any, mean: Any) -> Any:
-        deviation = np.array(deviation)
-        for name, (low, high) in self.bounds.items():
-            row = self.plant.index(name)
-            deviation[row] = clip(deviation[row], low - mean[row], high - mean[row])
-        return deviation
 
     @cached_property
     def _differences(self) -> tuple[Any, Any]:
@@ -328,16 +317,17 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Points minus a mean, (n, 2n + 1)."""
         return run.columns(_less, (points.T, mean.reshape(1, len(mean)))).T
 
-    def inside(self, run: Any, points: Any) -> Any:
-        """Points clipped to the bounds."""
-        return run.columns(self.bounded, points) if self.bounds else points
+    def inside(self, run: Any, points: Any, *about: Any) -> Any:
+        """Points, or deviations from a mean (n,), clipped to the bounds."""
+        return run.columns(self.bounded, points, *about) if self.bounds else points
 
-    def bounded(self, states: Any) -> Any:
-        """States (n,) or (n, N) clipped to the bounds."""
+    def bounded(self, states: Any, about: Any = None) -> Any:
+        """States (n,) or (n, N), or deviations from a mean (n,), clipped to the bounds."""
         states = np.array(states)
         for name, (low, high) in self.bounds.items():
             row = self.plant.index(name)
-            states[row] = clip(states[row], low, high)
+            at = 0.0 if about is None else about[row]
+            states[row] = clip(states[row], low - at, high - at)
         return states
 
 
@@ -402,12 +392,12 @@ class ExtendedKalmanFilter(RecursiveFilter):
 
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
-        rooted = self.form == "square_root"
-        mean, spread = belief.mean, belief.root.T if rooted else run.cholesky(belief.covariance)
+        carries_root = self.form == "square_root"
+        mean, spread = belief.mean, belief.root.T if carries_root else run.cholesky(belief.covariance)
         for _ in range(self.sub_steps):
             spread = run.columns(self.tangent, spread, mean, u, p)
             mean = run.call(self.sub_step, mean, u, p)
-        if rooted:
+        if carries_root:
             return RootGaussian(mean, root_prediction(run, spread.T, process_noise))
         return Gaussian(mean, run.gram(spread, np.ones(self.plant.n), process_noise))
 

@@ -243,15 +243,9 @@ class Algebra:
 
     def _reflect(self, work: str, v: str, sizes: tuple[int, int, int], c: str) -> None:
         """Zero column c below the diagonal: T ← T − v vᵀT / (norm v_c), with v = t + norm e_c; v is zero above c."""
-        (height, pitch, together), writer, rows, wide = (
-            sizes,
-            self.writer,
-            Operand(work),
-            self._wide(sizes[2]),
-        )
-        zero, end = writer.lanes.constant(0.0), str(height // TILE)
-        group = str(int(c) // TILE) if c.isdecimal() else writer.let(f"udiv i64 {c}, {TILE}")
-        block = str(int(c) // together) if c.isdecimal() else writer.let(f"udiv i64 {c}, {together}")
+        (height, pitch, together), writer, rows = sizes, self.writer, Operand(work)
+        wide, zero, end = self._wide(together), writer.lanes.constant(0.0), str(height // TILE)
+        group, block = (writer.let(f"udiv i64 {c}, {size}") for size in (TILE, together))
         places = [self._place(zero, 1) for _ in range(TILE)]
 
         def members(q: str) -> list[str]:
@@ -280,7 +274,7 @@ class Algebra:
         self._store(v, c, head, 1)
         with writer.loop(str(pitch // together), block) as b:
             column = writer.let(f"mul nsw i64 {b}, {together}")
-            sums = [self._place(self._wide(together).lanes.constant(0.0), together) for _ in range(TILE)]
+            sums = [self._place(wide.lanes.constant(0.0), together) for _ in range(TILE)]
             with writer.loop(end, group) as q:
                 for i, place in zip(members(q), sums):
                     part = self._spread(self._load(Operand(v), i, 1), together)
@@ -295,8 +289,7 @@ class Algebra:
                     part = self._spread(self._load(Operand(v), i, 1), together)
                     value = self.multiply_add(wide, part, total, self._load(rows, here, together))
                     self._store(work, here, value, together)
-        below = self._ahead(c, 1) if not c.isdecimal() else str(int(c) + 1)
-        with writer.loop(str(height), below) as i:
+        with writer.loop(str(height), self._ahead(c, 1)) as i:
             kept = writer.select(empty, self._load(Operand(v), i, 1), zero)
             self._store(work, self._at(i, pitch, c), kept, 1)
         self._store(work, self._at(c, pitch, c), writer.select(empty, diagonal, writer.real("fneg", norm)), 1)
