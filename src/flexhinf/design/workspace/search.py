@@ -101,7 +101,7 @@ def tuned_setup(
     if faster is None or s.gain_margin is not None:
         return chosen
     faster = replace(faster, specification=s)
-    return faster if tolerates(faster, TOLERATED) and missed(faster) < missed(chosen) > 1.0 else chosen
+    return faster if tolerates(faster, TOLERATED) and 1.0 < missed(chosen) > missed(faster) else chosen
 
 
 def tolerates(setup: WorkspaceSetup, gain: float) -> bool:
