@@ -53,7 +53,7 @@ def test_a_law_is_made_for_the_same_ranges_by_its_plant_alone() -> None:
         workspace(replace(plant, limits=limits))
     slides = robot.links.slides
     with refused_with(fh.InvalidInput, f"'{quill}'", "--workspace"):
-        joint_ranges(robot.joint_names, slides, [None] * len(slides))
+        joint_ranges(robot.joint_names, slides, np.array([[-np.inf], [np.inf]]) * np.ones(len(slides)))
 
 
 def test_a_box_of_joint_positions_in_any_unit() -> None:

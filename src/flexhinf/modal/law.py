@@ -53,7 +53,8 @@ def workspace(plant: Plant, count: int = POSES, seed: int = SEED) -> np.ndarray:
     """Link positions (count, n), uniform within `joint_ranges`."""
     names = plant.expanded("link_position")
     slides = [plant.units.get(name) == "m" for name in names]
-    low, high = joint_ranges(names, slides, [plant.limits.get(name) for name in names])
+    limits = np.array([plant.limits.get(name, (-np.inf, np.inf)) for name in names]).T
+    low, high = joint_ranges(names, slides, limits)
     return np.random.default_rng(seed).uniform(low, high, (count, len(names)))
 
 

@@ -36,13 +36,13 @@ COUPLING = 1e-9
 TURN = np.pi
 
 
-def joint_ranges(joints: Sequence[str], slides: Sequence[bool], limits: Sequence[Any]) -> np.ndarray:
-    """Lower and upper ends (2, n) of where joints go, rad or m: their limits, a pair or None; ±180° for one that turns
-    and has none.
+def joint_ranges(joints: Sequence[str], slides: Sequence[bool], limits: np.ndarray) -> np.ndarray:
+    """Lower and upper ends (2, n) of where joints go, rad or m: their limits (2, n), infinite without; ±180° for one
+    that turns and has none.
 
     Raises `InvalidInput` for a joint that slides and has none.
     """
-    low, high = np.array([(-np.inf, np.inf) if pair is None else pair for pair in limits]).T
+    low, high = limits
     for joint, sliding, free in zip(joints, slides, ~np.isfinite(high - low)):
         refuse_if(
             sliding and free,

@@ -98,7 +98,7 @@ class Workspace:
 
 def ranges(robot: Robot) -> np.ndarray:
     """`joint_ranges` (2, n) of a robot."""
-    return joint_ranges(robot.joint_names, robot.links.slides, robot.links.limits)
+    return joint_ranges(robot.joint_names, robot.links.slides, position_ranges(robot))
 
 
 def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Workspace:
