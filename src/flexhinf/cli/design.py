@@ -287,7 +287,7 @@ def export_c(context: typer.Context, o: ExportCOptions) -> None:
         export.checked_identifier(o.name)
     folder = export.checked_folder(o.out, o.force)
     controller, robot = controller_of(o.source)
-    name = o.name or export.identifier_of("controller" if robot is None else robot.name)
+    name = o.name or _identifier(robot)
     if uncounted := export.check_room(controller, o.real, period=o.period, flash=o.flash, ram=o.ram):
         note(uncounted)
     export.write_files(folder, export.controller_files(controller, name, o.real, robot))
@@ -313,7 +313,7 @@ def export_fmu(context: typer.Context, o: ExportFmuOptions) -> None:
         )
     else:
         controller, robot = controller_of(o.source)
-        name = o.name or export.identifier_of("controller" if robot is None else robot.name)
+        name = o.name or _identifier(robot)
         written = export.export_fmu(controller, o.out, name)
     typer.echo(f"FMU: {written}")
 
@@ -327,6 +327,11 @@ def compile_design(context: typer.Context, o: CompileOptions) -> None:
     """
     controller, _ = controller_of(o.source)
     typer.echo(f"library: {export.compile_controller(controller, o.out, o.processor)}")
+
+
+def _identifier(robot: fh.Robot | None) -> str:
+    """The name of exported code, by the robot, as far as it is known."""
+    return export.identifier_of("controller" if robot is None else robot.name)
 
 
 def controller_of(source: str) -> tuple[fh.Controller, fh.Robot | None]:
