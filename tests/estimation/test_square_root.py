@@ -7,43 +7,16 @@ from functools import partial
 import mpmath
 import numpy as np
 import pytest
+from tests.estimation.composing import composed
 from tests.refusals import refused_with
 
 import flexhinf as fh
-from flexhinf.codegen import Block, Buffer, Composer, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.square_root import root_rows
 
 BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
 ROOT = {"form": "square_root"}
-
-
-def composed(estimator):
-    """``step(belief, y, u)`` → corrected with y, then predicted with u: one compiled program."""
-    plant, n = estimator.plant, estimator.plant.n
-    run, p, m = Composer(), len(plant.outputs), len(plant.inputs)
-    shapes = {
-        "mean": (n,), "root": (n, n), "y": (p,), "u": (m,), "p": (plant.parameters.size,), "q": (n, n), "r": (p, p),
-    }  # fmt: skip
-    blocks = {name: Block(Slice(name, 0, int(np.prod(shape))), shape) for name, shape in shapes.items()}
-    kind = type(estimator.initial)
-    belief = kind(blocks["mean"], blocks["root"])
-    belief = estimator.measurement_update_on(run, belief, blocks["y"], blocks["u"], blocks["p"], blocks["r"])
-    belief = estimator.time_update_on(run, belief, blocks["u"], blocks["p"], blocks["q"])
-    run.copy(belief.mean, blocks["mean"])
-    run.copy(belief.root, blocks["root"])
-    roles = {name: "state" if name in ("mean", "root") else "in" for name in shapes}
-    buffers = [Buffer(name, blocks[name].size, roles[name]) for name in shapes]
-    kernel = compile_program(Program("filter", (*buffers, *run.buffers), tuple(run.body)))
-    fixed = {"p": plant.parameters.vector(), "q": estimator.process_noise, "r": estimator.measurement_noise}
-
-    def step(belief, y, u):
-        arrays = {"mean": np.array(belief.mean), "root": np.array(belief.root), "y": y, "u": u, **fixed}
-        assert kernel.run(arrays).fine
-        return kind(arrays["mean"], arrays["root"])
-
-    return step
 
 
 def taken(estimator, y, u):

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.estimation.composing import composed
 
 import flexhinf as fh
-from flexhinf.codegen import DIRECT, Block, Buffer, Composer, Program, Slice, compile_program
+from flexhinf.codegen import DIRECT
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.plant import rk4_stages
 
@@ -12,30 +13,9 @@ BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFil
 
 
 def composed_step(estimator):
-    """``step(mean, covariance, y, u)`` → corrected with y, then predicted with u: one compiled program."""
-    plant, n = estimator.plant, estimator.plant.n
-    run, p, m = Composer(), len(plant.outputs), len(plant.inputs)
-    shapes = {
-        "mean": (n,), "covariance": (n, n), "y": (p,), "u": (m,), "p": (plant.parameters.size,),
-        "q": (n, n), "r": (p, p),
-    }  # fmt: skip
-    blocks = {name: Block(Slice(name, 0, int(np.prod(shape))), shape) for name, shape in shapes.items()}
-    belief = type(estimator.initial)(blocks["mean"], blocks["covariance"])
-    belief = estimator.measurement_update_on(run, belief, blocks["y"], blocks["u"], blocks["p"], blocks["r"])
-    belief = estimator.time_update_on(run, belief, blocks["u"], blocks["p"], blocks["q"])
-    run.copy(belief.mean, blocks["mean"])
-    run.copy(belief.covariance, blocks["covariance"])
-    roles = {name: "state" if name in ("mean", "covariance") else "in" for name in shapes}
-    buffers = [Buffer(name, blocks[name].size, roles[name]) for name in shapes]
-    kernel = compile_program(Program("filter", (*buffers, *run.buffers), tuple(run.body)))
-    fixed = {"p": plant.parameters.vector(), "q": estimator.process_noise, "r": estimator.measurement_noise}
-
-    def step(mean, covariance, y, u):
-        arrays = {"mean": mean.copy(), "covariance": covariance.copy(), "y": y, "u": u, **fixed}
-        assert kernel.run(arrays).fine
-        return arrays["mean"], arrays["covariance"]
-
-    return step
+    """``step(mean, covariance, y, u)`` → corrected with y, then predicted with u."""
+    step, kind = composed(estimator), type(estimator.initial)
+    return lambda mean, covariance, y, u: tuple(step(kind(mean, covariance), y, u))
 
 
 @pytest.mark.oracle
