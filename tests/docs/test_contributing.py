@@ -59,6 +59,13 @@ def edited(repository: Path, folder: Path) -> Path:
     return folder / "src"
 
 
+def test_printed_edits_of_a_requirement_find_their_lines(repository: Path, tmp_path: Path) -> None:
+    source = edited(repository, tmp_path)
+    assert (
+        subprocess.run([sys.executable, "-m", "compileall", "-q", str(source)], check=False).returncode == 0
+    )
+
+
 @pytest.mark.slow
 def test_a_requirement_is_judged_after_the_printed_edits(repository: Path, tmp_path: Path) -> None:
     source = edited(repository, tmp_path)
