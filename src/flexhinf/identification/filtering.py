@@ -29,7 +29,7 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     if isinstance(log, tuple) and len(log) == 3:
         parts = log
     elif all(hasattr(log, name) for name in ("times", "inputs", "outputs")):
-        parts = (log.times, log.inputs, log.outputs)
+        parts = tuple(getattr(log, name) for name in ("times", "inputs", "outputs"))
     elif all(name in getattr(data, "variables", ()) for name in ("time", "input", "output")):
         parts = (data["time"].values, data["input"].values, data["output"].values)
     else:
@@ -112,15 +112,13 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
     NumericalFailure
         If the filter diverges, with the sample.
     """
-    times, inputs, outputs = log_arrays(
-        log, filter if isinstance(filter, Plant) else Recursion(filter).filter.plant
+    plant = filter if isinstance(filter, Plant) else Recursion(filter).filter.plant
+    times, inputs, outputs = log_arrays(log, plant)
+    recursion = Recursion(
+        default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
     )
-    if isinstance(filter, Plant):
-        filter = default_filter(filter, times, inputs, outputs)
-    recursion = Recursion(filter)
-    return dataset(
-        recursion, times, outputs, recursion.passed(rows_of(times, inputs, outputs, filter.period))
-    )
+    rows = rows_of(times, inputs, outputs, recursion.filter.period)
+    return dataset(recursion, times, outputs, recursion.passed(rows))
 
 
 def log_likelihoods(facts: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -135,8 +133,9 @@ def dataset(
     import xarray as xr
 
     plant = recursion.filter.plant
-    beliefs, present = recursion.beliefs(passed["beliefs"]), np.isfinite(outputs)
-    measured, empty = present.sum(axis=1), ~present.any(axis=1)
+    beliefs = recursion.beliefs(passed["beliefs"])
+    present: np.ndarray = np.isfinite(outputs)
+    measured, empty = present.sum(axis=1), np.logical_not(present.any(axis=1))
     spreads = passed["spreads"].reshape(len(times), *(len(plant.outputs),) * 2)
     facts = np.where(empty[:, None], 0.0, passed["facts"])
     likelihoods = log_likelihoods(facts, measured)
