@@ -41,7 +41,9 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .identification import (
+    Identification as Identification,
     filter_log as filter_log,
+    identify as identify,
 )
 from .loop import (
     Braked as Braked,

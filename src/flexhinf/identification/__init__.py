@@ -5,5 +5,6 @@ A log is a table of times, inputs and measured signals. `filter_log` runs a filt
 """
 
 from flexhinf.identification.filtering import filter_log
+from flexhinf.identification.identify import Identification, identify
 
-__all__ = ["filter_log"]
+__all__ = ["Identification", "filter_log", "identify"]
