@@ -40,7 +40,7 @@ from .hinf import (
     smallest_gamma as smallest_gamma,
     solve_hji as solve_hji,
 )
-from .identification import Log as Log, read_log as read_log
+from .identification import Log as Log, filter_log as filter_log, read_log as read_log
 from .loop import (
     Braked as Braked,
     Constant as Constant,
