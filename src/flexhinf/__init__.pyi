@@ -42,8 +42,10 @@ from .hinf import (
 )
 from .identification import (
     Identification as Identification,
+    Log as Log,
     filter_log as filter_log,
     identify as identify,
+    read_log as read_log,
 )
 from .loop import (
     Braked as Braked,
