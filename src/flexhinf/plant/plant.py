@@ -96,6 +96,7 @@ class GeneralisedPlant(Summarised):
 
     def __post_init__(self) -> None:
         checked_kind("A problem needs a plant.", self.plant, Plant, "a flexhinf.Plant", "robot.plant()")
+        self.plant.check_continuous("problem of Eq. (3)")
         checked_kind(
             "A problem needs a penalty.",
             self.penalty,
@@ -362,7 +363,8 @@ def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.nda
 
 
 def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """State x* (n,) and input u* (m,) with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
+    """State x* (n,) and input u* (m,) at rest, flow(x*, u*, 0) = 0 or x* of a map, with the named states at `values`,
+    by Newton's method.
 
     Of several such points one near the origin. NumericalFailure, with the state that keeps moving, where there is none.
     """
@@ -371,23 +373,23 @@ def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tu
     free = [i for i in range(n) if i not in fixed]
     x, u = np.zeros(n), np.zeros(len(plant.inputs))
     x[fixed] = values
-    rate, scale = plant.derivative(x, u), 1.0
+    rate, scale = plant.change(x, u), 1.0
     for _ in range(ITERATIONS):
-        a, b, _, _ = plant.linearise(x, u)
+        a, b, _ = plant.change_slopes(x, u)
         if not (np.all(np.isfinite(rate)) and np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
             break
         scale = max(1.0, float(np.abs(a).max() * np.abs(x).max()))
         step = np.linalg.lstsq(np.hstack([a[:, free], b]), -rate, rcond=None)[0]
         x[free] += step[: len(free)]
         u += step[len(free) :]
-        rate = plant.derivative(x, u)
+        rate = plant.change(x, u)
         if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, np.abs(x).max(), np.abs(u).max()):
             break
     worst = int(np.argmax(np.abs(rate)))
     if not np.all(np.isfinite(rate)) or abs(rate[worst]) > 1e-9 * scale:
         raise NumericalFailure(
             "The plant has no equilibrium at this pose.",
-            f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.3g} at the best point found",
+            f"expected {plant.equilibrium_text}, got {plant.change_text(worst)} = {rate[worst]:.3g} at the best point",
             "a pose that the inputs can hold",
         )
     return x, u

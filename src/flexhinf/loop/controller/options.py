@@ -286,7 +286,7 @@ def _bounds(
 def equilibrium_line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
     """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through (x, u), r the states at `places`; None and None where the
     model has no slope there."""
-    a, b, _, _ = model.linearise(x, u)
+    a, b, _ = model.change_slopes(x, u)
     rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
     if not np.isfinite(rows).all():
         return None, None
@@ -376,7 +376,8 @@ class FirstInput:
 def holding_function(plant: Plant) -> Any:
     """(x, parameters) → u, the input that holds a plant at a state, as a CasADi function without empty arguments.
 
-    u = −(BᵀB)⁻¹Bᵀ f(x, 0, 0) with B = ∂f/∂u at u = 0: exact where f is affine in u and some u holds x.
+    u = −(BᵀB)⁻¹Bᵀ f(x, 0, 0) with B = ∂f/∂u at u = 0: exact where f is affine in u and some u holds x. Of a map, f is
+    x⁺ − x.
     """
 
     def build() -> Any:
@@ -384,7 +385,7 @@ def holding_function(plant: Plant) -> Any:
 
         flow = plant.traced_flow
         x, u, d, p = (ca.SX.sym(name, flow.size1_in(k)) for k, name in enumerate("xudp"))
-        rates = flow(x, u, d, p)
+        rates = flow(x, u, d, p) - x if plant.sampled else flow(x, u, d, p)
         none = ca.vertcat(u, d), ca.SX.zeros(u.numel() + d.numel())
         rates, slope = (ca.substitute(part, *none) for part in (rates, ca.jacobian(rates, u)))
         held = -ca.solve(ca.mtimes(slope.T, slope), ca.mtimes(slope.T, rates))

@@ -115,11 +115,11 @@ def start_text(
     text = f"{name} = {value:.6g}, the controller starts at {start:.6g}" if away else STARTED
     if placed or not isinstance(plant, Plant):
         return text
-    rates = plant.derivative(x, before)
+    rates = plant.change(x, before)
     worst = int(np.argmax(np.abs(rates)))
     if abs(rates[worst]) <= SAME_START * max(1.0, plant.fastest_mode(x, before)):
         return f"{text}, at rest"
-    return f"{text}; the true plant does not rest there: d/dt {plant.states[worst]} = {rates[worst]:.3g}"
+    return f"{text}; the true plant does not rest there: {plant.change_text(worst)} = {rates[worst]:.3g}"
 
 
 #: A command may exceed a limit by this fraction of the range, for rounding.
