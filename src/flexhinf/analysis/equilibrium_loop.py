@@ -21,6 +21,7 @@ from flexhinf.analysis.sampled_controller import (
     Rows,
     SampledController,
     Stepped,
+    check_states,
     equilibrium_integrals,
     model_rows,
     near_equilibrium,
@@ -103,6 +104,7 @@ class EquilibriumLoop:
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
         true_plant.check_continuous("linear loop")
+        check_states(law, filter)
         latency = checked_latency(latency, filter)
         check_delay(delay + latency, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period

@@ -33,6 +33,7 @@ import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.estimated import EstimatedStates, constant_states
 from flexhinf.loop.shared import share
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
@@ -199,12 +200,12 @@ def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
     if estimator is None:
         return
     plant, inputs = estimator.plant, tuple(law.input_names)
-    if (tuple(plant.states), tuple(plant.inputs)) != (states, inputs):
+    if not set(states) <= set(plant.states) or tuple(plant.inputs) != inputs:
         raise InvalidInput(
             "The estimator and the law do not mean the same states and inputs.",
             f"the law needs {list(states)} and {list(inputs)}, "
             f"the estimator's plant has {list(plant.states)} and {list(plant.inputs)}",
-            "the same plant for both",
+            "the same plant for both, or plant.augmented(...) for the estimator",
         )
     if abs(estimator.period - period) > 1e-12 * period:
         raise InvalidInput(
@@ -271,7 +272,13 @@ def _bounds(
     own = law.problem.plant if isinstance(law, ProblemLaw) else None
     model = own if estimator is None else estimator.plant
     travel = TRAVEL + np.abs(point[places])
-    along, held = (None, None) if model is None else equilibrium_line(model, point[:n], u, places)
+    along, held = None, None
+    if model is not None:
+        states = EstimatedStates.of(law, estimator)
+        along, held = equilibrium_line(
+            model, states.whole(point[:n]), u, [model.index(name) for name in law.tracked]
+        )
+        along = None if along is None else states.own(along)
     if model is None or along is None or held is None:
         size = np.repeat(np.abs(slope).sum(axis=1, keepdims=True), len(places), axis=1)
         return size @ travel, np.zeros_like(size), size
@@ -285,12 +292,13 @@ def _bounds(
 
 def equilibrium_line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
     """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through (x, u), r the states at `places`; None and None where the
-    model has no slope there."""
+    model has no slope there. States that are constant stay."""
     a, b, _ = model.change_slopes(x, u)
-    rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
+    still = [*places, *constant_states(model, x, u)]
+    rows = np.block([[a, b], [np.eye(len(x))[still], np.zeros((len(still), len(u)))]])
     if not np.isfinite(rows).all():
         return None, None
-    line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) :], rcond=None)[0]
+    line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) : len(x) + len(places)], rcond=None)[0]
     return line[: len(x)], line[len(x) :]
 
 

@@ -138,7 +138,8 @@ class Mode:
     integrated, and whether integral action is bounded, as some input has no limit. `latency`: samples between a
     measurement and the effect of the input computed from it. `reactions`: to the events of
     `flexhinf.loop.controller.status`, empty without a supervision. `has_offset`: offsets of the first measurement are
-    taken in slowly.
+    taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
+    loads that the input balances.
     """
 
     moving: bool = False
@@ -151,6 +152,8 @@ class Mode:
     latency: int = 0
     reactions: tuple[str, ...] = ()
     has_offset: bool = False
+    own: tuple[int, ...] = ()
+    compensated: tuple[int, ...] = ()
 
     @property
     def command_lead(self) -> int:
@@ -213,14 +216,14 @@ def controller_step(
     the prediction replaces the estimate and the measurement. The command r is (k,), or of a moving reference
     (x_d, u_d), (n + m,). `memory` and `data` are namespaces as `Controller.memory` and `Controller.data` lay them out.
 
-    Returns the input (m,), the estimate x(k|k) (n,), and the memory for the next step by name.
+    Returns the input (m,), the whole estimate x(k|k), and the memory for the next step by name.
     """
     estimate: Any = y
     belief: Any = None
     queue, acted, waiting = None, memory.u, []
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
-    beliefs, ahead = [], estimate
+    beliefs, ahead, push = [], estimate, None
     offset = memory.offset if mode.has_offset else None
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
@@ -236,8 +239,16 @@ def controller_step(
         estimate = belief.mean
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
-        if y is None:
-            y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
+    whole = estimate
+    if mode.own:
+        loads = ahead
+        estimate, ahead = (run.call(partial(_elements, mode.own), x) for x in (estimate, ahead))
+        if mode.compensated:
+            ahead, push = run.call(
+                partial(_balanced, mode.compensated), ahead, loads, data.balance_state, data.balance_input
+            )
+    if estimator is not None and y is None:
+        y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
     requested, held = r, memory.reference
     if mode.changes_command:
         held = memory.command
@@ -265,6 +276,7 @@ def controller_step(
     elif mode.takes_over:
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     operating_input = r[len(estimate) :] if mode.moving else operating_input
+    operating_input = operating_input if push is None else run.call(np.add, operating_input, push)
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
@@ -306,7 +318,17 @@ def controller_step(
         )  # fmt: skip
     if estimator is not None:
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
-    return u, estimate, after
+    return u, whole, after
+
+
+def _elements(places: Sequence[int], x: Any) -> Any:
+    return np.asarray(x)[list(places)]
+
+
+def _balanced(places: Sequence[int], ahead: Any, whole: Any, state: Any, push: Any) -> tuple[Any, Any]:
+    """The law's states less what the loads move their equilibrium by, and the input that balances the loads."""
+    loads = _elements(places, whole)
+    return ahead - state @ loads, push @ loads
 
 
 def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[Any], data: Any) -> list[Any]:

@@ -329,7 +329,7 @@ class Loop(Summarised):
         names = {
             "output": controller.measured,
             "input": controller.law.input_names,
-            "estimate": controller.states,
+            "estimate": controller.estimated,
             **({"state": box.states} if box.states else {}),
         }
         recorded = {name: np.full((samples, len(several)), np.nan) for name, several in names.items()}
@@ -460,7 +460,9 @@ class Loop(Summarised):
             name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
         }
         pairs = [
-            (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
+            (k, plant.states.index(name))
+            for k, name in enumerate(controller.estimated)
+            if name in plant.states
         ]
         numbers = real_array(instants).reshape(-1)
         samples = np.where(np.isfinite(numbers), numbers, -1.0).clip(-1.0, command.samples).astype(int)

@@ -87,12 +87,15 @@ def starting_state(initial: Any, states: Sequence[str], controller: Controller) 
 def _designed_start(controller: Controller) -> dict[str, float]:
     estimator = controller.estimator
     start = controller.law.operating_point if estimator is None else estimator.initial[0]
-    return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
+    return dict(zip(controller.estimated, np.asarray(start, dtype=float).tolist()))
 
 
 def operating_state(states: Sequence[str], controller: Controller) -> np.ndarray:
-    """The law's operating point as a state (n,) of a plant with these states, the others zero."""
-    point = dict(zip(controller.states, np.asarray(controller.law.operating_point, dtype=float).tolist()))
+    """The law's operating point as a state (n,) of a plant with these states, the others where the estimate begins, or
+    zero."""
+    point = _designed_start(controller) | dict(
+        zip(controller.states, np.asarray(controller.law.operating_point, dtype=float).tolist())
+    )
     return np.array([point.get(name, 0.0) for name in states])
 
 

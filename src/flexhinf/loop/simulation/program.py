@@ -173,7 +173,7 @@ class LoopCode:
         return {
             "x": plant.n, "u": len(plant.inputs), "y": len(controller.measured), "r": len(controller.commanded),
             "d": len(plant.disturbances), "memory": controller.memory.size, "data": controller.data.size,
-            "estimate": len(controller.states), "parameters": plant.parameters.size,
+            "estimate": len(controller.estimated), "parameters": plant.parameters.size,
             "capacity": capacity(self.sub_steps),
         }  # fmt: skip
 
