@@ -40,6 +40,9 @@ from .hinf import (
     smallest_gamma as smallest_gamma,
     solve_hji as solve_hji,
 )
+from .identification import (
+    filter_log as filter_log,
+)
 from .loop import (
     Braked as Braked,
     Constant as Constant,

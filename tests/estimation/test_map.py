@@ -257,3 +257,19 @@ def test_a_map_has_neither_sub_steps_nor_friction_of_its_own():
         pendulum(arrest=lambda x, h, p: x)
     with refused_with(InvalidInput, "sampled", "yes"):
         fh.Plant(turned, first, ("a", "b"), ("u",), ("d",), {"pull": 1.0}, sampled="yes")
+
+
+@pytest.mark.oracle
+def test_a_log_at_whole_periods_is_filtered_with_a_map():
+    """Row by row with the filter's own `correct` and `predict`; a gap of two periods is two predictions."""
+    estimator = UnscentedKalmanFilter(pendulum(), PERIOD, [1e-6, 1e-5], 1e-4, [0.4, 0.0], 0.01)
+    times, rng = PERIOD * np.array([0.0, 1.0, 2.0, 4.0, 5.0]), np.random.default_rng(1)
+    u, y = rng.normal(size=5), 0.4 + 0.01 * rng.normal(size=5)
+    found = fh.filter_log(estimator, (times, u, y))["estimate"].values
+    for k in range(5):
+        estimator.correct(y[k : k + 1])
+        np.testing.assert_allclose(found[k], estimator.mean, rtol=1e-9)
+        for _ in range(round((times[min(k + 1, 4)] - times[k]) / PERIOD)):
+            estimator.predict(u[k : k + 1])
+    with refused_with(InvalidInput, "map", 0.05, 0.035):
+        fh.filter_log(estimator, ([0.0, 0.07, 0.14], u[:3], y[:3]))

@@ -1,0 +1,162 @@
+"""`filter_log`: what a Kalman filter makes of a log, as a labelled table."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.identification.defaults import default_filter
+from flexhinf.identification.recursion import Recursion, rows_of
+from flexhinf.plant import Plant
+from flexhinf.validation import real_array, value_text
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from flexhinf.estimation.filter import RecursiveFilter
+
+
+def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (N,), s, inputs (N, m) and outputs (N, p) of a log, checked against a plant.
+
+    `log`: anything with `times`, `inputs` and `outputs` (`flexhinf.Log`), these three as a tuple, or the result of
+    `Loop.run` or its `data`. Of one input or output a flat array will do. Raises InvalidInput: sizes that differ, times
+    that do not grow, inputs that are not finite, outputs without a single number.
+    """
+    data = getattr(log, "data", log)
+    if isinstance(log, tuple) and len(log) == 3:
+        parts = log
+    elif all(hasattr(log, name) for name in ("times", "inputs", "outputs")):
+        parts = tuple(getattr(log, name) for name in ("times", "inputs", "outputs"))
+    elif all(name in getattr(data, "variables", ()) for name in ("time", "input", "output")):
+        parts = (data["time"].values, data["input"].values, data["output"].values)
+    else:
+        raise InvalidInput(
+            "This is no log.",
+            f"expected a Log, a run, or (times, inputs, outputs), got {value_text(log)}",
+            'fh.read_log("log.csv", plant)',
+        )
+    times, inputs, outputs = (real_array(part) for part in parts)
+    names = (plant.inputs, plant.outputs)
+    count = times.size
+    shaped = []
+    for kind, array, known in zip(("inputs", "outputs"), (inputs, outputs), names):
+        array = array[:, None] if array.ndim == 1 and len(known) == 1 else array
+        refuse_if(
+            array.shape != (count, len(known)),
+            f"The {kind} of the log do not fit the plant.",
+            f"expected shape ({count}, {len(known)}) for {list(known)}, got {array.shape}",
+            "a row for each time, a column for each name",
+        )
+        shaped.append(array)
+    inputs, outputs = shaped
+    refuse_if(
+        times.ndim != 1 or count < 2 or not np.all(np.isfinite(times)),
+        "The times of the log are no row of numbers.",
+        f"expected at least 2 finite times, got {value_text(times)}",
+        "seconds, one for each row",
+    )
+    back = np.flatnonzero(np.diff(times) <= 0.0)
+    refuse_if(
+        back.size > 0,
+        "The times of the log do not grow.",
+        f"expected each later than the one before, got {times[back[:1]]} and then {times[back[:1] + 1]} s "
+        f"at row {int(back[0]) + 2 if back.size else 0}",
+        "leave out rows that were written twice, and sort the others",
+    )
+    refuse_if(
+        not np.all(np.isfinite(inputs)),
+        "An input of the log is missing.",
+        f"expected a number at every row, got {value_text(inputs[~np.isfinite(inputs).all(axis=1)][:1])} at row "
+        f"{int(np.argmin(np.isfinite(inputs).all(axis=1))) + 1}",
+        "the input that was held there",
+    )
+    refuse_if(
+        bool(np.isinf(outputs).any()) or not np.isfinite(outputs).any(),
+        "The outputs of the log are no measurements.",
+        "expected finite numbers, and NaN where one is missing",
+        "at least one output with numbers",
+    )
+    return times, inputs, outputs
+
+
+def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
+    """A Kalman filter over a log, in one compiled call.
+
+    A row is corrected with, and predicted to the next one with its inputs held. Times may be irregular: a prediction
+    spans what lies between two rows, R^v grows with it, and a gap of more than one period of the filter is several
+    predictions.
+
+    Parameters
+    ----------
+    filter : RecursiveFilter or Plant
+        `UnscentedKalmanFilter` or `ExtendedKalmanFilter`; it begins with its own mean and covariance, and stays as it
+        is. Of a plant, the filter of `flexhinf.identification.defaults.default_filter`, whose noises are guesses.
+    log : Log, Trajectory, Dataset or tuple
+        Times (N,), s, inputs (N, m), outputs (N, p), NaN where one is missing; see `log_arrays`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along ``time``: `estimate` x(k|k) and its `standard_deviation`; `prediction`, the outputs at x(k|k−1);
+        `innovation` and `innovation_standard_deviation`, NaN where nothing is measured; `nis`, the squared innovation
+        over its covariance, with `measured`, how many outputs are in it; `log_likelihood`. The sum of the last one
+        is an attribute.
+
+    Raises
+    ------
+    InvalidInput
+        If the log does not fit the plant; of a map, if its times are not whole periods apart.
+    NumericalFailure
+        If the filter diverges, with the sample.
+    """
+    plant = filter if isinstance(filter, Plant) else Recursion(filter).filter.plant
+    times, inputs, outputs = log_arrays(log, plant)
+    recursion = Recursion(
+        default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
+    )
+    rows = rows_of(times, inputs, outputs, recursion.filter.period)
+    return dataset(recursion, times, outputs, recursion.passed(rows))
+
+
+def log_likelihoods(facts: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """Logarithms (N,) of the densities of innovations, of `facts` (N, 2) and numbers of outputs (N,)."""
+    return -0.5 * (facts.sum(axis=1) + measured * np.log(2.0 * np.pi))
+
+
+def dataset(
+    recursion: Recursion, times: np.ndarray, outputs: np.ndarray, passed: dict[str, np.ndarray]
+) -> xr.Dataset:
+    """The labelled table of what `Recursion.passed` returns."""
+    import xarray as xr
+
+    plant = recursion.filter.plant
+    beliefs = recursion.beliefs(passed["beliefs"])
+    present: np.ndarray = np.isfinite(outputs)
+    measured, empty = present.sum(axis=1), np.logical_not(present.any(axis=1))
+    spreads = passed["spreads"].reshape(len(times), *(len(plant.outputs),) * 2)
+    facts = np.where(empty[:, None], 0.0, passed["facts"])
+    likelihoods = log_likelihoods(facts, measured)
+    deviations = np.sqrt(np.maximum(np.diagonal(spreads, axis1=1, axis2=2), 0.0))
+    columns = {
+        "estimate": (beliefs.mean, "states"),
+        "standard_deviation": (recursion.deviations(beliefs), "states"),
+        "prediction": (passed["expected"], "outputs"),
+        "innovation": (np.where(present, passed["innovations"], np.nan), "outputs"),
+        "innovation_standard_deviation": (np.where(present, deviations, np.nan), "outputs"),
+    }
+    coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"})}
+    for kind, names in (("state", plant.states), ("output", plant.outputs)):
+        coordinates[f"{kind}_name"] = (f"{kind}_name", list(names))
+        coordinates[f"{kind}_unit"] = (f"{kind}_name", [plant.unit(name) for name in names])
+    variables: dict[str, Any] = {
+        name: (("time", f"{kind[:-1]}_name"), values) for name, (values, kind) in columns.items()
+    }
+    variables |= {
+        "nis": ("time", np.where(empty, np.nan, facts[:, 0])),
+        "measured": ("time", measured),
+        "log_likelihood": ("time", likelihoods),
+    }
+    return xr.Dataset(variables, coordinates, {"log_likelihood": float(likelihoods.sum())})

@@ -1,0 +1,265 @@
+"""A filter over a whole log as one compiled program, with steps of any length between the rows.
+
+A row of the log is corrected with, and then predicted to the next one. The time to the next row is a parameter of the
+plant: dx/dτ = T f(x, u) over one unit of τ, so that every filter takes irregular stamps, and nothing is compiled for
+them. A gap of more than one period is several predictions, and R^v grows with the time that a prediction spans.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from flexhinf.codegen import (
+    Block,
+    Buffer,
+    Composer,
+    Copy,
+    Guard,
+    Kernel,
+    Program,
+    Repeat,
+    Slice,
+    compile_program,
+)
+from flexhinf.errors import NumericalFailure, refuse_if
+from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.loop.controller.memory import Layout
+from flexhinf.loop.shared import share
+from flexhinf.plant import Plant
+from flexhinf.scalars import cholesky, solve_lower, where
+from flexhinf.validation import checked_kind
+
+#: A parameter of the plant beside its own: the time of a prediction, s.
+SECONDS = "prediction_seconds"
+
+#: A prediction spans at most this much more than the filter's period; a gap that is longer is several predictions.
+LONGER = 1.01
+
+
+class Rows(NamedTuple):
+    """A log as rows of the program: those between two samples, in a long gap, measure nothing.
+
+    `seconds`: (K, 1), to the next row. `inputs`: (K + 1, m), u from a row on, after the one before the first row.
+    `outputs`: (K, p). `measured`: (K, 1), whether any output is there. `places`: (N,), the rows of the log's samples.
+    """
+
+    seconds: np.ndarray
+    inputs: np.ndarray
+    outputs: np.ndarray
+    measured: np.ndarray
+    places: np.ndarray
+
+
+def rows_of(times: np.ndarray, inputs: np.ndarray, outputs: np.ndarray, period: float) -> Rows:
+    """Rows of at most one `period` (s) each, of times (N,), s, inputs (N, m) held from then on, and outputs (N, p)."""
+    steps = np.append(np.diff(times), period)
+    counts = np.maximum(1, np.ceil(steps / (LONGER * period))).astype(int)
+    places = np.append(0, np.cumsum(counts)[:-1])
+    measured = np.full((counts.sum(), outputs.shape[1]), np.nan)
+    measured[places] = outputs
+    held = np.repeat(inputs, counts, axis=0)
+    return Rows(
+        np.repeat(steps / counts, counts)[:, None],
+        np.vstack([np.zeros((1, inputs.shape[1])), held]),
+        measured,
+        np.isfinite(measured).any(axis=1).astype(float)[:, None],
+        places,
+    )
+
+
+class TimedFlow:
+    """The flow of a plant per unit of the time of a prediction; of a map, the map itself."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.flow, self.sampled = plant.flow, plant.sampled
+
+    def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
+        """dx/dτ (n,), on any element."""
+        if self.sampled:
+            return self.flow(x, u, d, p)
+        return getattr(p, SECONDS) * np.asarray(self.flow(x, u, d, p))
+
+
+def timed(filter: RecursiveFilter) -> RecursiveFilter:
+    """The same filter with the time of a prediction as the last parameter of its plant."""
+    plant = filter.plant
+    scaled = replace(
+        plant, flow=TimedFlow(plant), parameters={**plant.parameters.values, SECONDS: filter.period}
+    )
+    return type(filter)(**{**filter.settings(), "plant": scaled, "period": 1.0})
+
+
+@dataclass(frozen=True, eq=False)
+class Recursion:
+    """The compiled pass of one filter over any log, whatever the parameters and the noises."""
+
+    filter: RecursiveFilter
+
+    def __post_init__(self) -> None:
+        checked_kind(
+            "A log is filtered by a Kalman filter.", self.filter, RecursiveFilter, "a RecursiveFilter",
+            "fh.ExtendedKalmanFilter(plant, period, ...)",
+        )  # fmt: skip
+
+    @cached_property
+    def timed(self) -> RecursiveFilter:
+        """The filter with the time of a prediction as a parameter."""
+        return timed(self.filter)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Of a belief as a flat vector."""
+        return Layout(self.filter.initial._asdict())
+
+    @cached_property
+    def written(self) -> dict[str, int]:
+        """Numbers of a row by name, as `passed` returns them."""
+        n, p = self.filter.plant.n, len(self.filter.plant.outputs)
+        sizes = {"predictions": n, "expected": p, "innovations": p, "spreads": p * p, "facts": 2}
+        return {**sizes, "beliefs": self.layout.size}
+
+    def beliefs(self, rows: np.ndarray) -> Any:
+        """Beliefs as flat rows (N, size) by part: a named tuple of arrays (N, ...)."""
+        parts = {
+            name: rows[:, place].reshape(len(rows), *cast("tuple[int, ...]", self.layout.parts[name]))
+            for name, place in self.layout.places.items()
+        }
+        return type(self.filter.initial)(**parts)
+
+    def deviations(self, beliefs: Any) -> np.ndarray:
+        """Standard deviations (N, n) of the states, of beliefs as `beliefs` gives them."""
+        if self.filter.form == "square_root":
+            return np.sqrt(np.square(beliefs.root).sum(axis=1))
+        return np.sqrt(np.maximum(np.diagonal(beliefs.covariance, axis1=1, axis2=2), 0.0))
+
+    @property
+    def kernel(self) -> Kernel:
+        """The compiled program; filters of one kind and one plant's code share it."""
+        key = ("log", type(self.filter), self.timed.estimator_key, self.timed.plant.code_key)
+        return share(key, lambda: compile_program(self._program()))
+
+    def _program(self) -> Program:
+        filter, run = self.timed, Composer()
+        n, p, m = filter.plant.n, len(filter.plant.outputs), len(filter.plant.inputs)
+        sizes = {
+            "parameters": filter.plant.parameters.size - 1,
+            "process_noise": n * n,
+            "measurement_noise": p * p,
+        }
+        rows = {"seconds": 1, "inputs": m, "outputs": p, "measured": 1}
+
+        def read(name: str, size: int, first: int = 0) -> Block:
+            block = run.work((size,))  # loops inside a row may read it
+            run.body.append(Copy(Slice(name, first, size, strides=(rows[name],)), block.place))
+            return block
+
+        def write(name: str, block: Block, first: int = 0) -> None:
+            place = Slice(name, first, block.size, strides=(self.written[name],))
+            run.copy(block, Block(place, block.shape))
+
+        values, q, r = (
+            Block(Slice(name, size=size) if size else None, shape)
+            for (name, size), shape in zip(sizes.items(), ((sizes["parameters"],), (n, n), (p, p)))
+        )
+        kept = Block(Slice("belief", size=self.layout.size), (self.layout.size,))
+        prior = type(filter.initial)(**vars(self.layout.named(kept)))
+        before, u = read("inputs", m), read("inputs", m, m)
+        seconds, y, flag = (read(name, rows[name]) for name in ("seconds", "outputs", "measured"))
+        vector = run.call(_beside, values, seconds)
+        write("predictions", prior.mean)
+        write("expected", run.call(filter.output, prior.mean, before, vector))
+        with run.when(flag):
+            corrected, innovation, spread = filter.innovation_stages(run, prior, y, before, vector, r)
+            facts = run.call(_facts, innovation, spread)
+        belief = type(prior)(*(run.call(_chosen, flag, new, old) for new, old in zip(corrected, prior)))
+        for name, block in {"innovations": innovation, "spreads": spread, "facts": facts}.items():
+            write(name, block)
+        for part, place in self.layout.pairs(belief._asdict()):
+            write("beliefs", part, place.start)
+        predicted = filter.time_stages(run, belief, u, vector, run.call(_grown, q, seconds))
+        for part, place in self.layout.pairs(predicted._asdict()):
+            run.copy(part, kept[place].reshape(part.shape))
+        run.body.append(Guard(kept.place, 1))
+        buffers = [
+            Buffer("belief", self.layout.size, "state"),
+            *(Buffer(name, size, "in") for name, size in sizes.items() if size),
+            *(Buffer(name, None, "in") for name in rows),
+            *(Buffer(name, None, "out") for name in self.written),
+        ]
+        return Program(
+            "filtered_log", (*buffers, *run.buffers), (Repeat("rows", tuple(run.body)),), ("rows",)
+        )
+
+    def passed(
+        self,
+        rows: Rows,
+        parameters: np.ndarray | None = None,
+        process_noise: np.ndarray | None = None,
+        measurement_noise: np.ndarray | None = None,
+    ) -> dict[str, np.ndarray]:
+        """What the filter makes of the rows of a log: arrays of one row per sample.
+
+        Other `parameters` (flat), R^v (n, n) per period and R^n (p, p) than the filter's own are data. Returns
+        `predictions` (N, n), x(k|k−1); `expected` (N, p), the outputs there; `innovations` (N, p) and `spreads`
+        (N, p, p), zero and those of a unit where nothing is measured; `facts` (N, 2): squared innovations over their
+        covariance, and the logarithm of its determinant; `beliefs`, x(k|k), flat. Raises NumericalFailure: at the
+        sample after which a number is not finite.
+        """
+        filter, count = self.filter, len(rows.seconds)
+        check_spacing(filter, rows.seconds[:, 0])
+        noises = {"process_noise": process_noise, "measurement_noise": measurement_noise}
+        own = {name: getattr(filter, name) if value is None else value for name, value in noises.items()}
+        own["process_noise"] = own["process_noise"] / filter.period  # per second
+        vector = filter.plant.parameters.vector() if parameters is None else parameters
+        arrays = {name: np.ascontiguousarray(value, dtype=float).ravel() for name, value in own.items()}
+        if vector.size:
+            arrays["parameters"] = np.ascontiguousarray(vector, dtype=float)
+        arrays |= {
+            name: np.ascontiguousarray(getattr(rows, name))
+            for name in ("seconds", "inputs", "outputs", "measured")
+        }
+        arrays["belief"] = self.layout.flat(filter.initial._asdict()).copy()
+        results = {name: np.empty((count, size)) for name, size in self.written.items()}
+        status = self.kernel.run(arrays | results, {"rows": count})
+        if status.code:
+            sample = int(np.searchsorted(rows.places, status.step, side="right"))
+            raise NumericalFailure(
+                "The estimate is not finite: the model diverged, or the log does not fit it.",
+                f"the last good one is at sample {sample} of {len(rows.places)}",
+                "a smaller initial covariance, a larger process noise, or other parameters",
+            )
+        return {name: array[rows.places] for name, array in results.items()}
+
+
+def check_spacing(filter: RecursiveFilter, seconds: np.ndarray) -> None:
+    """Refuse times between rows (K,), s, over which a map does not go."""
+    away = np.abs(seconds / filter.period - 1.0)
+    worst = int(np.argmax(away))
+    refuse_if(
+        filter.plant.sampled and away[worst] > LONGER - 1.0,
+        "A map goes over one period, and the rows of the log do not lie whole periods apart.",
+        f"expected multiples of {filter.period:g} s within 1 %, got steps of {seconds[worst]:g} s",
+        "a plant in continuous time, or the log at regular times",
+    )
+
+
+def _beside(values: Any, seconds: Any) -> Any:
+    return np.concatenate([values, seconds])
+
+
+def _grown(noise: Any, seconds: Any) -> Any:
+    return noise * seconds[0]
+
+
+def _facts(innovation: Any, spread: Any) -> Any:
+    factor = cholesky(spread)
+    white = solve_lower(factor, innovation)
+    return np.array([white @ white, 2.0 * np.log(np.diag(factor)).sum()])
+
+
+def _chosen(flag: Any, new: Any, old: Any) -> Any:
+    return where(flag[0] > 0.5, new, old)
