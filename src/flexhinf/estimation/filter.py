@@ -151,7 +151,7 @@ class RecursiveFilter(Estimator):
     Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
     fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
     a step is as long as a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many
-    short ones.
+    short ones. A map (``fh.Plant(..., sampled=True)``) is evaluated once: `stages` and `sub_steps` are 1.
 
     Parameters
     ----------
@@ -204,6 +204,7 @@ class RecursiveFilter(Estimator):
         counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
         long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
         self.stages, self.sub_steps = (8, counts[8]) if long else (4, counts[4])
+        self.stages = 1 if plant.sampled else self.stages
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
 
@@ -315,7 +316,9 @@ class RecursiveFilter(Estimator):
         return self.moved(DIRECT, x, u, self.plant.parameters.flat(p))
 
     def sub_step(self, x: Any, u: Any, p: Any, run: Any = DIRECT) -> Any:
-        """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
+        """One of the `sub_steps` Runge–Kutta steps of F, or F itself of a map; p is the vector of parameters."""
+        if self.plant.sampled:
+            return run.call(self.flow, x, u, p)
         method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
         return method(run, self.flow, x, self.period / self.sub_steps, u, p)
 
@@ -324,7 +327,7 @@ class RecursiveFilter(Estimator):
         return run.repeat(self.sub_steps, lambda x: (self.sub_step(x, u, p, run),), x)[0]
 
     def flow(self, x: Any, u: Any, p: Any) -> Any:
-        """ẋ without disturbances; p is the vector of parameters."""
+        """ẋ, or x⁺ of a map, without disturbances; p is the vector of parameters."""
         return self.plant.evaluate_flow(x, u, np.zeros(len(self.plant.disturbances)), p)
 
     def output(self, x: Any, u: Any, p: Any) -> Any:
