@@ -12,7 +12,17 @@ from flexhinf.plant.plant import (
     plant_from_control,
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw, chosen, known
+from flexhinf.plant.protocols import (
+    INTEGRAL,
+    BlackBox,
+    Estimator,
+    Gaussian,
+    Law,
+    ProblemLaw,
+    chosen,
+    known,
+    turned,
+)
 
 __all__ = [
     "INTEGRAL",
@@ -39,4 +49,5 @@ __all__ = [
     "rk4_stages",
     "rk4_step",
     "sub_steps",
+    "turned",
 ]
