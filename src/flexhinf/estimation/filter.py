@@ -121,16 +121,6 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
-def _present(y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
-    """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
-    flags = known(y)
-    innovation = chosen(flags, y, expected) - expected - masked(flags, shift)
-    left = masked(np.array([flags * flag for flag in flags]), noise)
-    for i, flag in enumerate(flags):
-        left[i, i] = chosen(flag, noise[i, i], 1.0)
-    return flags, innovation, left
-
-
 def _seen(column: Any, flags: Any) -> Any:
     """A column whose first elements belong to outputs, zero where those are missing."""
     p = len(flags)
@@ -146,12 +136,12 @@ class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
     NaN in a measurement means that this sensor gave nothing: the others are used, as by the filter whose output has
-    them alone.
+    them alone. Angles of the plant (``fh.Plant(..., angles=...)``) are compared by the shorter way round.
 
     Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
     fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
     a step is as long as a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many
-    short ones.
+    short ones. A map (``fh.Plant(..., sampled=True)``) is evaluated once: `stages` and `sub_steps` are 1.
 
     Parameters
     ----------
@@ -204,6 +194,7 @@ class RecursiveFilter(Estimator):
         counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
         long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
         self.stages, self.sub_steps = (8, counts[8]) if long else (4, counts[4])
+        self.stages = 1 if plant.sampled else self.stages
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
 
@@ -284,8 +275,17 @@ class RecursiveFilter(Estimator):
         identity. (With R^n as it is, noise that is correlated would still speak of it.) In the deviations, rows may
         follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift.
         """
-        flags, innovation, noise = run.call(_present, y, expected, noise, shift)
+        flags, innovation, noise = run.call(self._present, y, expected, noise, shift)
         return innovation, run.columns(_seen, deviations, flags), noise
+
+    def _present(self, y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
+        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
+        flags = known(y)
+        y = chosen(flags, self.unwound(y, expected + shift), expected)
+        left = masked(np.array([flags * flag for flag in flags]), noise)
+        for i, flag in enumerate(flags):
+            left[i, i] = chosen(flag, noise[i, i], 1.0)
+        return flags, y - expected - masked(flags, shift), left
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -315,7 +315,9 @@ class RecursiveFilter(Estimator):
         return self.moved(DIRECT, x, u, self.plant.parameters.flat(p))
 
     def sub_step(self, x: Any, u: Any, p: Any, run: Any = DIRECT) -> Any:
-        """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
+        """One of the `sub_steps` Runge–Kutta steps of F, or F itself of a map; p is the vector of parameters."""
+        if self.plant.sampled:
+            return run.call(self.flow, x, u, p)
         method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
         return method(run, self.flow, x, self.period / self.sub_steps, u, p)
 
@@ -324,7 +326,7 @@ class RecursiveFilter(Estimator):
         return run.repeat(self.sub_steps, lambda x: (self.sub_step(x, u, p, run),), x)[0]
 
     def flow(self, x: Any, u: Any, p: Any) -> Any:
-        """ẋ without disturbances; p is the vector of parameters."""
+        """ẋ, or x⁺ of a map, without disturbances; p is the vector of parameters."""
         return self.plant.evaluate_flow(x, u, np.zeros(len(self.plant.disturbances)), p)
 
     def output(self, x: Any, u: Any, p: Any) -> Any:

@@ -123,7 +123,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
     Raises
     ------
     InvalidInput
-        If the log does not fit the plant.
+        If the log does not fit the plant; of a map, if its times are not whole periods apart.
     NumericalFailure
         If the filter diverges, with the sample.
     """

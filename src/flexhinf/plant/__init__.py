@@ -1,7 +1,8 @@
 """Plants, and the interfaces between physics, synthesis, estimation and closed loops."""
 
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
-from flexhinf.plant.model import Parameters, ParameterTable, StoredCode, python_control
+from flexhinf.plant.model import StoredCode, python_control
+from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import (
     GeneralisedPlant,
@@ -11,7 +12,17 @@ from flexhinf.plant.plant import (
     plant_from_control,
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw, chosen, known
+from flexhinf.plant.protocols import (
+    INTEGRAL,
+    BlackBox,
+    Estimator,
+    Gaussian,
+    Law,
+    ProblemLaw,
+    chosen,
+    known,
+    turned,
+)
 
 __all__ = [
     "INTEGRAL",
@@ -38,4 +49,5 @@ __all__ = [
     "rk4_stages",
     "rk4_step",
     "sub_steps",
+    "turned",
 ]

@@ -65,7 +65,8 @@ class Loop(Summarised):
     ----------
     true_plant : Plant or BlackBox
         A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as its
-        fastest mode requires. A black box integrates itself, see `BlackBox`.
+        fastest mode requires; a map (``sampled=True``) is evaluated once a sample, with the disturbance as it is at the
+        sample. A black box integrates itself, see `BlackBox`.
     controller : Controller
         Only read: every run has a memory of its own.
     sub_steps : int, optional
@@ -123,6 +124,12 @@ class Loop(Summarised):
                 f"expected {list(needed)}, got {list(outputs)}",
                 "the same `measured=` for the true plant and for the estimator's",
             )
+        if true_plant.sampled and sub_steps is not None and sub_steps > 1:
+            raise InvalidInput(
+                "A map has no sub-steps.",
+                f"expected sub_steps=None for a true plant with sampled=True, got {sub_steps}",
+                "Loop(true_plant, controller)",
+            )
         wanted, inputs = tuple(controller.law.input_names), tuple(true_plant.inputs)
         if inputs != wanted:
             raise InvalidInput(
@@ -170,6 +177,8 @@ class Loop(Summarised):
             def flow(x: Any, d: Any) -> np.ndarray:
                 return np.ravel(np.asarray(plant.traced_flow(x, u, d, p), dtype=float))
 
+            if plant.sampled:
+                return np.concatenate([flow(x, v[commanded:]), after])
             for _ in range(steps):
                 x = rk4_step(flow, x, (v[commanded:],) * 3, controller.period / steps)
             return np.concatenate([x, after])
@@ -216,7 +225,8 @@ class Loop(Summarised):
         """The same controller, channel and sub-steps with another true plant."""
         if plant is self.true_plant:
             return self
-        steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
+        integrated = [isinstance(one, Plant) and not one.sampled for one in (plant, self.true_plant)]
+        steps = self.sub_steps if all(integrated) else None
         other = Loop(plant, self.controller, steps)
         other.channel = self.channel
         return other
@@ -323,7 +333,7 @@ class Loop(Summarised):
         names = {
             "output": controller.measured,
             "input": controller.law.input_names,
-            "estimate": controller.states,
+            "estimate": controller.estimated,
             **({"state": box.states} if box.states else {}),
         }
         recorded = {name: np.full((samples, len(several)), np.nan) for name, several in names.items()}
@@ -462,7 +472,9 @@ class Loop(Summarised):
             name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
         }
         pairs = [
-            (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
+            (k, plant.states.index(name))
+            for k, name in enumerate(controller.estimated)
+            if name in plant.states
         ]
         numbers = real_array(instants).reshape(-1)
         samples = np.where(np.isfinite(numbers), numbers, -1.0).clip(-1.0, command.samples).astype(int)

@@ -495,7 +495,7 @@ class Ensemble:
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
     return {
-        "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.states),
+        "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.estimated),
         "input": tuple(controller.law.input_names),
     }  # fmt: skip
 

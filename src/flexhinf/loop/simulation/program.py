@@ -101,11 +101,14 @@ CONTROL_FAILED, PLANT_FAILED = 1, 2
 
 
 def rk4_function(plant: Plant) -> ca.Function:
-    """(x, u, d at start, middle and end, (step, p)) → x one sub-step later, after the plant's `arrest`."""
+    """(x, u, d at start, middle and end, (step, p)) → x one sub-step later, after the plant's `arrest`; of a map, x⁺
+    with d as at the start."""
     nd, named = len(plant.disturbances), plant.parameters.named
 
     def advance(x: Any, u: Any, d: Any, truth: Any) -> Any:
         stages = [d[k * nd : (k + 1) * nd] for k in range(3)]
+        if plant.sampled:
+            return plant.evaluate_flow(x, u, stages[0], truth[1:])
         after = rk4_step(lambda s, v: plant.evaluate_flow(s, u, v, truth[1:]), x, stages, truth[0])
         return after if plant.arrest is None else plant.arrest(after, truth[0], named(truth[1:]))
 
@@ -170,7 +173,7 @@ class LoopCode:
         return {
             "x": plant.n, "u": len(plant.inputs), "y": len(controller.measured), "r": len(controller.commanded),
             "d": len(plant.disturbances), "memory": controller.memory.size, "data": controller.data.size,
-            "estimate": len(controller.states), "parameters": plant.parameters.size,
+            "estimate": len(controller.estimated), "parameters": plant.parameters.size,
             "capacity": capacity(self.sub_steps),
         }  # fmt: skip
 
