@@ -13,6 +13,7 @@ from flexhinf.plant.plant import (
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
+from flexhinf.plant.sensors import Sensor, SensorTable
 
 __all__ = [
     "INTEGRAL",
@@ -27,6 +28,8 @@ __all__ = [
     "Plant",
     "PolynomialPlant",
     "ProblemLaw",
+    "Sensor",
+    "SensorTable",
     "StoredCode",
     "eight_stages",
     "equilibrium",
