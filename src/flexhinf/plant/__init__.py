@@ -12,7 +12,7 @@ from flexhinf.plant.plant import (
     plant_from_control,
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
+from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw, chosen, known
 from flexhinf.plant.sensors import Sensor, SensorTable
 
 __all__ = [
@@ -31,9 +31,11 @@ __all__ = [
     "Sensor",
     "SensorTable",
     "StoredCode",
+    "chosen",
     "eight_stages",
     "equilibrium",
     "fastest_modes",
+    "known",
     "linear_plant",
     "plant_from_control",
     "python_control",

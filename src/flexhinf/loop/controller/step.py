@@ -24,12 +24,13 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.measured import Source, corrected, faded, positions
 from flexhinf.loop.controller.status import answered, observed
 from flexhinf.loop.shared import share
 from flexhinf.plant import Estimator, Law
@@ -118,16 +119,6 @@ def _chosen(active: Any, *values: Any) -> Any:  # the other laws may never have 
     return sum(where(flag > 0.5, value, 0.0) for flag, value in zip(active, values, strict=True))
 
 
-class Source(NamedTuple):
-    """Where a tracked state is read (in the measurement if it is measured, else in the estimate), and its place among
-    the states of the plant. So integral action removes the error of the measured signal, whatever the estimator's model
-    gets wrong."""
-
-    measured: bool
-    place: int
-    state: int
-
-
 @dataclass(frozen=True)
 class Mode:
     """Options that change the code of a step, beside law and estimator.
@@ -212,9 +203,10 @@ def controller_step(
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
-    Without an estimator, y is the state of the plant that the law was designed for, (p,); without a measurement (None)
-    the prediction replaces the estimate and the measurement. The command r is (k,), or of a moving reference
-    (x_d, u_d), (n + m,). `memory` and `data` are namespaces as `Controller.memory` and `Controller.data` lay them out.
+    Without an estimator, y is the state of the plant that the law was designed for, (p,). An element of a measurement
+    that is no finite number is missing: the others correct the estimate, which replaces it where it is tracked. The
+    command r is (k,), or of a moving reference (x_d, u_d), (n + m,). `memory` and `data` are namespaces as
+    `Controller.memory` and `Controller.data` lay them out.
 
     Returns the input (m,), the whole estimate x(k|k), and the memory for the next step by name.
     """
@@ -224,18 +216,13 @@ def controller_step(
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
     beliefs, ahead, push = [], estimate, None
-    offset = memory.offset if mode.has_offset else None
+    offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
-        if mode.has_offset and y is None:
-            offset = run.call(operator.mul, data.offset_decay, offset)
-        elif mode.has_offset:
+        if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
-            y, offset = run.call(_faded, y, expected, offset, memory.started, data.offset_decay)
-        if y is not None:
-            belief = estimator.measurement_update_on(
-                run, belief, y, acted, data.parameters, data.measurement_noise
-            )
+            y, *offset = run.call(faded, y, expected, *offset, data.offset_decay)
+        belief = corrected(run, estimator, belief, y, acted, data)
         estimate = belief.mean
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
@@ -247,14 +234,12 @@ def controller_step(
             ahead, push = run.call(
                 partial(_balanced, mode.compensated), ahead, loads, data.balance_state, data.balance_input
             )
-    if estimator is not None and y is None:
-        y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
     requested, held = r, memory.reference
     if mode.changes_command:
         held = memory.command
     boxed, stop = [source.state for source in tracked] if mode.moving else range(len(tracked)), []
     if mode.reacts:
-        position = run.call(partial(_positions, tracked), y, estimate) if "hold" in mode.reactions else r
+        position = run.call(partial(positions, tracked), y, estimate) if "hold" in mode.reactions else r
         r, *stop = run.call(
             partial(answered, boxed, mode.reactions), r, held, position, memory.started, memory.status, memory.stop,
             data.workspace, data.watching,
@@ -270,7 +255,7 @@ def controller_step(
     lines = [data.windup_line, data.windup_spread] if mode.bounds_windup else []
     if mode.laws > 1:
         places = [source.state for source in tracked]
-        active, taken, point, operating_input, gain, inverse, *lines = chosen(
+        active, taken, point, operating_input, gain, inverse, *lines = chosen_law(
             run, places, mode, r, memory.active, memory.started, data
         )
     elif mode.takes_over:
@@ -305,7 +290,7 @@ def controller_step(
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
-    after |= {"offset": offset, "stop": stop[0] if stop else None}
+    after |= {"offset": offset[0], "offset_known": offset[1], "stop": stop[0] if stop else None}
     after["u"], after["integral"], after["started"] = run.call(
         partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input, data.lower,
         data.upper, gain, *bounds, *rates,
@@ -339,12 +324,6 @@ def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[
     return beliefs[1:]
 
 
-def _faded(y: Any, expected: Any, offset: Any, started: Any, decay: Any) -> tuple[Any, Any]:
-    """The measurement (p,) less its offset, which is taken at the first sample, and decays; and the offset."""
-    offset = where(started[0] > 0.5, decay * offset, y - expected)
-    return y - offset, offset
-
-
 def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
     """The next queue (N, m), and all inputs that were computed, newest first: N that wait, and the one that acted until
     this sample."""
@@ -375,7 +354,7 @@ def _deviation(
     """Tracked positions, growth of the integrals, integrals, and the law's argument: x − x*, or x − x_d about the
     moving reference, where x is the state `ahead`, at which the input acts."""
     n, places = len(estimate), [source.state for source in tracked]
-    position = _positions(tracked, y, estimate)
+    position = positions(tracked, y, estimate)
     if moving:
         # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
         error = 0.5 * ((last - reference[places]) + (position - others[1][places]))
@@ -390,10 +369,6 @@ def _deviation(
     return position, growth, integral, np.concatenate([np.asarray(ahead), integral]) - centre
 
 
-def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
-    return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
-
-
 def _limited(
     tracked: Sequence[Source],
     y: Any,
@@ -406,7 +381,7 @@ def _limited(
     upper: Any,
     rate: Any,
 ) -> Any:
-    last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
+    last = where(started[0] > 0.5, last, positions(tracked, y, estimate))
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
 
@@ -554,7 +529,7 @@ def _joined(
     return feedback, where(new, 0.0, growth), integral, bias
 
 
-def chosen(
+def chosen_law(
     run: Any, places: Sequence[int], mode: Mode, r: Any, active: Any, started: Any, data: Any
 ) -> tuple[Any, ...]:
     """Which law is active at this sample, and its numbers.
