@@ -78,6 +78,7 @@ from .plant import (
     Penalty as Penalty,
     Plant as Plant,
     PolynomialPlant as PolynomialPlant,
+    Sensor as Sensor,
 )
 from .robot import (
     Parameter as Parameter,

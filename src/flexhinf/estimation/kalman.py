@@ -21,7 +21,7 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import Form, RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_rows, root_prediction
-from flexhinf.plant import Gaussian, Plant, turned
+from flexhinf.plant import Gaussian, Plant, Sensor, turned
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
 from flexhinf.scalars.trace import linear
@@ -84,7 +84,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     Parameters
     ----------
-    plant, period, process_noise, measurement_noise, mean, covariance
+    plant, period, process_noise, measurement_noise, mean, covariance, form, sensors
         As in `flexhinf.estimation.filter.RecursiveFilter`.
     alpha, beta, kappa : float
         Table 3.
@@ -116,8 +116,10 @@ class UnscentedKalmanFilter(RecursiveFilter):
         redraw: bool = True,
         bounds: Mapping[str, tuple[float, float]] | None = None,
         form: Form = "covariance",
+        sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
-        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance, form)
+        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance, form, sensors)
+        plant = self.plant
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
         if form == "square_root":

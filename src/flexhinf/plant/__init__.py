@@ -23,6 +23,7 @@ from flexhinf.plant.protocols import (
     known,
     turned,
 )
+from flexhinf.plant.sensors import Sensor, SensorTable
 
 __all__ = [
     "INTEGRAL",
@@ -37,6 +38,8 @@ __all__ = [
     "Plant",
     "PolynomialPlant",
     "ProblemLaw",
+    "Sensor",
+    "SensorTable",
     "StoredCode",
     "chosen",
     "eight_stages",

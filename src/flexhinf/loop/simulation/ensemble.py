@@ -377,6 +377,9 @@ class Ensemble:
             "truth": np.concatenate([[self.command.period / parts], plants.truth[k]]),
             "reference": self.commands.ravel(), "disturbance": values.ravel(),
         }  # fmt: skip
+        arrays |= {
+            name: array for name, array in (own | dict(self.shared)).items() if name in ("waiting", "gaps")
+        }
         recorded = {"reference": self.commands[:samples], "disturbance": acting}
         return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, settings)
 
