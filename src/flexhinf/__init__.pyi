@@ -40,7 +40,12 @@ from .hinf import (
     smallest_gamma as smallest_gamma,
     solve_hji as solve_hji,
 )
-from .identification import Log as Log, filter_log as filter_log, read_log as read_log
+from .identification import (
+    Log as Log,
+    consistency as consistency,
+    filter_log as filter_log,
+    read_log as read_log,
+)
 from .loop import (
     Braked as Braked,
     Constant as Constant,

@@ -5,7 +5,8 @@ over it in one compiled call; `identify` finds the parameters under which the lo
 it does not tell.
 """
 
+from flexhinf.identification.consistency import consistency
 from flexhinf.identification.filtering import filter_log
 from flexhinf.identification.log import Log, read_log
 
-__all__ = ["Log", "filter_log", "read_log"]
+__all__ = ["Log", "consistency", "filter_log", "read_log"]
