@@ -41,9 +41,11 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .identification import (
+    Identification as Identification,
     Log as Log,
     consistency as consistency,
     filter_log as filter_log,
+    identify as identify,
     read_log as read_log,
 )
 from .loop import (

@@ -7,6 +7,7 @@ it does not tell.
 
 from flexhinf.identification.consistency import consistency
 from flexhinf.identification.filtering import filter_log
+from flexhinf.identification.identify import Identification, identify
 from flexhinf.identification.log import Log, read_log
 
-__all__ = ["Log", "consistency", "filter_log", "read_log"]
+__all__ = ["Identification", "Log", "consistency", "filter_log", "identify", "read_log"]

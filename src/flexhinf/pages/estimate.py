@@ -135,9 +135,7 @@ def _nees_text(nees: Any) -> str:
         "larger": f"{number(nees.factor, 2)} times larger than the filter says",
         "smaller": f"{number(1.0 / nees.factor, 2)} times smaller than the filter says",
     }
-    return (
-        f"Beside the true state, errors are {relation[nees.judgement]} (mean NEES {number(nees.mean, 3)} of 1)."
-    )
+    return f"Beside the true state, errors are {relation[nees.judgement]} (mean NEES {number(nees.mean, 3)} of 1)."
 
 
 def _label(name: str) -> str:
