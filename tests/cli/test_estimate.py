@@ -39,7 +39,7 @@ def test_a_run_of_ours_fits_its_filter(
     run.save(folder / "run.csv")
     assert main(["estimate", *WORDS, "--filter", kind]) == 0
     told = capsys.readouterr().out
-    assert unnamed(told, "motor position", "link position", "as large as the filter expects", "white") == []
+    assert unnamed(told, "motor position", "link position", "NIS", "white") == []
     report = folder / "flexhinf-estimate"
     assert {path.name for path in report.iterdir()} == {
         "index.html", "estimate.csv", "estimate.json", "flexhinf-report.json",

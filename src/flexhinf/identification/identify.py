@@ -358,7 +358,9 @@ def identify(
         numbers = robot_numbers(robot, names)
         needed = {EXTRA_OF[q] for n in numbers if (q := quantity_of(robot, n.name)) in EXTRA_OF}
         stated = checked_names("The extras", extras)
-        sensors = measured if measured is not None else getattr(log, "output_names", ("link_position",))
+        sensors = (
+            measured if measured is not None else getattr(log, "names", {}).get("output") or "link_position"
+        )
         plant = robot.plant(sensors, extras=(*stated, *sorted(needed - set(stated))))
     else:
         assert plant is not None
