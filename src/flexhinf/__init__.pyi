@@ -44,6 +44,7 @@ from .identification import (
     Excitation as Excitation,
     Identification as Identification,
     Log as Log,
+    consistency as consistency,
     excitation as excitation,
     filter_log as filter_log,
     identify as identify,

@@ -23,8 +23,9 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Times (N,), s, inputs (N, m) and outputs (N, p) of a log, checked against a plant.
 
     `log`: anything with `times`, `inputs` and `outputs` (`flexhinf.Log`), these three as a tuple, or the result of
-    `Loop.run` or its `data`. Of one input or output a flat array will do. Raises InvalidInput: sizes that differ, times
-    that do not grow, inputs that are not finite, outputs without a single number.
+    `Loop.run` or its `data`, whose inputs act after the latency of its controller. Of one input or output a flat array
+    will do. Raises InvalidInput: sizes that differ, times that do not grow, inputs that are not finite, outputs without
+    a single number.
     """
     data = getattr(log, "data", log)
     if isinstance(log, tuple) and len(log) == 3:
@@ -32,7 +33,9 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     elif all(hasattr(log, name) for name in ("times", "inputs", "outputs")):
         parts = tuple(getattr(log, name) for name in ("times", "inputs", "outputs"))
     elif all(name in getattr(data, "variables", ()) for name in ("time", "input", "output")):
-        parts = (data["time"].values, data["input"].values, data["output"].values)
+        late = _latency(data)
+        inputs = data["input"].values
+        parts = (data["time"].values[late:], inputs[: len(inputs) - late], data["output"].values[late:])
     else:
         raise InvalidInput(
             "This is no log.",
@@ -83,6 +86,10 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return times, inputs, outputs
 
 
+def _latency(data: Any) -> int:
+    return int(data.attrs.get("input_delay_samples", 0))
+
+
 def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
     """The true states (N, n) of a log, NaN where one is not known; None of a log without any.
 
@@ -92,7 +99,7 @@ def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
     truth = getattr(log, "truth", None)
     if truth is None and "state" in getattr(data, "variables", ()):
         named = data["state_name"].values.tolist() == list(plant.states)
-        truth = data["state"].values if named else None
+        truth = data["state"].values[_latency(data) :] if named else None
     return truth if truth is None or truth.shape[1:] == (plant.n,) else None
 
 

@@ -350,7 +350,7 @@ def identify(
     )  # fmt: skip
     robot = model if isinstance(model, Robot) else None
     if isinstance(model, Robot):
-        known = getattr(log, "names", {}).get("output", ("link_position",))
+        known = getattr(log, "names", {}).get("output") or ("link_position",)
         plant, numbers = model_of(model, parameters, known if measured is None else measured, extras)
     else:
         refuse_if(
