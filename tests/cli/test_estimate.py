@@ -114,9 +114,15 @@ def test_columns_and_noises_at_the_command_line(
 def test_parquet(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parquet: Any = pytest.importorskip("pyarrow.parquet")
     run.save(folder / "run.csv")
-    assert main(["estimate", *WORDS, "--table", "parquet"]) == 0
+    assert main(["estimate", *WORDS, "--table", "parquet", "--smooth"]) == 0
     table = parquet.read_table(folder / "flexhinf-estimate" / "estimate.parquet")
     assert "standard_deviation.motor_velocity [rad/s]" in table.column_names
+    truth = run.signals["state"][1:, 1]
+    errors = [
+        float(np.std((table[f"{kind}.link_velocity [rad/s]"].to_numpy() - truth)[300:1200]))
+        for kind in ("smoothed", "estimate")
+    ]
+    assert errors[0] < errors[1]
     assert len(table) == 1500
 
 

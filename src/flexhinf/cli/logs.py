@@ -69,7 +69,7 @@ def estimate(context: typer.Context, o: EstimateOptions) -> None:
         log = _read(o, plant, columns, latency if o.latency is None else o.latency)
         progress("filter")
         filter, sources = _filter(o, request, plant, log, fields)
-        data = fh.filter_log(filter, log)
+        data = fh.filter_log(filter, log, o.smooth)
         result = pages.FilteredLog(request.robot, log, filter, data, fh.consistency(data), sources)
         progress("report")
         files = pages.estimate_files(result, reproduce_command(context), request.warnings, o.table)

@@ -318,6 +318,8 @@ class EstimateOptions(ElasticOptions):
         "unscented or extended.", "extended")
     form: Annotated[Literal["square_root", "covariance"], CHOICE] = option("square_root", ADVANCED,
         "What the filter computes with: square_root or covariance.", "covariance")
+    smooth: bool = option(False, WRITTEN,
+        "Estimates from all samples too, before and after (Rauch, Tung and Striebel): columns `smoothed`.")
     table: Annotated[Literal["csv", "parquet"], CHOICE] = option("csv", WRITTEN,
         "How estimates are written: csv or parquet.", "parquet")
     out: Path = option(Path("flexhinf-estimate"), WRITTEN, FOLDER)

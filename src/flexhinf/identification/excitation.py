@@ -154,8 +154,8 @@ def _box(robot: Robot, reach: Any) -> np.ndarray:
         f"expected one number, {size}, or {size} pairs for {list(robot.joint_names)}, got shape {stated.shape}",
         "reach=0.3, or a pair for each joint",
     )
-    sides = np.multiply.outer(np.broadcast_to(stated, size), [-1.0, 1.0]) if stated.ndim < 2 else stated
-    box = home[:, None] + sides if stated.ndim < 2 else stated
+    apart = np.multiply.outer(np.broadcast_to(stated, size), [-1.0, 1.0]) if stated.ndim < 2 else stated
+    box = home[:, None] + apart if stated.ndim < 2 else stated
     limits = np.array(
         [(-np.inf, np.inf) if ends is None else ends for ends in robot.links.limits], dtype=float
     )

@@ -10,6 +10,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.identification.consistency import squared_errors
 from flexhinf.identification.defaults import default_filter
 from flexhinf.identification.recursion import Recursion, rows_of
+from flexhinf.identification.smoothing import Smoother
 from flexhinf.plant import Plant
 from flexhinf.validation import real_array, value_text
 
@@ -103,7 +104,7 @@ def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
     return truth if truth is None or truth.shape[1:] == (plant.n,) else None
 
 
-def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
+def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) -> xr.Dataset:
     """A Kalman filter over a log, in one compiled call.
 
     A row is corrected with, and predicted to the next one with its inputs held. Times may be irregular: a prediction
@@ -117,6 +118,8 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         is. Of a plant, the filter of `flexhinf.identification.defaults.default_filter`, whose noises are guesses.
     log : Log, Trajectory, Dataset or tuple
         Times (N,), s, inputs (N, m), outputs (N, p), NaN where one is missing; see `log_arrays`.
+    smooth : bool
+        Whether to go back over the log too, for estimates from all samples, before and after [rauch1965].
 
     Returns
     -------
@@ -126,6 +129,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         over its covariance, with `measured`, how many outputs are in it; `log_likelihood`. The sum of the last one
         is an attribute. Where the log has true states, `nees`, the squared error over its covariance, with `known`,
         how many states are in it.
+        With `smooth` the states `smoothed`, x(k|N), and `smoothed_standard_deviation`.
 
     Raises
     ------
@@ -140,7 +144,16 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
     )
     rows = rows_of(times, inputs, outputs, recursion.filter.period)
-    return dataset(recursion, times, outputs, recursion.passed(rows), log_truth(log, plant))
+    smoother = Smoother(recursion) if smooth else None  # refuses before any work
+    passed = recursion.passed(rows, every=True)
+    data = dataset(
+        recursion, times, outputs, {name: array[rows.places] for name, array in passed.items()}, log_truth(log, plant)
+    )  # fmt: skip
+    if smoother is not None:
+        means, deviations = smoother.smoothed(rows, passed["beliefs"])
+        data["smoothed"] = (data["estimate"].dims, means)
+        data["smoothed_standard_deviation"] = (data["estimate"].dims, deviations)
+    return data
 
 
 def log_likelihoods(facts: np.ndarray, measured: np.ndarray) -> np.ndarray:
