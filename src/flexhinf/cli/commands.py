@@ -27,7 +27,7 @@ from flexhinf.cli.arguments import (
 )
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
-from flexhinf.cli.logs import estimate
+from flexhinf.cli.logs import estimate, identify
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -85,6 +85,11 @@ COMMANDS = {
         "flexhinf estimate run.csv --robot arm.toml",
         'flexhinf estimate log.csv --robot arm.toml --measured motor_position --column "motor_position=pos [deg]"',
         "flexhinf estimate bag.mcap --robot flexhinf-design --column motor_voltage=command/data --hold-inputs",
+    ),
+    "identify": (
+        identify,
+        "flexhinf identify run.csv --robot arm.toml --parameters stiffness,friction,motor_inertia",
+        "flexhinf identify log.csv --robot arm.toml --parameters stiffness --measured motor_position,link_position",
     ),
     "schema": (schema, "flexhinf schema > design.schema.json"),
 }

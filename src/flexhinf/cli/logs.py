@@ -1,4 +1,4 @@
-"""``flexhinf estimate``: a log through a filter, and a page that says whether the two fit."""
+"""Commands on logs: ``flexhinf estimate``, whether a filter fits one; ``flexhinf identify``, what one tells."""
 
 from __future__ import annotations
 
@@ -18,8 +18,16 @@ from flexhinf.cli.arguments import (
     step_progress,
     with_options,
 )
-from flexhinf.cli.options import ESTIMATE_FIELDS, EstimateOptions
+from flexhinf.cli.options import (
+    ESTIMATE_FIELDS,
+    IDENTIFY_FIELDS,
+    EstimateOptions,
+    IdentifyOptions,
+    LogOptions,
+)
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.identification.unknowns import model_of
+from flexhinf.robot.saved_file import robot_text
 from flexhinf.validation import extra_package
 
 if TYPE_CHECKING:
@@ -51,12 +59,7 @@ def estimate(context: typer.Context, o: EstimateOptions) -> None:
     Exit code: 0 when the report is written; 2 for a mistake (nothing is written);
     130 if interrupted.
     """
-    refuse_if(
-        not o.robot,
-        "The robot of the log is not stated.",
-        "expected --robot, got none",
-        "--robot arm.toml, or a name that `flexhinf robots` lists",
-    )
+    _check_robot(o)
     fields, columns = stated_fields(context), _columns(o.column)
     request = read_source(o.robot, o.elastic, fields, o.payload)
     if o.table == "parquet":
@@ -78,7 +81,71 @@ def estimate(context: typer.Context, o: EstimateOptions) -> None:
     typer.echo(f"{' '.join(pages.judgement(result)[1])}\nreport: {folder / 'index.html'}")
 
 
-def _read(o: EstimateOptions, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
+def _check_robot(o: LogOptions) -> None:
+    refuse_if(
+        not o.robot,
+        "The robot of the log is not stated.",
+        "expected --robot, got none",
+        "--robot arm.toml, or a name that `flexhinf robots` lists",
+    )
+
+
+@with_options(IdentifyOptions, IDENTIFY_FIELDS)
+def identify(context: typer.Context, o: IdentifyOptions) -> None:
+    """Numbers of a robot from a log, with intervals, and what the log does not tell.
+
+    The numbers are those under which the log is most likely; levels of noises are
+    sought beside. robot.toml is the robot's file with the identified numbers and
+    their 95 % intervals as tolerances: `flexhinf design` takes it. A number that
+    the log does not tell stays as it was, and motion.csv is a motion, jerk-limited
+    and within the limits, that would tell it, if any does.
+
+    Exit code: 0 when the report is written; 1 if the log does not tell some
+    number; 2 for a mistake (nothing is written); 130 if interrupted.
+    """
+    _check_robot(o)
+    names = [name for name in map(str.strip, o.parameters.split(",")) if name]
+    refuse_if(
+        not names,
+        "No number is to be identified.",
+        "expected --parameters, got none",
+        "--parameters stiffness,friction,motor_inertia",
+    )
+    fields, columns = stated_fields(context), _columns(o.column)
+    request = read_source(o.robot, o.elastic, fields, o.payload)
+    robot, s = request.robot, request.specification
+    folder = report.check(o.out)
+    plant, _ = model_of(robot, names, s.measured, s.extras)
+    robot_text(robot, folder)  # refuses a robot that has no file, before any work
+    with step_progress(4) as progress:
+        progress(f"read {o.log.name}")
+        latency = s.known_latency if request.file is not None else 0
+        log = _read(o, plant, columns, latency if o.latency is None else o.latency)
+        progress("identify")
+        found = fh.identify(robot, log, names, measured=plant.outputs, extras=s.extras)
+        filter = found.filter(log.period)
+        data = fh.filter_log(filter, log)
+        sources: dict[str, str] = dict.fromkeys(("period", "process noise", "measurement noise"), "the log")
+        filtered = pages.FilteredLog(found.robot, log, filter, data, fh.consistency(data), sources)
+        progress("motion")
+        motion = None
+        if found.unidentifiable:
+            motion = fh.excitation(
+                robot, names, duration=o.motion, period=min(log.period, 0.01), measured=plant.outputs,
+                extras=s.extras, noise=found.noise, seed=o.seed,
+            )  # fmt: skip
+        result = pages.IdentifiedRobot(robot, found, filtered, motion)
+        progress("report")
+        text = robot_text(found.robot, folder)
+        files = pages.identified_files(result, reproduce_command(context), request.warnings, text)
+    report.write(folder, files)
+    show([pages.identified_table(result).terminal()])
+    typer.echo(f"{' '.join(pages.identified_verdict(result))}\nreport: {folder / 'index.html'}")
+    if motion is not None:
+        raise typer.Exit(1)
+
+
+def _read(o: LogOptions, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
     """The log; a refusal is in the syntax of the command line."""
     try:
         return fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency)

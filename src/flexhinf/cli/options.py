@@ -59,6 +59,9 @@ RUN_FIELDS = (
 #: Fields that a filter for a log is made of.
 ESTIMATE_FIELDS = ("measured", "extras", "period", "process_noise", "torque_noise", "measurement_noise")
 
+#: Fields that the model of an identification is made of.
+IDENTIFY_FIELDS = ("measured", "extras")
+
 #: An option of its own for the largest input by the kind of drive, beside ``--peak-effort``.
 PEAKS = {
     "peak_voltage": ("voltage", "V"),
@@ -293,8 +296,8 @@ class RunOptions(PointOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimateOptions(ElasticOptions):
-    """Options of ``flexhinf estimate``."""
+class LogOptions(ElasticOptions):
+    """Options of the commands that read a log."""
 
     log: Path = argument(
         "A log: .csv (a header, rows of numbers), .parquet, or .mcap (JSON, ROS 2).", "LOG")
@@ -314,6 +317,12 @@ class EstimateOptions(ElasticOptions):
     latency: Whole | None = option(None, HARDWARE,
         "Samples from the row of an input to the row from which on it acts: 1 where a controller logs what it sends "
         "and it acts a sample later, as in logs of `flexhinf run`.", "1", "samples", default="that of the design, or 0")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(LogOptions):
+    """Options of ``flexhinf estimate``."""
+
     filter: Annotated[Literal["unscented", "extended"], CHOICE] = option("unscented", HARDWARE,
         "unscented or extended.", "extended")
     form: Annotated[Literal["square_root", "covariance"], CHOICE] = option("square_root", ADVANCED,
@@ -323,6 +332,18 @@ class EstimateOptions(ElasticOptions):
     table: Annotated[Literal["csv", "parquet"], CHOICE] = option("csv", WRITTEN,
         "How estimates are written: csv or parquet.", "parquet")
     out: Path = option(Path("flexhinf-estimate"), WRITTEN, FOLDER)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions(LogOptions):
+    """Options of ``flexhinf identify``."""
+
+    parameters: Text = option("", HARDWARE,
+        "Numbers of the robot's file: stiffness for all joints, stiffness_elbow for one.", "stiffness,friction", "LIST")
+    motion: Seconds = option(10.0, WRITTEN,
+        "Longest duration of the motion that is proposed where the log does not tell a number.", "5", "s")
+    seed: Whole = option(0, WRITTEN, "Seed of the motions that are tried.", "1")
+    out: Path = option(Path("flexhinf-identify"), WRITTEN, FOLDER)
 
 
 @dataclass(frozen=True, kw_only=True)

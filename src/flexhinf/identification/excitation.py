@@ -65,14 +65,18 @@ class Excitation(Summarised):
         rows |= {k: f"± {100 * e:.2g} %" if np.isfinite(e) else "not told by it" for k, e in errors}
         return rows | {f"not identifiable, {k + 1}": each.text for k, each in enumerate(self.unidentifiable)}
 
-    def save(self, path: str | os.PathLike[str], period: float = 0.01) -> None:
-        """Write a table of positions every `period` s, as ``--move`` of the commands reads it."""
+    def table(self, period: float = 0.01) -> str:
+        """Positions every `period` s as text, as ``--move`` of the commands reads it."""
         times = np.append(np.arange(0.0, self.reference.duration, period), self.reference.duration)
         rows = np.column_stack([times, np.reshape(self.reference(times), (len(times), -1))])
         units = ["m" if slides else "rad" for slides in self.robot.links.slides]
         head = ", ".join(["time [s]", *(f"{n} [{u}]" for n, u in zip(self.robot.joint_names, units))])
-        text = "\n".join([head, *(", ".join(f"{x:.9g}" for x in row) for row in rows)])
-        write_file(path, "motion", lambda name: Path(name).write_text(text + "\n", encoding="utf-8"))
+        return "\n".join([head, *(", ".join(f"{x:.9g}" for x in row) for row in rows)]) + "\n"
+
+    def save(self, path: str | os.PathLike[str], period: float = 0.01) -> None:
+        """Write `table` to a file."""
+        text = self.table(period)
+        write_file(path, "motion", lambda name: Path(name).write_text(text, encoding="utf-8"))
 
 
 def excitation(

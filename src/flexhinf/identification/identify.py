@@ -42,9 +42,9 @@ ITERATIONS, DAMPING, EASIER, HARDER, STIFFEST, LONGEST, GAIN = 200, 1e-3, 0.2, 8
 #: Rounds towards the restricted likelihood, and the change of a noise's logarithm for its slope.
 ROUNDS, TURN = 4, 1e-2
 
-#: Standard errors to other numbers, how much less likely the log must be there (200 were it a parabola), and iterations
-#: of all else.
-FAR, DROP, TRIES = 20.0, 12.0, 12
+#: Distance to other numbers, in standard errors, and at least as a share; how much less likely the log must
+#: be there; and iterations of all else.
+FAR, APART, DROP, TRIES = 8.0, 0.5, 12.0, 20
 
 #: Normal quantile of the intervals, 95 %.
 QUANTILE = 1.959963984540054
@@ -140,7 +140,7 @@ def restricted(
 
 
 def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: Evaluation) -> np.ndarray:
-    """Which numbers (k,) the log tells from others, `FAR` standard errors away, all else as likely as it can be.
+    """Which numbers (k,) the log tells from others far away, all else as likely as it can be.
 
     The curvature of the likelihood is not enough: of a robot at rest some vibration always fits the noise best, and a
     narrow peak is found there, a few units high.
@@ -150,7 +150,11 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
     covariance = np.linalg.inv(shape + 1e-9 * np.eye(len(z)))
     clear, most = np.ones(count, dtype=bool), 5.0 * unknowns.sizes(z)
     for k in range(count):
-        step = np.clip(FAR * covariance[k] / np.sqrt(covariance[k, k]) / scale, -most, most)
+        away = (
+            covariance[k] / np.sqrt(covariance[k, k]) / scale
+        )  # a standard error of this one, the others as it asks
+        away = away * max(FAR, APART * unknowns.sizes(z)[k] / abs(away[k]))
+        step = np.clip(away, -most, most)
         step[count:] = 0.0
         for end in (unknowns.inside(z + step), unknowns.inside(z - step)):
             if abs(end[k] - z[k]) < 0.5 * abs(step[k]) or not clear[k]:

@@ -30,17 +30,16 @@ class Unidentifiable:
 
     @property
     def text(self) -> str:
-        """As a sentence."""
-        (first, _), *others = sorted(self.direction.items(), key=lambda pair: -abs(pair[1]))
-        much = (
-            "by any factor"
-            if not np.isfinite(self.standard_error)
-            else f"by ±{100 * self.standard_error:.0f} %"
-        )
-        if not others:
-            return f"{first}: it may change {much}"
-        beside = ", ".join(f"{name} by {share:+.2g} of that" for name, share in others)
-        return f"{first} may change {much}, if also {beside}"
+        """As a sentence without a full stop."""
+        names = sorted(self.direction, key=lambda name: -abs(self.direction[name]))
+        if len(names) == 1:
+            known = f"is known to ±{100 * self.standard_error:.0f} % only"
+            return f"{names[0]} {known if np.isfinite(self.standard_error) else 'may have any value'}"
+        changes = [
+            f"{name} {abs(10 * self.direction[name]):.2g} % {'larger' if self.direction[name] > 0 else 'smaller'}"
+            for name in names
+        ]
+        return f"with {', '.join(changes[:-1])} and {changes[-1]} the log is as likely"
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,6 +39,12 @@ from .files import (
     terminal_blocks as terminal_blocks,
     write_report as write_report,
 )
+from .identify import (
+    IdentifiedRobot as IdentifiedRobot,
+    identified_files as identified_files,
+    identified_table as identified_table,
+    identified_verdict as identified_verdict,
+)
 from .page import (
     design_page as design_page,
     design_tables as design_tables,

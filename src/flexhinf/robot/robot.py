@@ -86,11 +86,11 @@ class Robot(Summarised):
     rigid : sequence of str, optional
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
-    file : Path, optional
-        The robot file that it was read from.
+    file, as_read : Path and tuple of Parameter, optional
+        The robot file that it was read from, and what its numbers were then.
 
-    file : Path, optional
-        The robot file that it was read from.
+    file, as_read : Path and tuple of Parameter, optional
+        The robot file that it was read from, and what its numbers were then.
 
     Raises InvalidInput: if the parameters are not those of the model, the home pose is outside the limits, or a
     limit is not positive.
@@ -107,6 +107,7 @@ class Robot(Summarised):
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
     file: Path | None = field(default=None, compare=False)
+    as_read: tuple[Parameter, ...] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         checked_name("a robot", self.name, spaces=True)

@@ -91,7 +91,7 @@ def load_robot(
             if rigid
             else parts.whole_robot(joints, locked, payload)
         )
-        return replace(robot, file=path)
+        return replace(robot, file=path, as_read=robot.parameters)
     ending = path.suffix.lower()
     points = () if ending in (".urdf", *MJCF) else entry_points(group=FORMATS, name=ending.removeprefix("."))
     refuse_if(
@@ -130,7 +130,8 @@ def load_robot(
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
     springs = _existing(elastic)
-    return replace(RobotFile(springs).robot_with(path, joints, locked, payload), file=springs)
+    robot = RobotFile(springs).robot_with(path, joints, locked, payload)
+    return replace(robot, file=springs, as_read=robot.parameters)
 
 
 def _existing(source: str | Path) -> Path:

@@ -23,8 +23,13 @@ OTHER_KEY = {"link_inertia": "axis_inertia"}
 
 def save_robot(robot: Robot, path: str | os.PathLike[str], like: str | os.PathLike[str] | None) -> None:
     """See `Robot.save`."""
-    from flexhinf.robot.robot_file import load_robot
+    target = checked_path("The robot file", path)
+    text = robot_text(robot, target.parent, like)
+    write_file(target, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
 
+
+def robot_text(robot: Robot, folder: Path, like: str | os.PathLike[str] | None = None) -> str:
+    """The text of the robot's file (or of the file `like`) with its numbers, for a place in a folder."""
     source = robot.file if like is None else checked_path("The robot file", like)
     if source is None or source.suffix.lower() != ".toml":
         raise InvalidInput(
@@ -32,20 +37,16 @@ def save_robot(robot: Robot, path: str | os.PathLike[str], like: str | os.PathLi
             f"expected a file that ends in .toml, got {source}",
             'like="arm.toml", the file with its springs and motors',
         )
-    stated = {parameter.name: parameter for parameter in load_robot(source).parameters}
     document = tomlkit.parse(source.read_text(encoding="utf-8"))
+    before = {parameter.name: parameter for parameter in robot.as_read or ()}
     for parameter in robot.parameters:
-        before = stated.get(parameter.name)
-        if before is None and parameter.name.startswith("payload_"):
-            continue  # what it carries was stated beside the file
-        if before is None or _numbers(before) != _numbers(parameter):
+        stated = before.get(parameter.name)
+        if stated is None or _numbers(stated) != _numbers(parameter):
             _write(document, robot, parameter, source)
-    target = checked_path("The robot file", path)
     for key in ("urdf", "mjcf"):
         if key in document:
-            document[key] = os.path.relpath(source.parent / str(document[key]), target.parent)
-    text = tomlkit.dumps(document)
-    write_file(target, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
+            document[key] = os.path.relpath(source.parent / str(document[key]), folder)
+    return tomlkit.dumps(document)
 
 
 def _numbers(parameter: Parameter) -> tuple[Any, ...]:
