@@ -143,16 +143,6 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
-def _present(y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
-    """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
-    flags = known(y)
-    innovation = chosen(flags, y, expected) - expected - masked(flags, shift)
-    left = masked(np.array([flags * flag for flag in flags]), noise)
-    for i, flag in enumerate(flags):
-        left[i, i] = chosen(flag, noise[i, i], 1.0)
-    return flags, innovation, left
-
-
 def _seen(column: Any, flags: Any) -> Any:
     """A column whose first elements belong to outputs, zero where those are missing."""
     p = len(flags)
@@ -168,7 +158,7 @@ class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
     NaN in a measurement means that this sensor gave nothing: the others are used, as by the filter whose output has
-    them alone.
+    them alone. Angles of the plant (``fh.Plant(..., angles=...)``) are compared by the shorter way round.
 
     Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
     fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
@@ -343,8 +333,17 @@ class RecursiveFilter(Estimator):
         identity. (With R^n as it is, noise that is correlated would still speak of it.) In the deviations, rows may
         follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift.
         """
-        flags, innovation, noise = run.call(_present, y, expected, noise, shift)
+        flags, innovation, noise = run.call(self._present, y, expected, noise, shift)
         return innovation, run.columns(_seen, deviations, flags), noise
+
+    def _present(self, y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
+        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
+        flags = known(y)
+        y = chosen(flags, self.unwound(y, expected + shift), expected)
+        left = masked(np.array([flags * flag for flag in flags]), noise)
+        for i, flag in enumerate(flags):
+            left[i, i] = chosen(flag, noise[i, i], 1.0)
+        return flags, y - expected - masked(flags, shift), left
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:

@@ -12,7 +12,17 @@ from flexhinf.plant.plant import (
     plant_from_control,
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw, chosen, known
+from flexhinf.plant.protocols import (
+    INTEGRAL,
+    BlackBox,
+    Estimator,
+    Gaussian,
+    Law,
+    ProblemLaw,
+    chosen,
+    known,
+    turned,
+)
 from flexhinf.plant.sensors import Sensor, SensorTable
 
 __all__ = [
@@ -42,4 +52,5 @@ __all__ = [
     "rk4_stages",
     "rk4_step",
     "sub_steps",
+    "turned",
 ]

@@ -174,6 +174,10 @@ class Model(Summarised):
         The plant is a map: ``flow`` returns x⁺, the state one period later with u and d held, instead of ẋ. The period
         is that of the filter or the loop that has the plant. Estimators and `flexhinf.Loop` evaluate it once a period;
         what needs ẋ refuses it.
+    angles : sequence of str, optional
+        States and measured signals, rad, of which whole turns mean nothing: an estimator takes differences of them by
+        the shorter way round. A measurement may jump by 2π, and a map may wrap its state. Estimates go on counting
+        turns, and a law reads them as they are. Names of groups stand for their signals.
 
     Raises InvalidInput: if names repeat, if a parameter is not finite, or if `flow` or `output` does not run on
     symbols of these shapes.
@@ -192,6 +196,7 @@ class Model(Summarised):
     engaged: Callable[..., Any] | None = None
     arrest: Callable[..., Any] | None = None
     sampled: bool = False
+    angles: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         checked_kind(
@@ -231,6 +236,21 @@ class Model(Summarised):
             len(self.outputs) != measured, "output(x, u, p) and the names of the outputs disagree.",
             f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}", "one name per signal",
         )  # fmt: skip
+        object.__setattr__(self, "angles", self._checked_angles())
+
+    def _checked_angles(self) -> tuple[str, ...]:
+        angles = self.expanded(checked_names("The angles", self.angles))
+        distinct("Of the angles, the name", angles)
+        for name in angles:
+            known = (*self.states, *self.outputs)
+            one_of(f"There is no state or measured signal {name!r} that could be an angle.", name, known)
+            refuse_if(
+                self.unit(name) not in ("", "rad"),
+                f"The angle {name!r} has another unit.",
+                f"expected 'rad', in which a turn is 2π, got {self.unit(name)!r}",
+                "output(x, u, p) and flow(x, u, d, p) in rad",
+            )
+        return angles
 
     @property
     def n(self) -> int:
@@ -246,6 +266,10 @@ class Model(Summarised):
         one_of(f"There is no state {name!r}.", name, self.states)
         return tuple(self.states).index(name)
 
+    def angle_places(self, names: Sequence[str]) -> list[int]:
+        """Places of the angles among names of states or outputs."""
+        return [place for place, name in enumerate(names) if name in self.angles]
+
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
         named = checked_names("The signals", names)
@@ -260,7 +284,7 @@ class Model(Summarised):
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
         arrest = () if self.arrest is None else (digest(self.traced_arrest),)
-        kind = ("map",) if self.sampled else ()
+        kind = (*(("map",) if self.sampled else ()), *((("angles", self.angles),) if self.angles else ()))
         return (
             *self._content,
             *kind,

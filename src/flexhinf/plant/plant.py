@@ -514,7 +514,7 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
         (a, b, g, c, slope, x, u, output),
         plant.states,
         plant.inputs,
-        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")},
+        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups", "angles")},
     )
 
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.plant import Estimator, chosen, known
+from flexhinf.plant import Estimator, chosen, known, turned
 from flexhinf.scalars import absolute, maximum, where
 
 
@@ -22,6 +22,7 @@ class Source(NamedTuple):
     measured: bool
     place: int
     state: int
+    turns: bool = False  # an angle, of which the measurement may jump by 2π
 
 
 def corrected(run: Any, estimator: Estimator, belief: Any, y: Any, u: Any, data: Any) -> Any:
@@ -50,18 +51,22 @@ def _by_flag(new: Any, old: Any, flag: Any) -> Any:
     return where(flag[0] > 0.5, new, old)
 
 
-def faded(y: Any, expected: Any, offset: Any, before: Any, decay: Any) -> tuple[Any, Any, Any]:
+def faded(
+    turns: Sequence[int], y: Any, expected: Any, offset: Any, before: Any, decay: Any
+) -> tuple[Any, Any, Any]:
     """The measurement (p,) less its offset, which is taken where an element is first there, and decays; the offset, and
-    flags of elements that have one."""
+    flags of elements that have one. Of angles, which stand at `turns`, it is the shorter way round."""
     there = known(y)
-    offset = chosen(before, decay * offset, chosen(there, y - expected, 0.0))
+    offset = chosen(before, decay * offset, chosen(there, turned(y, expected, turns) - expected, 0.0))
     return y - offset, offset, maximum(before, there)
 
 
 def positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
-    """Of the measurement where they are in it and it is there, else of the estimate."""
+    """Of the measurement where they are in it and it is there, else of the estimate. An angle is the turn nearest to
+    the estimate, which goes on where the measurement jumps."""
     positions = [estimate[source.state] for source in tracked]
     for k, source in enumerate(tracked):
         if source.measured:
-            positions[k] = where(absolute(y[source.place]) < np.inf, y[source.place], positions[k])
+            (seen,) = turned([y[source.place]], [positions[k]], [0] if source.turns else [])
+            positions[k] = where(absolute(seen) < np.inf, seen, positions[k])
     return np.array(positions)

@@ -221,7 +221,8 @@ def controller_step(
         belief = type(estimator.initial)(*memory.belief)
         if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
-            y, *offset = run.call(faded, y, expected, *offset, data.offset_decay)
+            turns = estimator.plant.angle_places(estimator.plant.outputs)
+            y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
         belief = corrected(run, estimator, belief, y, acted, data)
         estimate = belief.mean
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
