@@ -123,6 +123,33 @@ def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, dela
     assert kalman.relative(one.mean[:3], one.covariance[:3, :3], mean, covariance) < 1e-9
 
 
+@BOTH
+@FORMS
+def test_a_late_angle_may_jump_by_a_turn(kind, form):
+    """Against the same arm with an angle that counts turns."""
+
+    def seen(x, u, p):
+        return np.array([np.arctan2(np.sin(x[0]), np.cos(x[0]))])
+
+    found = {}
+    for name, output, angles in (("jumps", seen, ("seen",)), ("counts", lambda x, u, p: x[:1], ())):
+        plant = fh.Plant(
+            lambda x, u, d, p: np.array([x[1], u[0]]), output, ("angle", "speed"), ("push",), outputs=("seen",),
+            angles=angles,
+        )  # fmt: skip
+        late = fh.Sensor("seen", noise=0.01, delay=2 * PERIOD)
+        estimator = kind(plant, PERIOD, [1e-8, 1e-6], None, [3.0, 1.0], [0.01, 0.01], sensors=late, form=form)
+        assert ("seen_past_2" in estimator.plant.angles) == bool(angles)
+        found[name] = []
+        for k in range(40):
+            angle = 3.02 + 1.05 * PERIOD * max(0, k - 2)
+            estimator.correct([np.arctan2(np.sin(angle), np.cos(angle)) if angles else angle])
+            found[name].append(estimator.mean[:2])
+            estimator.predict([0.0])
+    np.testing.assert_allclose(found["jumps"], found["counts"], atol=1e-6)
+    assert found["jumps"][-1][0] > np.pi
+
+
 def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
     """The law's states are among those of the map; start at a pose and the bound of windup are those of the plant."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))
