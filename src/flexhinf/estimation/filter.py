@@ -318,11 +318,11 @@ class RecursiveFilter(Estimator):
         gate = self.gated(run, belief, lambda: (run.columns(applied, root, c), weights), measurement_noise)
         innovation, c, noise, counts = self.admitted(run, y, expected, c, measurement_noise, still, gate)
         if carries_root:
-            corrected, *rest = linear_correction(run, belief, still, c, innovation, noise)
+            corrected, *spread = linear_correction(run, belief, still, c, innovation, noise)
         else:
             seen = run.columns(applied, root, c)
-            corrected, *rest = correction(run, (belief.mean, root), (still, seen), weights, innovation, noise)
-        return belief._replace(**corrected._asdict(), **counts), *rest
+            corrected, *spread = correction(run, (belief.mean, root), (still, seen), weights, innovation, noise)
+        return belief._replace(**corrected._asdict(), **counts), *spread
 
     def gated(
         self, run: Any, belief: Any, seen: Callable[[], tuple[Any, Any]], noise: Any
