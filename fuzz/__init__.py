@@ -11,6 +11,7 @@ FUZZERS: tuple[str, ...] = (
     "robot_files",
     "mjcf_options",
     "requests",
+    "logs",
     "names",
     "command_line",
     "solution_files",

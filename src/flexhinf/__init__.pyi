@@ -41,8 +41,11 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .identification import (
+    Excitation as Excitation,
     Identification as Identification,
     Log as Log,
+    consistency as consistency,
+    excitation as excitation,
     filter_log as filter_log,
     identify as identify,
     read_log as read_log,

@@ -305,6 +305,8 @@ ROWS = "".join(f"{0.01 * k},1,2,3\n" for k in range(10))
         (HEAD + ROWS + "0.2,1,fast,3\n", {}, ["line 12", "motor_position", "fast"]),
         (HEAD + ROWS + "0.2,1,inf,3\n", {}, ["line 12", "motor_position", "inf"]),
         (HEAD + ROWS + "0.2,1,1_0,3\n", {}, ["line 12", "motor_position", "1_0"]),
+        (HEAD + ROWS + "0.2,1,\u0663,3\n", {}, ["line 12", "motor_position"]),
+        (HEAD + ROWS + "\u0663,1,2,3\n", {}, ["line 12", "time"]),
         (HEAD + ROWS + "0.2,1,3\n", {}, ["line 12", 4, 3]),
         (HEAD + ROWS + '0.2,1,"2,3\n', {}, ["line 12"]),
         (HEAD.replace(",", ";") + ROWS.replace(",", ";") + "0.2;1;2,5;3\n", {}, ["line 12", "2,5", "2.5"]),

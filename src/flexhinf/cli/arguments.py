@@ -103,8 +103,7 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
     )
     if peaks:
         stated["peak_effort"] = stated.pop(peaks[0])
-    fields = {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
-    request = read_source(source, elastic, fields, o.payload, o.pose_xyz, o.tool)
+    request = read_source(source, elastic, _stated_fields(context, stated), o.payload, o.pose_xyz, o.tool)
     if context.info_name != "run":  # which needs both: the workspace of its controller, and a goal
         request = _of_pose_stated(request, stated)
     robot, right = request.robot, f"--peak-{request.robot.drive}"
@@ -116,6 +115,15 @@ def request_of(context: typer.Context, o: PointOptions, source: str, elastic: st
             f"{right} …",
         )
     return request
+
+
+def stated_fields(context: typer.Context) -> dict[str, Any]:
+    """Fields of a specification that options of a command state, as texts; see `read_source`."""
+    return _stated_fields(context, stated_options(context))
+
+
+def _stated_fields(context: typer.Context, stated: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: _text(FIELDS[name], stated[name]) for name in _command(context).fields if name in stated}
 
 
 def _of_pose_stated(request: DesignRequest, stated: Collection[str]) -> DesignRequest:

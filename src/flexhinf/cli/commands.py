@@ -27,6 +27,7 @@ from flexhinf.cli.arguments import (
 )
 from flexhinf.cli.campaign import app as campaign
 from flexhinf.cli.design import app as export, certify, compare, compile_design, design, paper, run_design
+from flexhinf.cli.logs import estimate
 from flexhinf.errors import FlexhinfError, InvalidInput
 from flexhinf.files import recorded
 from flexhinf.validation import value_text
@@ -78,6 +79,12 @@ COMMANDS = {
         "flexhinf run flexhinf-design --mujoco --log run.csv --record arm.gif",
         "flexhinf run flexhinf-design --mujoco --library arm.so --priority 80 --core 1",
         "flexhinf run flexhinf-design --mujoco --payload 2kg --perturb stiffness=-20% --duration 3s",
+    ),
+    "estimate": (
+        estimate,
+        "flexhinf estimate run.csv --robot arm.toml",
+        'flexhinf estimate log.csv --robot arm.toml --measured motor_position --column "motor_position=pos [deg]"',
+        "flexhinf estimate bag.mcap --robot flexhinf-design --column motor_voltage=command/data --hold-inputs",
     ),
     "schema": (schema, "flexhinf schema > design.schema.json"),
 }

@@ -56,6 +56,9 @@ RUN_FIELDS = (
     "quantisation",     "measurement_noise", "load", "duration", "seed",
 )  # fmt: skip
 
+#: Fields that a filter for a log is made of.
+ESTIMATE_FIELDS = ("measured", "extras", "period", "process_noise", "torque_noise", "measurement_noise")
+
 #: An option of its own for the largest input by the kind of drive, beside ``--peak-effort``.
 PEAKS = {
     "peak_voltage": ("voltage", "V"),
@@ -287,6 +290,39 @@ class RunOptions(PointOptions):
         "path")
     record: list[Path] = option(list, WRITTEN,
         "Write a film of links and motors: .mp4 or .gif. Several times.", "arm.gif", "path")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimateOptions(ElasticOptions):
+    """Options of ``flexhinf estimate``."""
+
+    log: Path = argument(
+        "A log: .csv (a header, rows of numbers), .parquet, or .mcap (JSON, ROS 2).", "LOG")
+    robot: Text = option("", HARDWARE,
+        "A robot file (arm.toml), a URDF, an MJCF file, a name that `flexhinf robots` lists, or a design, of which the "
+        "filter has sensors and noise levels then.", "arm.toml", "ROBOT")
+    payload: Text = option("", HARDWARE, "What the robot carries, as for `flexhinf design`: 2kg.", "2kg", "kg@link")
+    column: list[Text] = option(list, HARDWARE,
+        "The column of a signal that has another name in the log: motor_position=pos, with its unit "
+        "\"motor_position=pos [deg]\" or what one is in the SI unit \"motor_position=counts [0.00153]\"; "
+        "state.link_position is a true state, which errors are compared with; again for more.",
+        "motor_position=pos", "signal=column")
+    time: Text = option("", HARDWARE,
+        "The column of times, where it is called neither time, t, timestamp nor stamp, or has a unit that is not in "
+        "its name: \"stamp [ms]\".", "stamp", "column")
+    hold_inputs: bool = option(False, HARDWARE, "An input acts until the next one: rows without it are no mistake.")
+    latency: Whole | None = option(None, HARDWARE,
+        "Samples from the row of an input to the row from which on it acts: 1 where a controller logs what it sends "
+        "and it acts a sample later, as in logs of `flexhinf run`.", "1", "samples", default="that of the design, or 0")
+    filter: Annotated[Literal["unscented", "extended"], CHOICE] = option("unscented", HARDWARE,
+        "unscented or extended.", "extended")
+    form: Annotated[Literal["square_root", "covariance"], CHOICE] = option("square_root", ADVANCED,
+        "What the filter computes with: square_root or covariance.", "covariance")
+    smooth: bool = option(False, WRITTEN,
+        "Estimates from all samples too, before and after (Rauch, Tung and Striebel): columns `smoothed`.")
+    table: Annotated[Literal["csv", "parquet"], CHOICE] = option("csv", WRITTEN,
+        "How estimates are written: csv or parquet.", "parquet")
+    out: Path = option(Path("flexhinf-estimate"), WRITTEN, FOLDER)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -203,7 +203,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
         if self.form == "square_root":
-            return self._predicted(run, belief, u, p, process_noise)
+            mean, rows = self.moved_rows(run, belief, u, p)
+            return belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
         moved = _about_first(run, self.wrapped, run.sweep(self.moved, points, u, p))  # 2
         moved = self.inside(run, moved)
@@ -249,13 +250,14 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return belief._replace(mean=mean, covariance=covariance, **more), innovation, p_yy
 
     # With rows of deviations ----------------------------------------------------------------------
-    def _predicted(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> RootGaussian:
+    def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
+        """x(k+1|k), and rows of its covariance before R^v is added: first what F makes of the belief's n rows, each in
+        its place, then those that belong to none of them."""
         stepped = partial(self._stepped, run, u, p)
         mean, moved = run.repeat(self.sub_steps, stepped, belief.mean, self._spread(run, belief).T)
         apart = self.inside(run, _shorter(run, self.wrapped, moved.T), mean)
         shift, rows = self._halves(run, apart)
-        mean, root = run.call(np.add, mean, shift), root_prediction(run, rows, process_noise)
-        return belief._replace(mean=mean, root=root)
+        return run.call(np.add, mean, shift), rows
 
     def _corrected(self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         mean, apart = belief.mean, self.inside(run, self._spread(run, belief), belief.mean)
@@ -444,13 +446,22 @@ class ExtendedKalmanFilter(RecursiveFilter):
 
     def time_stages(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
-        carries_root = self.form == "square_root"
-        mean, spread = belief.mean, belief.root.T if carries_root else run.cholesky(belief.covariance)
+        if self.form == "square_root":
+            mean, rows = self.moved_rows(run, belief, u, p)
+            return belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
+        mean, spread = self._moved(run, belief.mean, run.cholesky(belief.covariance), u, p)
+        return belief._replace(mean=mean, covariance=run.gram(spread, np.ones(self.plant.n), process_noise))
+
+    def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
+        """x(k+1|k), and W Aᵀ, rows of its covariance before R^v is added."""
+        mean, spread = self._moved(run, belief.mean, belief.root.T, u, p)
+        return mean, spread.T
+
+    def _moved(self, run: Any, mean: Any, spread: Any, u: Any, p: Any) -> tuple[Any, Any]:
+        """F(x̂, u), and the columns of a spread (n, k) after it."""
         for _ in range(self.sub_steps):
             spread = run.columns(self.tangent, spread, mean, u, p)
             mean = run.call(self.sub_step, mean, u, p)
-        if carries_root:
-            return belief._replace(mean=mean, root=root_prediction(run, spread.T, process_noise))
-        return belief._replace(mean=mean, covariance=run.gram(spread, np.ones(self.plant.n), process_noise))
+        return mean, spread
 
     innovation_stages = RecursiveFilter.linear_innovation  # with C = ∂H/∂x

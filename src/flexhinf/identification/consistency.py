@@ -144,8 +144,9 @@ def squared_error(squared: np.ndarray, degrees: np.ndarray) -> SquaredError | No
 class OutputConsistency:
     """Innovations of one measured signal, in its unit.
 
-    `samples`: number of measurements. `rms`: root mean square of the innovations. `expected`: that of their standard
-    deviations. `factor`: root mean square of innovations over their standard deviations, 1 where they are as expected.
+    `samples`: number of measurements. `rms`: root mean square of the innovations. `expected`: median of their standard
+    deviations, which the first samples do not move. `factor`: root mean square of innovations over their standard
+    deviations, 1 where they are as expected.
     `bias`: mean of the same, 0 where they are. `inside`: share of the innovations in their 95 % bands. `whiteness`: of
     the same, None of too few.
     """
@@ -186,7 +187,8 @@ def consistency(data: xr.Dataset) -> Consistency:
         )  # fmt: skip
         outputs.append(
             OutputConsistency(
-                name, str(unit), count, _rms(innovation[known]), _rms(deviations[known, k]), _rms(normal[known]),
+                name, str(unit), count, _rms(innovation[known]), float(np.median(deviations[known, k])),
+                _rms(normal[known]),
                 float(normal[known].mean()), float(np.mean(np.abs(normal[known]) <= DEVIATIONS)), whiteness(normal),
             )
         )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from flexhinf.estimation import ExtendedKalmanFilter
+from flexhinf.estimation.filter import Form, RecursiveFilter
 from flexhinf.plant import Plant
 
 #: Standard deviation of the first state, SI units, and of the torques (or other disturbances) that a model leaves out,
@@ -70,15 +71,26 @@ def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
     return x
 
 
-def default_filter(plant: Plant, times: np.ndarray, inputs: np.ndarray, outputs: np.ndarray) -> Any:
-    """An extended filter for a log's times (N,), inputs (N, m) and outputs (N, p).
+def default_filter(
+    plant: Plant,
+    times: np.ndarray,
+    inputs: np.ndarray,
+    outputs: np.ndarray,
+    kind: type[RecursiveFilter] = ExtendedKalmanFilter,
+    form: Form = "covariance",
+    period: float | None = None,
+    process_noise: Any = None,
+    measurement_noise: Any = None,
+) -> Any:
+    """A filter for a log's times (N,), inputs (N, m) and outputs (N, p): what is not stated comes from the log.
 
-    Its period is the median time between rows. R^n is the noise of neighbouring samples, R^v that of disturbances of
-    `LEFT_OUT` of the inputs, and the first state is that of the first measurement, unknown by `UNKNOWN`.
+    Its `period` is the median time between rows. R^n is the noise of neighbouring samples, R^v (per period) that of
+    disturbances of `LEFT_OUT` of the inputs, and the first state is that of the first measurement, unknown by
+    `UNKNOWN`.
     """
-    period = float(np.median(np.diff(times)))
+    period = float(np.median(np.diff(times))) if period is None else period
     start = first_state(plant, outputs)
-    noise = process_covariance(plant, start, disturbance_levels(plant, inputs, period)) * period
-    return ExtendedKalmanFilter(
-        plant, period, noise, measurement_variances(outputs), start, UNKNOWN**2, form="covariance"
-    )
+    if process_noise is None:
+        process_noise = process_covariance(plant, start, disturbance_levels(plant, inputs, period)) * period
+    noise = measurement_variances(outputs) if measurement_noise is None else measurement_noise
+    return kind(plant, period, process_noise, noise, start, UNKNOWN**2, form=form)

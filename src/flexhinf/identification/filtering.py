@@ -10,6 +10,7 @@ from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.identification.consistency import squared_errors
 from flexhinf.identification.defaults import default_filter
 from flexhinf.identification.recursion import Recursion, rows_of
+from flexhinf.identification.smoothing import Smoother
 from flexhinf.plant import Plant
 from flexhinf.validation import real_array, value_text
 
@@ -23,8 +24,9 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     """Times (N,), s, inputs (N, m) and outputs (N, p) of a log, checked against a plant.
 
     `log`: anything with `times`, `inputs` and `outputs` (`flexhinf.Log`), these three as a tuple, or the result of
-    `Loop.run` or its `data`. Of one input or output a flat array will do. Raises InvalidInput: sizes that differ, times
-    that do not grow, inputs that are not finite, outputs without a single number.
+    `Loop.run` or its `data`, whose inputs act after the latency of its controller. Of one input or output a flat array
+    will do. Raises InvalidInput: sizes that differ, times that do not grow, inputs that are not finite, outputs without
+    a single number.
     """
     data = getattr(log, "data", log)
     if isinstance(log, tuple) and len(log) == 3:
@@ -32,7 +34,9 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     elif all(hasattr(log, name) for name in ("times", "inputs", "outputs")):
         parts = tuple(getattr(log, name) for name in ("times", "inputs", "outputs"))
     elif all(name in getattr(data, "variables", ()) for name in ("time", "input", "output")):
-        parts = (data["time"].values, data["input"].values, data["output"].values)
+        late = _latency(data)
+        inputs = data["input"].values
+        parts = (data["time"].values[late:], inputs[: len(inputs) - late], data["output"].values[late:])
     else:
         raise InvalidInput(
             "This is no log.",
@@ -83,6 +87,10 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return times, inputs, outputs
 
 
+def _latency(data: Any) -> int:
+    return int(data.attrs.get("input_delay_samples", 0))
+
+
 def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
     """The true states (N, n) of a log, NaN where one is not known; None of a log without any.
 
@@ -92,11 +100,11 @@ def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
     truth = getattr(log, "truth", None)
     if truth is None and "state" in getattr(data, "variables", ()):
         named = data["state_name"].values.tolist() == list(plant.states)
-        truth = data["state"].values if named else None
+        truth = data["state"].values[_latency(data) :] if named else None
     return truth if truth is None or truth.shape[1:] == (plant.n,) else None
 
 
-def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
+def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) -> xr.Dataset:
     """A Kalman filter over a log, in one compiled call.
 
     A row is corrected with, and predicted to the next one with its inputs held. Times may be irregular: a prediction
@@ -110,6 +118,8 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         is. Of a plant, the filter of `flexhinf.identification.defaults.default_filter`, whose noises are guesses.
     log : Log, Trajectory, Dataset or tuple
         Times (N,), s, inputs (N, m), outputs (N, p), NaN where one is missing; see `log_arrays`.
+    smooth : bool
+        Whether to go back over the log too, for estimates from all samples, before and after [rauch1965].
 
     Returns
     -------
@@ -119,6 +129,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         over its covariance, with `measured`, how many outputs are in it; `log_likelihood`. The sum of the last one
         is an attribute. Where the log has true states, `nees`, the squared error over its covariance, with `known`,
         how many states are in it.
+        With `smooth` the states `smoothed`, x(k|N), and `smoothed_standard_deviation`.
 
     Raises
     ------
@@ -133,7 +144,16 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
     )
     rows = rows_of(times, inputs, outputs, recursion.filter.period)
-    return dataset(recursion, times, outputs, recursion.passed(rows), log_truth(log, plant))
+    smoother = Smoother(recursion) if smooth else None  # refuses before any work
+    passed = recursion.passed(rows, every=True)
+    data = dataset(
+        recursion, times, outputs, {name: array[rows.places] for name, array in passed.items()}, log_truth(log, plant)
+    )  # fmt: skip
+    if smoother is not None:
+        means, deviations = smoother.smoothed(rows, passed["beliefs"])
+        data["smoothed"] = (data["estimate"].dims, means)
+        data["smoothed_standard_deviation"] = (data["estimate"].dims, deviations)
+    return data
 
 
 def log_likelihoods(facts: np.ndarray, measured: np.ndarray) -> np.ndarray:

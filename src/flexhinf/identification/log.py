@@ -19,6 +19,7 @@ from flexhinf.validation import (
     checked_array,
     checked_kind,
     checked_path,
+    is_integer,
     is_real,
     nearest,
     read_only,
@@ -36,6 +37,9 @@ PREFIXES = {"input": ("input.", "input/"), "output": ("output.", "measured/"), "
 
 #: Fewest rows, and the longest gap relative to the time between most samples (the 90 % quantile).
 FEWEST_ROWS, LONGEST_GAP = 3, 1000.0
+
+#: Longest latency, samples: a second at 1 kHz.
+MOST_LATENCY = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +166,7 @@ def read_log(
     time: str | None = None,
     units: Mapping[str, str | float] | None = None,
     hold_inputs: bool = False,
+    latency: int = 0,
 ) -> Log:
     """A log from a file: CSV, Parquet (columns) or MCAP (messages in JSON, or of ROS 2).
 
@@ -194,6 +199,9 @@ def read_log(
     hold_inputs : bool
         Whether an input acts until the next row that has one; rows before the first one are left out. Without it a row
         without an input is refused.
+    latency : int
+        Samples from the row of an input to the row from which on it acts: 1 where a controller writes down what it
+        sends and the drive gets it a sample later, as in files of flexhinf's own runs. So many first rows are left out.
 
     Raises
     ------
@@ -209,6 +217,12 @@ def read_log(
             f"The {what} of a log are no mapping.", {} if mapping is None else mapping, Mapping, "a mapping by name",
             "columns={'motor_position': 'pos [deg]'}",
         )  # fmt: skip
+    refuse_if(
+        not is_integer(latency) or not 0 <= latency <= MOST_LATENCY,
+        "The latency of a log is a number of samples.",
+        f"expected an integer from 0 to {MOST_LATENCY}, got {value_text(latency)}",
+        "1, where an input acts from the next sample on",
+    )
     file = file_columns(checked_path("The log", path))
     heading = _Heading(file, units or {})
     stamp = heading.stamp(time)
@@ -224,7 +238,23 @@ def read_log(
     _check_times(times, lambda k: f"{file.path.name}, {loaded.place(k)}")
     scales = [heading.scale(column, signal, plant) for signal, column in chosen.items()]
     values = loaded.values * np.array(scales)
-    return _log(file, plant, chosen, times, values, loaded, hold_inputs)
+    return delayed_inputs(_log(file, plant, chosen, times, values, loaded, hold_inputs), latency)
+
+
+def delayed_inputs(log: Log, latency: int) -> Log:
+    """The log whose inputs act so many samples after their rows; rows on which none acts that is known are left out."""
+    refuse_if(
+        len(log) < latency + FEWEST_ROWS,
+        "The log is shorter than the latency.",
+        f"expected at least {latency + FEWEST_ROWS} samples, got {len(log)}",
+        "a longer log",
+    )
+    later = log[latency:]
+    return (
+        replace(later, times=later.times - later.times[0], inputs=log.inputs[: len(later)])
+        if latency
+        else log
+    )
 
 
 class Signal(NamedTuple):

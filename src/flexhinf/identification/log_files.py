@@ -131,10 +131,15 @@ def _number(cell: str) -> float:
     text = cell.strip()
     if text.casefold() in MISSING:
         return math.nan
-    number = float(text.replace("_", "x"))  # Python reads 1_000, nobody else does
+    number = float(_ascii(text))
     if math.isinf(number):
         raise ValueError(text)
     return number
+
+
+def _ascii(text: str) -> str:
+    """The text of a number without what only Python reads: 1_000, and the digits of other scripts."""
+    return text.replace("_", "x") if text.isascii() else "x"
 
 
 def _numbers(file: str, name: str, cells: Sequence[str], where: Callable[[int], str]) -> np.ndarray:
@@ -177,7 +182,7 @@ def _stamps_of_text(
     stamps = list[Decimal]()
     for row, cell in enumerate(cells):
         try:
-            stamp = Decimal(cell.strip().replace("_", "x"))
+            stamp = Decimal(_ascii(cell.strip()))
             if not stamp.is_finite() or not math.isfinite(float(stamp)):
                 raise InvalidOperation
             stamps.append(stamp)

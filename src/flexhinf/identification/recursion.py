@@ -205,8 +205,9 @@ class Recursion:
         parameters: np.ndarray | None = None,
         process_noise: np.ndarray | None = None,
         measurement_noise: np.ndarray | None = None,
+        every: bool = False,
     ) -> dict[str, np.ndarray]:
-        """What the filter makes of the rows of a log: arrays of one row per sample.
+        """What the filter makes of the rows of a log: arrays of one row per sample, or of `every` row.
 
         Other `parameters` (flat), R^v (n, n) per period and R^n (p, p) than the filter's own are data. Returns
         `predictions` (N, n), x(k|k−1); `expected` (N, p), the outputs there; `innovations` (N, p) and `spreads`
@@ -237,7 +238,7 @@ class Recursion:
                 f"the last good one is at sample {sample} of {len(rows.places)}",
                 "a smaller initial covariance, a larger process noise, or other parameters",
             )
-        return {name: array[rows.places] for name, array in results.items()}
+        return results if every else {name: array[rows.places] for name, array in results.items()}
 
 
 def check_spacing(filter: RecursiveFilter, seconds: np.ndarray) -> None:

@@ -387,6 +387,8 @@ MEANING = (
     ("comparison.json", "every number of this page"),
     ("controller.json", "the controller: `flexhinf.load_controller`"),
     ("controller", "the controller: `flexhinf.load_controller`"),
+    ("estimate.json", "every number of this page"),
+    ("estimate", "estimates, innovations and NIS at every sample, SI units, time in s"),
     (".csv", "one run, one column for each signal, SI units, time in s"),
     (".nc", "one run as NetCDF: `xarray.open_dataset`, units as attributes"),
 )

@@ -1,0 +1,130 @@
+"""``flexhinf estimate``: a log through a filter, and a page that says whether the two fit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+import flexhinf as fh
+from flexhinf import pages, report
+from flexhinf.cli.arguments import (
+    read_source,
+    reproduce_command,
+    show,
+    stated_fields,
+    step_progress,
+    with_options,
+)
+from flexhinf.cli.options import ESTIMATE_FIELDS, EstimateOptions
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.validation import extra_package
+
+if TYPE_CHECKING:
+    from flexhinf.design import DesignRequest
+
+#: How what an error of `flexhinf.read_log` advises is written at the command line.
+_SYNTAX = (
+    (r"columns=\{'([^']*)': '([^']*)'\}", r'--column "\1=\2"'),
+    (r"units=\{'([^']*)': '([^']*)'\}", r'--column "SIGNAL=\1 [\2]"'),
+    (r"hold_inputs=True", "--hold-inputs"),
+    (r"\btime=('[^']*')", r"--time \1"),
+    (r"robot\.plant\(measured=\.\.\.\)", "--measured"),
+)
+
+
+@with_options(EstimateOptions, ESTIMATE_FIELDS)
+def estimate(context: typer.Context, o: EstimateOptions) -> None:
+    """What a filter makes of a log: estimates with bands, and whether the two fit.
+
+    Columns with the names of the robot's signals are taken as they are:
+    motor_torque (or _voltage, _current), link_position, motor_position, of
+    several joints with their names: motor_position_elbow. Others are named by
+    --column. Units stand behind names: pos [deg].
+
+    The filter's noise levels come from the log, unless they are stated or --robot
+    is a design. The page says whether innovations are as large as the filter
+    expects, and white; estimate.csv has the estimates, estimate.json the numbers.
+
+    Exit code: 0 when the report is written; 2 for a mistake (nothing is written);
+    130 if interrupted.
+    """
+    refuse_if(
+        not o.robot,
+        "The robot of the log is not stated.",
+        "expected --robot, got none",
+        "--robot arm.toml, or a name that `flexhinf robots` lists",
+    )
+    fields, columns = stated_fields(context), _columns(o.column)
+    request = read_source(o.robot, o.elastic, fields, o.payload)
+    if o.table == "parquet":
+        extra_package("pyarrow", "log", "Estimates in Parquet need another package.")
+    folder = report.check(o.out)
+    plant = request.robot.plant(request.specification.measured, extras=request.specification.extras)
+    with step_progress(3) as progress:
+        progress(f"read {o.log.name}")
+        latency = request.specification.known_latency if request.file is not None else 0
+        log = _read(o, plant, columns, latency if o.latency is None else o.latency)
+        progress("filter")
+        filter, sources = _filter(o, request, plant, log, fields)
+        data = fh.filter_log(filter, log, o.smooth)
+        result = pages.FilteredLog(request.robot, log, filter, data, fh.consistency(data), sources)
+        progress("report")
+        files = pages.estimate_files(result, reproduce_command(context), request.warnings, o.table)
+    report.write(folder, files)
+    show([pages.innovation_table(result).terminal()])
+    typer.echo(f"{' '.join(pages.judgement(result)[1])}\nreport: {folder / 'index.html'}")
+
+
+def _read(o: EstimateOptions, plant: fh.Plant, columns: dict[str, str], latency: int) -> fh.Log:
+    """The log; a refusal is in the syntax of the command line."""
+    try:
+        return fh.read_log(o.log, plant, columns, o.time or None, None, o.hold_inputs, latency)
+    except InvalidInput as error:
+        texts = [error.what, error.found, error.advice]
+        for pattern, option in _SYNTAX:
+            texts = [re.sub(pattern, option, text) for text in texts]
+        raise InvalidInput(*texts) from None
+
+
+def _filter(
+    o: EstimateOptions, request: DesignRequest, plant: fh.Plant, log: fh.Log, fields: Mapping[str, Any]
+) -> tuple[fh.UnscentedKalmanFilter | fh.ExtendedKalmanFilter, dict[str, str]]:
+    """The filter, and who states its period and its noises: options, the design, or the log itself."""
+    from flexhinf.design.loop_setup import EstimatorNoise, LoopPlants  # not for `flexhinf --help`
+    from flexhinf.identification.defaults import default_filter
+
+    kinds = {"unscented": fh.UnscentedKalmanFilter, "extended": fh.ExtendedKalmanFilter}
+    s, designed = request.specification, request.file is not None
+    torques = {"process_noise", "torque_noise"} & {*fields}
+    sources = {
+        name: "option" if stated else "the design" if designed else "the log"
+        for name, stated in (
+            ("period", "period" in fields), ("process noise", torques),
+            ("measurement noise", "measurement_noise" in fields),
+        )
+    }  # fmt: skip
+    process = EstimatorNoise.stated(s).covariance(plant.states) if designed or torques else None
+    from_log = sources["measurement noise"] == "the log"
+    return default_filter(
+        plant, log.times, log.inputs, log.outputs, kinds[o.filter], o.form,
+        None if sources["period"] == "the log" else s.period, process,
+        None if from_log else LoopPlants(request.robot, s).noise_variances,
+    ), sources  # fmt: skip
+
+
+def _columns(stated: Sequence[str]) -> dict[str, str]:
+    """Columns by signal, of ``signal=column``."""
+    columns: dict[str, str] = {}
+    for text in stated:
+        name, equals, column = (part.strip() for part in text.partition("="))
+        refuse_if(
+            not (name and equals and column) or name in columns,
+            f"--column {'names ' + repr(name) + ' twice' if name in columns else 'cannot be used'}.",
+            f"expected signal=column, each signal once, got {text!r}",
+            '--column "motor_position=pos [deg]"',
+        )
+        columns[name] = column
+    return columns

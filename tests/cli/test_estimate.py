@@ -1,0 +1,171 @@
+"""``flexhinf estimate``: a log's page, its files, what is refused before any work, and what the page says."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.refusals import unnamed
+
+import flexhinf as fh
+from flexhinf.cli import main
+
+
+@pytest.fixture(scope="module")
+def run() -> Any:
+    """A second of the paper's arm, its motor and its link measured, the input a sample late."""
+    arm = fh.paper_arm()
+    plant = arm.plant(("motor_position", "link_position"))
+    ukf = fh.UnscentedKalmanFilter(plant, 1e-3, [0, 0, 1e-7, 1e-7], [1e-8, 1e-6], np.zeros(4), 1e-6)
+    law = fh.linear_law(arm.problem(), gamma=math.inf)
+    loop = fh.Loop(plant, fh.Controller(law, ukf, 1e-3))
+    return loop.run(fh.Sine(0.3, 1.0), duration=1.5, noise=[1e-4, 1e-3], seed=1)
+
+
+WORDS = ["run.csv", "--robot", "paper", "--measured", "motor_position,link_position", "--latency", "1"]
+
+
+@pytest.mark.parametrize("kind", ["unscented", "extended"])
+def test_a_run_of_ours_fits_its_filter(
+    run: Any, folder: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    """Noises from the log are those of the simulation; estimates are nearer to the truth than what is measured."""
+    run.save(folder / "run.csv")
+    assert main(["estimate", *WORDS, "--filter", kind]) == 0
+    told = capsys.readouterr().out
+    assert unnamed(told, "motor position", "link position", "NIS", "white") == []
+    report = folder / "flexhinf-estimate"
+    assert {path.name for path in report.iterdir()} == {
+        "index.html", "estimate.csv", "estimate.json", "flexhinf-report.json",
+    }  # fmt: skip
+    numbers = json.loads((report / "estimate.json").read_text(encoding="utf-8"))
+    assert numbers["fits"]
+    assert numbers["filter"]["kind"].startswith(kind)
+    assert numbers["filter"]["sources"]["measurement noise"] == "the log"
+    np.testing.assert_allclose(np.diag(numbers["filter"]["measurement_noise"]), [1e-8, 1e-6], rtol=0.2)
+    assert numbers["nis"]["judgement"] == "as expected"
+    assert numbers["log"]["samples"] == 1500
+    assert all(output["whiteness"]["white"] for output in numbers["outputs"].values())
+    with (report / "estimate.csv").open(encoding="utf-8", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == 1500
+    estimate = np.array([float(row["estimate.link_position [rad]"]) for row in table])
+    truth = run.signals["state"][1:, 0]
+    assert np.sqrt(np.mean((estimate - truth)[300:] ** 2)) < 0.2 * 1e-3
+    page = (report / "index.html").read_text(encoding="utf-8")
+    assert [anchor for anchor in ("innovations", "nis", "measured", "estimates", "nees", "errors", "correlation")
+            if f'id="figure-{anchor}"' not in page] == []  # fmt: skip
+    assert "http" not in page.replace("http://www.w3.org", "")
+    again = ["flexhinf", "estimate", *WORDS, *(["--filter", kind] if kind == "extended" else [])]
+    assert all(word in page for word in again)
+
+
+def test_a_latency_that_is_left_out_shows(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run.save(folder / "run.csv")
+    assert main(["estimate", *WORDS[:-2]]) == 0
+    numbers = json.loads((folder / "flexhinf-estimate" / "estimate.json").read_text(encoding="utf-8"))
+    assert not numbers["fits"]
+    assert numbers["nees"]["judgement"] == "larger"
+
+
+def test_columns_and_noises_at_the_command_line(
+    run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Other names, degrees, milliseconds, a slow link encoder, noises that are stated: the numbers of Python."""
+    y, u = run.signals["output"], run.signals["input"]
+    rows = [
+        f"{1e3 * t:.17g},{math.degrees(a):.17g},{'' if k % 5 else repr(float(b))},{float(v)!r}"
+        for k, (t, (a, b), (v,)) in enumerate(zip(run.time, y, u))
+    ]
+    (folder / "log.csv").write_text("stamp [ms],pos,link,volts\n" + "\n".join(rows) + "\n")
+    words = [
+        "estimate", "log.csv", "--robot", "paper", "--measured", "motor_position", "--latency", "1", "--column",
+        "motor_position=pos [deg]", "--column", "motor_voltage=volts", "--measurement-noise", "4e-8", "--torque-noise",
+        "1e-9", "--form", "covariance", "--filter", "extended", "--out", "here",
+    ]  # fmt: skip
+    assert main(words) == 0
+    numbers = json.loads((folder / "here" / "estimate.json").read_text(encoding="utf-8"))
+    assert numbers["filter"]["form"] == "covariance"
+    assert numbers["filter"]["measurement_noise"] == [[4e-8]]
+    np.testing.assert_allclose(np.diag(numbers["filter"]["process_noise"]), [0, 1e-9, 0, 1e-9])
+    plant = fh.paper_arm().plant("motor_position")
+    columns = {"motor_position": "pos [deg]", "motor_voltage": "volts"}
+    log = fh.read_log(folder / "log.csv", plant, columns, latency=1)
+    np.testing.assert_allclose(log.outputs[:, 0], y[1:, 0], rtol=1e-14)
+    np.testing.assert_array_equal(log.inputs, u[:-1])
+    period, first = numbers["filter"]["period_s"], [y[1, 0], 0.0, y[1, 0], 0.0]
+    filter = fh.ExtendedKalmanFilter(plant, period, np.diag([0, 1e-9, 0, 1e-9]), 4e-8, first, 1.0)
+    expected = fh.filter_log(filter, log)
+    last = numbers["last_estimate"]
+    for k, state in enumerate(plant.states):
+        assert last[state]["value"] == pytest.approx(float(expected.estimate[-1, k]), rel=1e-6, abs=1e-9)
+        assert last[state]["standard_deviation"] == pytest.approx(
+            float(expected.standard_deviation[-1, k]), rel=1e-6
+        )
+    assert numbers["log_likelihood"] == pytest.approx(expected.attrs["log_likelihood"], rel=1e-9)
+
+
+def test_parquet(run: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parquet: Any = pytest.importorskip("pyarrow.parquet")
+    run.save(folder / "run.csv")
+    assert main(["estimate", *WORDS, "--table", "parquet", "--smooth"]) == 0
+    table = parquet.read_table(folder / "flexhinf-estimate" / "estimate.parquet")
+    assert "standard_deviation.motor_velocity [rad/s]" in table.column_names
+    truth = run.signals["state"][1:, 1]
+    errors = [
+        float(np.std((table[f"{kind}.link_velocity [rad/s]"].to_numpy() - truth)[300:1200]))
+        for kind in ("smoothed", "estimate")
+    ]
+    assert errors[0] < errors[1]
+    assert len(table) == 1500
+
+
+def test_a_design_states_sensors_noises_and_latency(
+    run: Any, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run.save(folder / "run.csv")
+    (folder / "design.toml").write_text(
+        '[design]\nrobot = "paper"\nmeasured = ["motor_position"]\nmeasurement_noise = 1e-8\ntorque_noise = 1e-9\n'
+    )
+    assert main(["estimate", "run.csv", "--robot", "design.toml"]) == 0
+    numbers = json.loads((folder / "flexhinf-estimate" / "estimate.json").read_text(encoding="utf-8"))
+    assert set(numbers["filter"]["sources"].values()) == {"the design"}
+    assert numbers["log"]["samples"] == 1500
+    assert numbers["filter"]["period_s"] == 1e-3
+    np.testing.assert_allclose(np.diag(numbers["filter"]["process_noise"]), [0, 1e-9, 0, 1e-9])
+    assert list(numbers["outputs"]) == ["motor_position"]
+
+
+@pytest.mark.parametrize(
+    ("words", "what"),
+    [
+        (["run.csv"], ("--robot", "flexhinf robots")),
+        (["none.csv", "--robot", "paper"], ("none.csv",)),
+        (["run.csv", "--robot", "papre"], ("papre", "paper")),
+        (["run.csv", "--robot", "paper", "--column", "motor_position"], ("--column", "motor_position")),
+        (["run.csv", "--robot", "paper", "--column", "a=b", "--column", "a=c"], ("--column", "'a'", "twice")),
+        (["run.csv", "--robot", "paper", "--column", "link_position=lnk"], ("'lnk'", "output.link_position")),
+        (["run.csv", "--robot", "paper", "--measured", "joint_torque,link_position"],
+         ("joint_torque", '--column "joint_torque=', "--measured")),
+        (["run.csv", "--robot", "paper", "--time", "tiem"], ("tiem", "'time'")),
+        (["run.csv", "--robot", "paper", "--latency", "-1"], ("latency", "-1")),
+        (["run.csv", "--robot", "paper", "--latency", "9999"], ("latency", "9999")),
+        (["run.csv", "--robot", "paper", "--measurement-noise", "1,2,3"], ("noise", "3")),
+        (["run.csv", "--robot", "paper", "--filter", "particle"], ("particle", "unscented")),
+        (["run.csv", "--robot", "paper", "--out", "run.csv"], ("run.csv",)),
+        (["gaps.csv", "--robot", "paper"], ("gaps.csv", "motor_voltage", "--hold-inputs")),
+    ],
+)  # fmt: skip
+def test_what_is_refused(
+    run: Any, folder: Path, refused: Callable[..., str], words: list[str], what: tuple[str, ...]
+) -> None:
+    run.save(folder / "run.csv")
+    rows = "".join(f"{0.001 * k},{'' if k % 2 else 1},0.1\n" for k in range(20))
+    (folder / "gaps.csv").write_text("time,motor_voltage,link_position\n" + rows)
+    refused(["estimate", *words], what, folder)
