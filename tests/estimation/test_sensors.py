@@ -85,9 +85,11 @@ def conditioned(case, f, g, delays, inputs, seen, noise):
             at = max(0, k - delay)
             rows[2 * k + i, n * at : n * at + n] = case.c[i]
             expected[2 * k + i] = case.c[i] @ mean[at]
-    inner = rows @ prior @ rows.T + np.diag(np.tile(np.square(noise), count))
+    there = np.isfinite(np.ravel(seen))
+    rows, left = rows[there], (np.ravel(seen) - expected)[there]
+    inner = rows @ prior @ rows.T + np.diag(np.tile(np.square(noise), count)[there])
     gain = np.linalg.solve(inner, rows @ prior).T
-    whole = gain @ (np.ravel(seen) - expected)
+    whole = gain @ left
     last = slice(n * (count - 1), n * count)
     return mean[-1] + whole[last], (prior - gain @ rows @ prior)[last, last]
 
@@ -97,8 +99,10 @@ def conditioned(case, f, g, delays, inputs, seen, noise):
 @FORMS
 @pytest.mark.parametrize("sampled", [False, True])
 @pytest.mark.parametrize("delays", [(0, 2), (3, 1), (1, 1)])
-def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, delays):
-    """Against the joint density of all states of all samples, conditioned at once."""
+@pytest.mark.parametrize("every", [1, 2])
+def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, delays, every):
+    """Against the joint density of all states of all samples, conditioned at once; the first sensor gives a value at
+    `every` other sample."""
     case = kalman.case(3, 2, 2, seed=4)
     plant = linear(case, sampled=sampled)
     one = kind(**case.arguments(plant=plant, measurement_noise=None, sensors=sensors(delays), form=form))
@@ -107,6 +111,7 @@ def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, dela
     assert one.plant.n == 3 + sum(delays)
     f, g = (case.a, case.b) if sampled else case.map(plain.stages, plain.sub_steps)
     seen, inputs = case.rng.normal(size=(6, 2)), case.rng.normal(size=(5, 2))
+    seen[np.arange(6) % every != 0, 0] = np.nan
     step, belief = composed(one), one.initial
     for k, y in enumerate(seen):
         one.correct(y)
@@ -116,6 +121,33 @@ def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, dela
             assert kalman.relative(belief.mean, belief.covariance, one.mean, one.covariance) < 1e-10
     mean, covariance = conditioned(case, f, g, delays, inputs, seen, (0.3, 0.2))
     assert kalman.relative(one.mean[:3], one.covariance[:3, :3], mean, covariance) < 1e-9
+
+
+@BOTH
+@FORMS
+def test_a_late_angle_may_jump_by_a_turn(kind, form):
+    """Against the same arm with an angle that counts turns."""
+
+    def seen(x, u, p):
+        return np.array([np.arctan2(np.sin(x[0]), np.cos(x[0]))])
+
+    found = {}
+    for name, output, angles in (("jumps", seen, ("seen",)), ("counts", lambda x, u, p: x[:1], ())):
+        plant = fh.Plant(
+            lambda x, u, d, p: np.array([x[1], u[0]]), output, ("angle", "speed"), ("push",), outputs=("seen",),
+            angles=angles,
+        )  # fmt: skip
+        late = fh.Sensor("seen", noise=0.01, delay=2 * PERIOD)
+        estimator = kind(plant, PERIOD, [1e-8, 1e-6], None, [3.0, 1.0], [0.01, 0.01], sensors=late, form=form)
+        assert ("seen_past_2" in estimator.plant.angles) == bool(angles)
+        found[name] = []
+        for k in range(40):
+            angle = 3.02 + 1.05 * PERIOD * max(0, k - 2)
+            estimator.correct([np.arctan2(np.sin(angle), np.cos(angle)) if angles else angle])
+            found[name].append(estimator.mean[:2])
+            estimator.predict([0.0])
+    np.testing.assert_allclose(found["jumps"], found["counts"], atol=1e-6)
+    assert found["jumps"][-1][0] > np.pi
 
 
 def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from tests.estimation import test_angles
 import flexhinf as fh
 from flexhinf.baselines import lqr
 from flexhinf.codegen.machine import host
+from flexhinf.export import compile_controller
 
 ARM = fh.paper_arm()
 NOISE = np.array([[1e-6, 6e-7], [6e-7, 4e-6]])
@@ -25,9 +28,9 @@ KINDS = {
 }
 
 
-def controller(kind: str, **options: Any) -> fh.Controller:
+def controller(kind: str, gate: float | None = None, **options: Any) -> fh.Controller:
     """Integral action on a link that has an encoder, as its motor has."""
-    filter = KINDS[kind](ARM.plant(("link_position", "motor_position")), 1e-3, **GIVEN)
+    filter = KINDS[kind](ARM.plant(("link_position", "motor_position")), 1e-3, **GIVEN, gate=gate)
     return fh.Controller(lqr(ARM.problem()), filter, 1e-3, 48.0, **options)
 
 
@@ -85,3 +88,55 @@ def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callab
         np.testing.assert_allclose(u[k], expected, rtol=1e-9, atol=1e-9)
         if host().fused:
             np.testing.assert_array_equal(u[k], expected)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_exported_step_rejects_and_counts_outliers(
+    kind: str, build: Callable[..., Any], compiler: str, tmp_path: Path
+) -> None:
+    stepped = controller(kind, gate=0.9999)
+    y, r, measured = samples(400, np.nan)
+    rng = np.random.default_rng(1)
+    wild = rng.random((400, 2)) < 0.05
+    y[wild] = rng.choice([-1.0, 1.0], wild.sum()) * 10.0 ** rng.uniform(0, 6, wild.sum())
+    u, _, _ = build(stepped).replay(y, r, measured, 1, 4)
+    library = fh.load_compiled(compile_controller(stepped, tmp_path / "arm.so"))
+    for k, there in enumerate(measured):
+        expected = stepped.step(y[k] if there else None, r[k])
+        np.testing.assert_allclose(u[k], expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            library.step(y[k] if there else None, r[k]), expected, rtol=1e-9, atol=1e-9
+        )
+        np.testing.assert_array_equal(library.rejected, stepped.rejected)
+        if host().fused:
+            np.testing.assert_array_equal(u[k], expected)
+    assert stepped.rejected.min() >= 5
+    (tmp_path / "counts.c").write_text(
+        """
+#include <stdio.h>
+#include "arm.h"
+int main(void)
+{
+    static arm_state state;
+    arm_output output;
+    const arm_input first = {.y = {0, 0}, .measured = 1}, wild = {.y = {0, 1e3}, .measured = 1};
+    output.rejected[1] = 7;
+    arm_step(&state, &arm_defaults, &first, &output);
+    printf("%d ", output.rejected[1]);
+    arm_init(&state);
+    arm_step(&state, &arm_defaults, &first, &output);
+    arm_step(&state, &arm_defaults, &wild, &output);
+    arm_step(&state, &arm_defaults, &wild, &output);
+    printf("%d %d", output.rejected[0], output.rejected[1]);
+    return 0;
+}
+"""
+    )
+    folder = build(controller(kind, gate=0.9999)).folder
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{folder}")
+    subprocess.run(
+        [compiler, *flags, "counts.c", folder / "arm.c", "-lm", "-o", "counts"], cwd=tmp_path, check=True
+    )
+    shown = subprocess.run(["./counts"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+    assert shown == "0 0 2"

@@ -85,10 +85,13 @@ class LateOutputs:
     def late_plant(self) -> Plant:
         """The map as a plant."""
         units = {name: self.plant.unit(self.plant.outputs[i]) for name, (i, _) in zip(self.states, self.past)}
+        angles = [
+            name for name, (i, _) in zip(self.states, self.past) if self.plant.outputs[i] in self.plant.angles
+        ]
         return replace(
             self.plant, flow=self.flow, output=self.output, states=(*self.plant.states, *self.states), sampled=True,
             units={**self.plant.units, **{name: unit for name, unit in units.items() if unit}}, engaged=None,
-            arrest=None,
+            arrest=None, angles=(*self.plant.angles, *angles),
         )  # fmt: skip
 
     def start(self, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, Literal, get_args
+from statistics import NormalDist
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from flexhinf.plant import (
     sub_steps,
 )
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed
+from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed, where
 from flexhinf.scalars.trace import elementary
 from flexhinf.validation import (
     checked_array,
@@ -36,6 +37,7 @@ from flexhinf.validation import (
     one_of,
     read_only,
     real_array,
+    real_number,
     value_text,
 )
 
@@ -47,6 +49,45 @@ Form = Literal["square_root", "covariance"]
 
 #: Eigenvalues of correlations closer to zero than this are zero: what rounding makes of a singular matrix.
 SEMIDEFINITE = 1e-13
+
+
+class GatedGaussian(NamedTuple):
+    """A mean (n,), a covariance (n, n), and how often each element of a measurement was rejected (p,)."""
+
+    mean: Any
+    covariance: Any
+    rejected: Any
+
+
+class GatedRootGaussian(NamedTuple):
+    """A mean (n,), rows W (n, n) of deviations, P = WᵀW, and how often each element was rejected (p,)."""
+
+    mean: Any
+    root: Any
+    rejected: Any
+
+    covariance = RootGaussian.covariance
+
+
+#: Beliefs that count, by those that do not.
+GATED: dict[type, type] = {Gaussian: GatedGaussian, RootGaussian: GatedRootGaussian}
+
+
+def gate_limit(gate: Any) -> float | None:
+    """The quantile of χ² with one degree of freedom at a probability; None without a gate.
+
+    Raises InvalidInput: for what is no number between 0 and 1.
+    """
+    if gate is None:
+        return None
+    probability = real_number(gate)
+    refuse_if(
+        not 0.0 < probability < 1.0,
+        "The gate is no probability.",
+        f"expected a number between 0 and 1, got {value_text(gate)}",
+        "gate=0.999, which one of a thousand good measurements does not pass",
+    )
+    return NormalDist().inv_cdf((1.0 - probability) / 2.0) ** 2
 
 
 def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) -> np.ndarray:
@@ -143,6 +184,11 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
+def _beyond(squares: Any, limits: Any) -> Any:
+    """1 where a number is larger than another one, else 0; 0 where one of them is not finite."""
+    return np.array([where(square > limit, 1.0, 0.0) for square, limit in zip(squares, limits, strict=True)])
+
+
 def _seen(column: Any, flags: Any) -> Any:
     """A column whose first elements belong to outputs, zero where those are missing."""
     p = len(flags)
@@ -180,6 +226,11 @@ class RecursiveFilter(Estimator):
     form : {"square_root", "covariance"}
         What a belief carries beside its mean: rows W with P = WᵀW, which rounding cannot make indefinite and which
         keep their digits where variances lie many decades apart; or P itself, the paper's form.
+    gate : float, optional
+        An element of a measurement counts as missing where the square of its innovation over its own predicted variance
+        exceeds this quantile of χ² with one degree of freedom [barshalom2001]: 0.999 takes one good measurement of a
+        thousand for an outlier. `rejected` counts them. A filter that is wrong about its model rejects all that could
+        correct it, so look at the counts. By default nothing is rejected.
     sensors : sequence of flexhinf.Sensor, optional
         One for each measured signal, instead of `measurement_noise`: noise and quantisation are R^n. A signal that is
         not there at every sample is NaN in between. Where signals are late, the filter's `plant` is a map with past
@@ -204,6 +255,7 @@ class RecursiveFilter(Estimator):
         mean: Any,
         covariance: Any,
         form: Form = "covariance",
+        gate: float | None = None,
         sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
@@ -220,6 +272,7 @@ class RecursiveFilter(Estimator):
         self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
         one_of("There is no such form of a filter.", form, get_args(Form))
         self.form: Form = form
+        self.limit, self.gate = gate_limit(gate), None if gate is None else float(gate)
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
         self._parameters = plant.parameters.named(plant.parameters.vector())
@@ -266,9 +319,10 @@ class RecursiveFilter(Estimator):
         """
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
         rooted = self.form == "square_root"
-        return read_only(
-            RootGaussian(start, root_rows(self._start)) if rooted else Gaussian(start, self._start)
-        )
+        belief = RootGaussian(start, root_rows(self._start)) if rooted else Gaussian(start, self._start)
+        if self.gate is not None:
+            belief = GATED[type(belief)](*belief, np.zeros(len(self.plant.outputs)))
+        return read_only(belief)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share the arrays of the settings, so nobody may write them."""
@@ -317,33 +371,56 @@ class RecursiveFilter(Estimator):
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
         still = np.zeros(len(self.plant.outputs))  # where the innovation is measured from
-        innovation, c, noise = self.admitted(run, y, expected, c, measurement_noise, still)
-        if self.form == "square_root":
-            return linear_correction(run, belief, still, c, innovation, noise)
-        prior, weights = (belief.mean, run.cholesky(belief.covariance)), np.ones(self.plant.n)
-        seen = run.columns(applied, prior[1], c)
-        return correction(run, prior, (still, seen), weights, innovation, noise)
+        carries_root, weights = self.form == "square_root", np.ones(self.plant.n)
+        root = belief.root.T if carries_root else run.cholesky(belief.covariance)
+        gate = self.gated(run, belief, lambda: (run.columns(applied, root, c), weights), measurement_noise)
+        innovation, c, noise, counts = self.admitted(run, y, expected, c, measurement_noise, still, gate)
+        if carries_root:
+            corrected, *spread = linear_correction(run, belief, still, c, innovation, noise)
+        else:
+            seen = run.columns(applied, root, c)
+            corrected, *spread = correction(
+                run, (belief.mean, root), (still, seen), weights, innovation, noise
+            )
+        return belief._replace(**corrected._asdict(), **counts), *spread
+
+    def gated(
+        self, run: Any, belief: Any, seen: Callable[[], tuple[Any, Any]], noise: Any
+    ) -> tuple[Any, ...]:
+        """What a gate judges by: the predicted covariance (p, p) of the innovation, and counts (p,); nothing without.
+
+        `seen` makes the deviations of outputs (p, k) and their weights (k,).
+        """
+        return () if self.gate is None else (run.gram(*seen(), noise), belief.rejected)
 
     def admitted(
-        self, run: Any, y: Any, expected: Any, deviations: Any, noise: Any, shift: Any
-    ) -> tuple[Any, Any, Any]:
+        self, run: Any, y: Any, expected: Any, deviations: Any, noise: Any, shift: Any, gate: tuple[Any, ...]
+    ) -> tuple[Any, Any, Any, dict[str, Any]]:
         """Innovation (p,), deviations of outputs (p, k) and R^n for a correction with the elements of y that are there.
 
         A missing one says nothing: its innovation and its deviations are zero, its row and column of R^n those of the
         identity. (With R^n as it is, noise that is correlated would still speak of it.) In the deviations, rows may
-        follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift.
+        follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift. `gate`:
+        see `gated`. At last come the belief's new counts, by name.
         """
-        flags, innovation, noise = run.call(self._present, y, expected, noise, shift)
-        return innovation, run.columns(_seen, deviations, flags), noise
+        flags, innovation, noise, *counts = run.call(self._present, y, expected, noise, shift, *gate)
+        seen = run.columns(_seen, deviations, flags)
+        return innovation, seen, noise, {"rejected": counts[0]} if counts else {}
 
-    def _present(self, y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
-        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
-        flags = known(y)
-        y = chosen(flags, self.unwound(y, expected + shift), expected)
+    def _present(self, y: Any, expected: Any, noise: Any, shift: Any, *gate: Any) -> tuple[Any, ...]:
+        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing; and counts."""
+        flags, counts = known(y), []
+        y = self.unwound(y, expected + shift)
+        if gate:
+            spread, rejected = gate
+            away = y - expected - shift
+            outliers = masked(flags, _beyond(away * away, np.diagonal(spread) * self.limit))
+            flags, counts = flags - outliers, [rejected + outliers]
+        y = chosen(flags, y, expected)
         left = masked(np.array([flags * flag for flag in flags]), noise)
         for i, flag in enumerate(flags):
             left[i, i] = chosen(flag, noise[i, i], 1.0)
-        return flags, y - expected - masked(flags, shift), left
+        return flags, y - expected - masked(flags, shift), left, *counts
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -402,6 +479,12 @@ class RecursiveFilter(Estimator):
         """Covariance P, (n, n)."""
         return np.array(self._belief.covariance, dtype=float)
 
+    @property
+    def rejected(self) -> np.ndarray:
+        """How often each element of a measurement was rejected by the gate since the start, (p,) of int."""
+        counts = np.zeros(len(self.plant.outputs)) if self.gate is None else self._belief.rejected
+        return np.array(counts, dtype=int)
+
     def predict(self, u: Any) -> None:
         """Time update with the input u (m,) held over the period.
 
@@ -418,7 +501,7 @@ class RecursiveFilter(Estimator):
         self._accept(belief)
 
     def correct(self, y: Any) -> None:
-        """Measurement update with y (p,); sets `log_likelihood` of this measurement, of the elements that are there.
+        """Measurement update with y (p,); sets `log_likelihood` of this measurement, of the elements that are used.
 
         NaN, None and masked elements are missing ones. Where all are, nothing changes.
 
@@ -439,7 +522,9 @@ class RecursiveFilter(Estimator):
             belief, innovation, spread = self.innovate(
                 self._belief, y, self._u, self._parameters, self.measurement_noise
             )
+            before = self.rejected.sum()
             self._accept(belief)
+            there -= self.rejected.sum() - before
             factor = cholesky(np.asarray(spread, dtype=float))
             white = solve_lower(factor, np.asarray(innovation, dtype=float))
             constant = there * np.log(2.0 * np.pi)

@@ -21,7 +21,7 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import Form, RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_rows, root_prediction
-from flexhinf.plant import Gaussian, Plant, Sensor, turned
+from flexhinf.plant import Plant, Sensor, turned
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
 from flexhinf.scalars.trace import linear
@@ -84,7 +84,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     Parameters
     ----------
-    plant, period, process_noise, measurement_noise, mean, covariance, form, sensors
+    plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors
         As in `flexhinf.estimation.filter.RecursiveFilter`.
     alpha, beta, kappa : float
         Table 3.
@@ -116,12 +116,21 @@ class UnscentedKalmanFilter(RecursiveFilter):
         redraw: bool = True,
         bounds: Mapping[str, tuple[float, float]] | None = None,
         form: Form = "covariance",
+        gate: float | None = None,
         sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
-        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance, form, sensors)
+        super().__init__(
+            plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors
+        )
         plant = self.plant
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
+        refuse_if(
+            gate is not None and not self.redraw,
+            "Propagated points do not stand for the whole predicted variance, so no gate can judge by them.",
+            f"expected redraw=True with a gate, got redraw={redraw!r}, gate={gate!r}",
+            "gate=None, or redraw=True",
+        )
         if form == "square_root":
             refuse_if(
                 not self.redraw or self.sigma.covariance_weights[0] < 0.0,
@@ -159,15 +168,16 @@ class UnscentedKalmanFilter(RecursiveFilter):
             "redraw": self.redraw,
             "bounds": dict(self.bounds),
             "form": self.form,
+            "gate": self.gate,
         }
 
     @property
     def estimator_key(self) -> str:
-        """Method, period, sub-steps, scaling and bounds: constants of the traced code."""
+        """Method, period, sub-steps, scaling, bounds and gate: constants of the traced code."""
         sigma = self.sigma
         scaling = (sigma.alpha, sigma.beta, sigma.kappa)
         steps, bounds = f"{self.sub_steps} x {self.stages}", sorted(self.bounds.items())
-        return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds}"
+        return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds} {self.gate}"
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,), which must be inside the bounds; its points too."""
@@ -194,14 +204,15 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
-            return RootGaussian(mean, root_prediction(run, rows, process_noise))
+            return belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
         moved = _about_first(run, self.wrapped, run.sweep(self.moved, points, u, p))  # 2
         moved = self.inside(run, moved)
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
         deviations = self.deviations(run, moved, mean)
         covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4
-        return Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, moved)
+        points = {} if self.redraw else {"points": moved}
+        return belief._replace(mean=mean, covariance=covariance, **points)
 
     def innovation_stages(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
@@ -220,8 +231,11 @@ class UnscentedKalmanFilter(RecursiveFilter):
         outputs = _about_first(run, self.angles, run.columns(self.output, points, u, p))  # 6
         expected = run.combination(outputs, self.sigma.mean_weights)  # 7
         spread, still = self.deviations(run, outputs, expected), np.zeros(len(self.plant.outputs))
-        innovation, spread, noise = self.admitted(run, y, expected, spread, measurement_noise, still)
-        known = ((centre, deviations), (still, spread), weights, innovation, noise)
+        gate = self.gated(run, belief, lambda: (spread, weights), measurement_noise)
+        innovation, seen, noise, counts = self.admitted(
+            run, y, expected, spread, measurement_noise, still, gate
+        )
+        known = ((centre, deviations), (still, seen), weights, innovation, noise)
         if self.redraw:
             corrected, innovation, p_yy = correction(run, *known)
             mean, covariance = corrected
@@ -232,8 +246,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
             )
         if self.bounds:
             mean = run.call(self.bounded, mean)
-        corrected = Gaussian(mean, covariance) if self.redraw else SampledGaussian(mean, covariance, points)
-        return corrected, innovation, p_yy
+        more = counts if self.redraw else {"points": points}
+        return belief._replace(mean=mean, covariance=covariance, **more), innovation, p_yy
 
     # With rows of deviations ----------------------------------------------------------------------
     def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
@@ -251,11 +265,15 @@ class UnscentedKalmanFilter(RecursiveFilter):
         shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
         expected = run.call(self.output, mean, u, p)
         shift, mean = run.call(_parted, y, shift, mean)
-        innovation, columns, noise = self.admitted(run, y, expected, rows.T, measurement_noise, shift)
+        ones = np.ones(len(rows))
+        gate = self.gated(run, belief, lambda: (run.columns(_first, rows.T, y), ones), measurement_noise)
+        innovation, columns, noise, counts = self.admitted(
+            run, y, expected, rows.T, measurement_noise, shift, gate
+        )
         corrected, spread = correction_of_rows(run, mean, columns.T, innovation, noise)
         if self.bounds:
             corrected = corrected._replace(mean=run.call(self.bounded, corrected.mean))
-        return corrected, innovation, spread
+        return belief._replace(**corrected._asdict(), **counts), innovation, spread
 
     def _spread(self, run: Any, belief: Any) -> Any:
         """Deviations of the sigma points from the mean, (n, 2n)."""
@@ -385,6 +403,10 @@ def _parted(y: Any, shift: Any, mean: Any) -> tuple[Any, Any]:
     return shift[: len(y)], mean + shift[len(y) :]
 
 
+def _first(column: Any, y: Any) -> Any:
+    return column[: len(y)]
+
+
 def _less(row: Any, mean: Any) -> Any:
     return row - mean
 
@@ -394,12 +416,12 @@ class ExtendedKalmanFilter(RecursiveFilter):
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
-        return {**super().settings(), "form": self.form}
+        return {**super().settings(), "form": self.form, "gate": self.gate}
 
     @property
     def estimator_key(self) -> str:
-        """Method, period and sub-steps: constants of the traced code."""
-        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages}"
+        """Method, period, sub-steps and gate: constants of the traced code."""
+        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages} {self.gate}"
 
     @property
     def operations(self) -> int:
@@ -426,9 +448,9 @@ class ExtendedKalmanFilter(RecursiveFilter):
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
-            return RootGaussian(mean, root_prediction(run, rows, process_noise))
+            return belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
         mean, spread = self._moved(run, belief.mean, run.cholesky(belief.covariance), u, p)
-        return Gaussian(mean, run.gram(spread, np.ones(self.plant.n), process_noise))
+        return belief._replace(mean=mean, covariance=run.gram(spread, np.ones(self.plant.n), process_noise))
 
     def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
         """x(k+1|k), and W Aᵀ, rows of its covariance before R^v is added."""

@@ -242,7 +242,7 @@ class OutputInjectionObserver(RecursiveFilter):
         mean = run.call(_sloped, belief.mean, belief.injection, injection, belief.moved, belief.ramp)
         expected, sensors = run.call(self.measured, mean, u, p)
         still = np.zeros(len(self.plant.outputs))
-        innovation, sensors, noise = self.admitted(run, y, expected, sensors, measurement_noise, still)
+        innovation, sensors, noise, _ = self.admitted(run, y, expected, sensors, measurement_noise, still, ())
         mean, moved = run.call(_corrected, mean, innovation, belief.gain)
         root = run.cholesky(belief.covariance)
         seen = run.columns(applied, root, sensors)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure
+from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.plant import Estimator
 from flexhinf.scalars import jacobian
@@ -36,6 +36,12 @@ class ConstantGainFilter(Estimator):
     """
 
     def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
+        refuse_if(
+            filter.gate is not None,
+            "A filter with a constant gain has no gate: it predicts no variance.",
+            f"expected gate=None of its filter, got gate={filter.gate!r}",
+            "the filter without a gate, or that filter itself as the estimator",
+        )
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
         shape = (filter.plant.n, len(filter.plant.outputs))

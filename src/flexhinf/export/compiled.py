@@ -59,6 +59,7 @@ def compile_controller(
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
         "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
+        "rejected": code.rejected,
     }  # fmt: skip
     # strings, each the name of a set that the compiler may use, with a space before it
     sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
@@ -223,6 +224,7 @@ class CompiledController:
         )
         self.digest = str(about["digest"])
         self._status_places: list[int | None] = about["status"]
+        self._rejected_place: int | None = about.get("rejected")
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -280,6 +282,12 @@ class CompiledController:
         """The bits of `Controller.status`: the memory is the first part of the state."""
         place = self._status_places[0]
         return 0 if place is None else int(self._state[place : place + 4] @ [1.0, 2.0, 4.0, 8.0])
+
+    @property
+    def rejected(self) -> np.ndarray:
+        """As `Controller.rejected`, (p,)."""
+        place, p = self._rejected_place, len(self.measured)
+        return np.zeros(p, dtype=int) if place is None else self._state[place : place + p].astype(int)
 
     @property
     def path_rate(self) -> float:

@@ -245,6 +245,7 @@ class ControllerCode:
             SUMMARY="\n * ".join(comment(f"{name}: {text}") for name, text in c.summary().items()),
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
+            REJECTED="" if self.rejected is None else REJECTED_DECLARED,
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
             STATUS=enumeration([(self.upper(str(bit.name)), bit.value, text) for bit, text in zip(Status, STATUS)]),
@@ -279,10 +280,22 @@ class ControllerCode:
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
+            REJECTED="" if self.rejected is None else REJECTED.format(f"state->memory[{self.rejected} + i]"),
+            NONE_REJECTED="" if self.rejected is None else REJECTED.format("0").replace("\n", "\n    "),
             STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
             PATH_RATE=f"state->memory[{memory['stop'].stop - 1}]" if "stop" in memory else constant(1.0, self.real),
             ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
         )  # fmt: skip
+
+    @property
+    def rejected(self) -> int | None:
+        """Where the memory counts the rejected measurements, (p,); None without a gate."""
+        estimator = self.controller.estimator
+        if estimator is None or "rejected" not in estimator.initial._fields:
+            return None
+        kept = [np.size(part) for part in estimator.initial]
+        place = estimator.initial._fields.index("rejected")
+        return self.controller.memory.places["belief"].start + sum(kept[:place])
 
     @property
     def digest(self) -> str:
@@ -426,6 +439,14 @@ int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
 STATUS_BITS = """
     for (int i = 0; i < 4; ++i) {{
         output->status |= (state->memory[{} + i] > 0) << i;
+    }}"""
+
+#: Counts of rejected measurements, which are a part of the memory.
+REJECTED_DECLARED = """
+    int rejected[@BIG@_MEASUREMENTS];    /* how often each measurement was rejected as an outlier since the start */"""
+REJECTED = """
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {{
+        output->rejected[i] = (int){};
     }}"""
 
 #: What these bits say.

@@ -238,6 +238,46 @@ def test_the_motors_sensor_alone_does_not_let_the_paper_arm_sag():
     assert total["balanced"] < 0.7 * total["found"] < 0.3 * total["none"]
 
 
+@pytest.mark.oracle
+def test_two_joints_with_gravity_and_voltages():
+    """X = −1/K for the motors and U = −R/k_t at a pose, and no sag of either link under a load on both."""
+    robot, pose = fh.load_robot("planar-two-link"), [0.4, 0.6]
+    plant, x = robot.plant(("motor_position",)), robot.operating_point(pose)[0]
+    links = plant.expanded("link_position")
+    weights = {"link_position": 1.0, "link_position_integral": 3.0}
+    law = fh.linear_law(plant.with_objective(weights, "disturbance", links, pose), gamma=60.0)
+    model = plant.augmented(disturbances="link_torque")
+    drift = [1e-10] * 2 + [1e-8] * 2 + [1e-10] * 2 + [1e-8] * 2
+    estimator = UnscentedKalmanFilter(
+        model, 1e-3, [*drift, 4e-4, 4e-4], 1e-8, np.append(x, [0.0, 0.0]), [1e-6] * 8 + [1.0] * 2
+    )
+    control = fh.Controller(law, estimator, 1e-3, compensate="link_torque")
+    values, (state, push) = plant.parameters.values, control.balance
+    np.testing.assert_allclose(state[4:6], np.diag(-1.0 / values["stiffness"]), atol=1e-12)
+    np.testing.assert_allclose(np.delete(state, [4, 5], axis=0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(push, np.diag(-values["resistance"] / values["torque_constant"]), atol=1e-12)
+    load = {"link_torque_shoulder": 2.0, "link_torque_elbow": -1.0}
+    run = fh.Loop(plant, control).run(disturbance=load, duration=8.0)
+    away = [run.signal("state", name)[-1] - at for name, at in zip(links, pose)]
+    assert np.abs(away).max() < 2e-4  # load / K is 5 mrad for both
+
+
+def test_a_soft_spring_is_found_while_the_arm_moves():
+    """12 % less stiffness than the model has, by the link's encoder alone, in one step of the paper's arm."""
+    arm = fh.paper_arm()
+    plant = arm.plant(("link_position",))
+    estimator = UnscentedKalmanFilter(
+        plant.augmented(("stiffness",)), 1e-3, [1e-10] * 4 + [1e-4], 1e-6, [0.0] * 4 + [100.0], [1e-6] * 4 + [100.0],
+        form="square_root",
+    )  # fmt: skip
+    control = fh.Controller(fh.linear_law(arm.problem(), gamma=246.0), estimator, 1e-3)
+    run = fh.Loop(plant.with_parameters(stiffness=88.0), control).run(
+        {"link_position": fh.Step(np.pi / 2, at=0.5)}, noise=1e-3, duration=8.0
+    )
+    assert run.status == "completed"
+    assert run.signal("estimate", "stiffness")[-1] == pytest.approx(88.0, rel=5e-3)
+
+
 def test_an_offset_of_an_encoder_is_found_at_power_on():
     """0.5 mrad on the motor's encoder of the paper's arm, at rest: the link moves 100 times less."""
     plant = fh.load_robot("paper").plant(("link_position", "motor_position"))

@@ -150,7 +150,7 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
     for (int i = 0; i < @BIG@_STATES; ++i) {
         output->estimate[i] = isfinite(state->estimate[i]) ? state->estimate[i] : @ZERO@;
     }
-    output->status = 0;@STATUS@
+    output->status = 0;@STATUS@@REJECTED@
     output->path_rate = @PATH_RATE@;
 }
 
@@ -164,7 +164,7 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
             output->estimate[i] = @ZERO@;
         }
         output->status = 0;
-        output->path_rate = @ZERO@;
+        output->path_rate = @ZERO@;@NONE_REJECTED@
         return @BIG@_NOT_INITIALISED;
     }
     if (state->refused == REFUSED) {

@@ -69,7 +69,7 @@ typedef struct {
     @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
     @NAME@_real estimate[@BIG@_STATES];  /* estimated state; zero before the first sample */
     int status;                          /* bits of the last good sample, see @BIG@_LIMIT_CYCLE */
-    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking */
+    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking */@REJECTED@
 } @NAME@_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */

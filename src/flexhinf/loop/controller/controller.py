@@ -510,6 +510,14 @@ class Controller(Summarised):
         return status_of(self._history.memory[self.memory.places["status"]] if self.mode.reactions else ())
 
     @property
+    def rejected(self) -> np.ndarray:
+        """How often the estimator's gate has rejected each element of a measurement since the start, (p,) of int."""
+        if self.estimator is None or "rejected" not in self.estimator.initial._fields:
+            return np.zeros(len(self.measured), dtype=int)
+        belief = self.memory.named(self._history.memory).belief
+        return type(self.estimator.initial)(*belief).rejected.astype(int)
+
+    @property
     def path_rate(self) -> float:
         """By which fraction of a period the time along a path advances to the next command: 1 but for braking."""
         return float(self._history.memory[self.memory.places["stop"]][2]) if self.mode.reacts else 1.0

@@ -25,14 +25,23 @@ class Source(NamedTuple):
     turns: bool = False  # an angle, of which the measurement may jump by 2π
 
 
-def corrected(run: Any, estimator: Estimator, belief: Any, y: Any, u: Any, data: Any) -> Any:
-    """x(k|k); x(k|k−1) itself where nothing was measured."""
+def corrected(run: Any, estimator: Estimator, belief: Any, y: Any, u: Any, data: Any) -> tuple[Any, Any]:
+    """x(k|k), x(k|k−1) itself where nothing was measured; and y without the elements that a gate has rejected."""
     some = run.call(_some, y)
     with run.when(some):
         after = estimator.measurement_update_on(run, belief, y, u, data.parameters, data.measurement_noise)
-    return type(belief)(
+    after = type(belief)(
         *(old if new is old else _either(run, some, new, old) for new, old in zip(after, belief, strict=True))
     )
+    if "rejected" in belief._fields:
+        y = run.call(_passed, y, belief.rejected, after.rejected)
+    return after, y
+
+
+def _passed(y: Any, before: Any, after: Any) -> Any:
+    """A measurement (p,), infinite where a count has grown."""
+    counts = zip(y, before, after, strict=True)
+    return np.array([where(now > then, np.inf, element) for element, then, now in counts])
 
 
 def _some(y: Any) -> Any:

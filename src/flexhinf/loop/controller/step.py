@@ -223,7 +223,7 @@ def controller_step(
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
             turns = estimator.plant.angle_places(estimator.plant.outputs)
             y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
-        belief = corrected(run, estimator, belief, y, acted, data)
+        belief, y = corrected(run, estimator, belief, y, acted, data)
         estimate = belief.mean
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
