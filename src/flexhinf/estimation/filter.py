@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from statistics import NormalDist
@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.estimation.bounds import check_inside, checked_bounds
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
 from flexhinf.plant import Estimator, Gaussian, Plant, chosen, eight_stages, known, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
@@ -209,11 +210,16 @@ class RecursiveFilter(Estimator):
         exceeds this quantile of χ² with one degree of freedom [barshalom2001]: 0.999 takes one good measurement of a
         thousand for an outlier. `rejected` counts them. A filter that is wrong about its model rejects all that could
         correct it, so look at the counts. By default nothing is rejected.
+    bounds : mapping of str to (float, float), optional
+        Intervals of states, best of parameters and states that are not measured. Outside of them, after a prediction or
+        a correction, the mean moves to the most likely point within, see `flexhinf.estimation.bounds`; the unscented
+        filter clips its sigma points instead. Variances stay.
 
     Raises
     ------
     InvalidInput
-        If shapes do not fit the plant, or a covariance is not one.
+        If shapes do not fit the plant, or a covariance is not one; for a gate that is no probability; for a bound that
+        is no interval of a known state that contains the initial mean.
     """
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -230,6 +236,7 @@ class RecursiveFilter(Estimator):
         covariance: Any,
         form: Form = "covariance",
         gate: float | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.plant = plant
@@ -242,6 +249,7 @@ class RecursiveFilter(Estimator):
         one_of("There is no such form of a filter.", form, get_args(Form))
         self.form: Form = form
         self.limit, self.gate = gate_limit(gate), None if gate is None else float(gate)
+        self.bounds = checked_bounds(bounds, plant)
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         mode = plant.fastest_mode(self.initial.mean)
         counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
@@ -257,9 +265,10 @@ class RecursiveFilter(Estimator):
         Raises
         ------
         InvalidInput
-            If it does not fit the plant.
+            If it does not fit the plant, or lies outside of the bounds.
         """
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
+        check_inside(start, self.bounds, self.plant)
         rooted = self.form == "square_root"
         belief = RootGaussian(start, root_rows(self._start)) if rooted else Gaussian(start, self._start)
         if self.gate is not None:
@@ -321,7 +330,9 @@ class RecursiveFilter(Estimator):
             corrected, *spread = linear_correction(run, belief, still, c, innovation, noise)
         else:
             seen = run.columns(applied, root, c)
-            corrected, *spread = correction(run, (belief.mean, root), (still, seen), weights, innovation, noise)
+            corrected, *spread = correction(
+                run, (belief.mean, root), (still, seen), weights, innovation, noise
+            )
         return belief._replace(**corrected._asdict(), **counts), *spread
 
     def gated(
