@@ -174,6 +174,11 @@ def _seen(column: Any, flags: Any) -> Any:
     return np.concatenate([masked(flags, column[:p]), column[p:]])
 
 
+def _counted(counts: dict[str, int], **more: int) -> dict[str, int]:
+    """Counts and more of them; another dictionary, as copies of a filter share the first one."""
+    return {name: count + more.get(name, 0) for name, count in counts.items()}
+
+
 def applied(vector: Any, matrix: Any) -> Any:
     """A matrix times a vector."""
     return matrix @ vector
@@ -436,6 +441,15 @@ class RecursiveFilter(Estimator):
         counts = np.zeros(len(self.plant.outputs)) if self.gate is None else self._belief.rejected
         return np.array(counts, dtype=int)
 
+    @property
+    def repairs(self) -> dict[str, int]:
+        """What `correct` and `predict` went on in spite of since the start, and how often.
+
+        "skipped": samples where nothing was measured. "missing", "rejected": elements of other samples. "singular":
+        pivots of covariances that were zero to rounding, and taken for zero; rows of deviations need no such thing.
+        """
+        return {**self._repairs, "rejected": int(self.rejected.sum())}
+
     def predict(self, u: Any) -> None:
         """Time update with the input u (m,) held over the period.
 
@@ -467,7 +481,7 @@ class RecursiveFilter(Estimator):
         y = self._measurement(y)
         there = np.count_nonzero(np.isfinite(y))
         if not there:
-            self.log_likelihood = 0.0
+            self.log_likelihood, self._repairs = 0.0, _counted(self._repairs, skipped=1)
             return
         with np.errstate(all="ignore"):  # checked below
             belief, innovation, spread = self.innovate(
@@ -475,6 +489,7 @@ class RecursiveFilter(Estimator):
             )
             before = self.rejected.sum()
             self._accept(belief)
+            self._repairs = _counted(self._repairs, missing=int(len(y) - there))
             there -= self.rejected.sum() - before
             factor = cholesky(np.asarray(spread, dtype=float))
             white = solve_lower(factor, np.asarray(innovation, dtype=float))
@@ -486,6 +501,7 @@ class RecursiveFilter(Estimator):
         """Back to the belief before the first measurement."""
         self._belief: Any = self.initial
         self._u = np.zeros(len(self.plant.inputs))
+        self._repairs: dict[str, int] = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
@@ -513,10 +529,9 @@ class RecursiveFilter(Estimator):
     def _accept(self, belief: Any) -> None:
         """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""
         finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
-        rooted = self.form == "square_root"
-        if not finite or not (
-            rooted or np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float))))
-        ):
+        p = np.zeros((0, 0)) if self.form == "square_root" else np.asarray(belief.covariance, dtype=float)
+        pivots = np.diag(cholesky(p))
+        if not finite or not np.all(np.isfinite(pivots)):
             raise NumericalFailure(
                 "The covariance of the estimate is not semidefinite."
                 if finite
@@ -526,3 +541,5 @@ class RecursiveFilter(Estimator):
                 "covariance",
             )
         self._belief = belief
+        singular = int(np.count_nonzero((pivots == 0.0) & (np.diag(p) > 0.0)))
+        self._repairs = _counted(self._repairs, singular=singular)
