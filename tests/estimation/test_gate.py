@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from functools import partial
 
@@ -100,6 +101,33 @@ def test_of_good_measurements_as_many_are_rejected_as_stated():
         x = f * x + 0.1 * rng.normal(size=2)
     share = filter.rejected / samples
     assert np.all(np.abs(share - 0.1) < 0.02), share  # more than four deviations
+
+
+@EVERY
+def test_what_a_filter_goes_on_in_spite_of_is_counted(kind):
+    filter = kind(sensors(), 0.05, measurement_noise=NOISE, **GIVEN, gate=0.999)
+    none = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
+    assert filter.repairs == none
+    filter.correct([np.nan, np.nan, 0.1])
+    filter.correct([np.nan] * 3)
+    filter.correct([0.15, 50.0, np.nan])
+    assert filter.repairs == {**none, "skipped": 1, "missing": 3, "rejected": 1}
+    beside = copy.copy(filter)
+    beside.correct(None)
+    assert (beside.repairs["skipped"], filter.repairs["skipped"]) == (2, 1)
+    filter.reset()
+    assert filter.repairs == none
+
+
+def test_a_covariance_that_is_singular_to_rounding_is_counted():
+    """Two states that are known to be alike; nothing is counted of one that is known exactly, nor of rows."""
+    plant = fh.Plant(lambda x, u, d, p: 0.0 * x + u[0], lambda x, u, p: x[:1], ("a", "b"), ("u",))
+    for p0, form, count in (([[1.0, 1.0], [1.0, 1.0]], "covariance", 3), ([1.0, 0.0], "covariance", 0),
+                            ([[1.0, 1.0], [1.0, 1.0]], "square_root", 0)):  # fmt: skip
+        filter = ExtendedKalmanFilter(plant, 0.1, 0.0, 1.0, [0.0, 0.0], p0, form=form)
+        for _ in range(3):
+            filter.predict([0.0])
+        assert filter.repairs["singular"] == count
 
 
 # In controllers ------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
 from statistics import NormalDist
@@ -13,6 +13,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.estimation.bounds import check_inside, checked_bounds
 from flexhinf.estimation.delays import LateOutputs
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
 from flexhinf.plant import (
@@ -195,6 +196,11 @@ def _seen(column: Any, flags: Any) -> Any:
     return np.concatenate([masked(flags, column[:p]), column[p:]])
 
 
+def _counted(counts: dict[str, int], **more: int) -> dict[str, int]:
+    """Counts and more of them; another dictionary, as copies of a filter share the first one."""
+    return {name: count + more.get(name, 0) for name, count in counts.items()}
+
+
 def applied(vector: Any, matrix: Any) -> Any:
     """A matrix times a vector."""
     return matrix @ vector
@@ -235,11 +241,16 @@ class RecursiveFilter(Estimator):
         One for each measured signal, instead of `measurement_noise`: noise and quantisation are R^n. A signal that is
         not there at every sample is NaN in between. Where signals are late, the filter's `plant` is a map with past
         outputs as further states, see `flexhinf.estimation.delays`: the estimate has them too.
+    bounds : mapping of str to (float, float), optional
+        Intervals of states, best of parameters and states that are not measured. Outside of them, after a prediction or
+        a correction, the mean moves to the most likely point within, see `flexhinf.estimation.bounds`; the unscented
+        filter clips its sigma points instead. Variances stay.
 
     Raises
     ------
     InvalidInput
-        If shapes do not fit the plant, or a covariance is not one.
+        If shapes do not fit the plant, or a covariance is not one; for a gate that is no probability; for a bound that
+        is no interval of a known state that contains the initial mean.
     """
 
     def __init_subclass__(cls, **arguments: Any) -> None:
@@ -257,6 +268,7 @@ class RecursiveFilter(Estimator):
         form: Form = "covariance",
         gate: float | None = None,
         sensors: Sequence[Sensor] | Sensor | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
@@ -273,6 +285,7 @@ class RecursiveFilter(Estimator):
         one_of("There is no such form of a filter.", form, get_args(Form))
         self.form: Form = form
         self.limit, self.gate = gate_limit(gate), None if gate is None else float(gate)
+        self.bounds = checked_bounds(bounds, plant)
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
         self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
         self._parameters = plant.parameters.named(plant.parameters.vector())
@@ -315,9 +328,10 @@ class RecursiveFilter(Estimator):
         Raises
         ------
         InvalidInput
-            If it does not fit the plant.
+            If it does not fit the plant, or lies outside of the bounds.
         """
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
+        check_inside(start, self.bounds, self.plant)
         rooted = self.form == "square_root"
         belief = RootGaussian(start, root_rows(self._start)) if rooted else Gaussian(start, self._start)
         if self.gate is not None:
@@ -485,6 +499,15 @@ class RecursiveFilter(Estimator):
         counts = np.zeros(len(self.plant.outputs)) if self.gate is None else self._belief.rejected
         return np.array(counts, dtype=int)
 
+    @property
+    def repairs(self) -> dict[str, int]:
+        """What `correct` and `predict` went on in spite of since the start, and how often.
+
+        "skipped": samples where nothing was measured. "missing", "rejected": elements of other samples. "singular":
+        pivots of covariances that were zero to rounding, and taken for zero; rows of deviations need no such thing.
+        """
+        return {**self._repairs, "rejected": int(self.rejected.sum())}
+
     def predict(self, u: Any) -> None:
         """Time update with the input u (m,) held over the period.
 
@@ -516,7 +539,7 @@ class RecursiveFilter(Estimator):
         y = self._measurement(y)
         there = np.count_nonzero(np.isfinite(y))
         if not there:
-            self.log_likelihood = 0.0
+            self.log_likelihood, self._repairs = 0.0, _counted(self._repairs, skipped=1)
             return
         with np.errstate(all="ignore"):  # checked below
             belief, innovation, spread = self.innovate(
@@ -524,6 +547,7 @@ class RecursiveFilter(Estimator):
             )
             before = self.rejected.sum()
             self._accept(belief)
+            self._repairs = _counted(self._repairs, missing=int(len(y) - there))
             there -= self.rejected.sum() - before
             factor = cholesky(np.asarray(spread, dtype=float))
             white = solve_lower(factor, np.asarray(innovation, dtype=float))
@@ -535,6 +559,7 @@ class RecursiveFilter(Estimator):
         """Back to the belief before the first measurement."""
         self._belief: Any = self.initial
         self._u = np.zeros(len(self.plant.inputs))
+        self._repairs: dict[str, int] = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
         self.log_likelihood = float("nan")
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
@@ -562,10 +587,9 @@ class RecursiveFilter(Estimator):
     def _accept(self, belief: Any) -> None:
         """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""
         finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
-        rooted = self.form == "square_root"
-        if not finite or not (
-            rooted or np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float))))
-        ):
+        p = np.zeros((0, 0)) if self.form == "square_root" else np.asarray(belief.covariance, dtype=float)
+        pivots = np.diag(cholesky(p))
+        if not finite or not np.all(np.isfinite(pivots)):
             raise NumericalFailure(
                 "The covariance of the estimate is not semidefinite."
                 if finite
@@ -575,3 +599,5 @@ class RecursiveFilter(Estimator):
                 "covariance",
             )
         self._belief = belief
+        singular = int(np.count_nonzero((pivots == 0.0) & (np.diag(p) > 0.0)))
+        self._repairs = _counted(self._repairs, singular=singular)

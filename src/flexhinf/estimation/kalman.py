@@ -19,13 +19,14 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.estimation.bounds import projected
 from flexhinf.estimation.filter import Form, RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_rows, root_prediction
 from flexhinf.plant import Plant, Sensor, turned
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
 from flexhinf.scalars.trace import linear
-from flexhinf.validation import checked_kind, read_only, real_array, real_number, value_text
+from flexhinf.validation import read_only, real_number
 
 
 class SigmaPoints:
@@ -93,7 +94,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         points are used for the measurement (and a linear plant no longer gives the Kalman filter).
     bounds : mapping of str to (float, float), optional
         Intervals of states: the sigma points are clipped to them in the time and in the measurement update,
-        and the estimate too. The paper's "bounded UKF" is not defined there; this is ours.
+        and the estimate too [kandepu2008]. The paper's "bounded UKF" is not defined there; this is ours. Bound
+        parameters and states that are not measured.
 
     Raises
     ------
@@ -120,7 +122,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
         sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
         super().__init__(
-            plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors
+            plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors, bounds
         )
         plant = self.plant
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
@@ -139,22 +141,6 @@ class UnscentedKalmanFilter(RecursiveFilter):
                 f"{beta=}, {kappa=}",
                 'form="covariance", or alpha=1, beta=2, kappa=0',
             )
-        what, advice = "The bounds of the estimates are no mapping.", "bounds={'stiffness': (0.5, 2.0)}"
-        checked_kind(what, {} if bounds is None else bounds, Mapping, "(low, high) by name", advice)
-        self.bounds: dict[str, tuple[float, float]] = {}
-        for name, interval in (bounds or {}).items():
-            plant.index(name)
-            try:
-                low, high = real_array(interval).tolist()
-            except (TypeError, ValueError):
-                low = high = np.nan
-            if not low < high:
-                raise InvalidInput(
-                    f"The bounds of {name!r} are not an interval.",
-                    f"expected (low, high) with low < high, got {value_text(interval)}",
-                    f"bounds={{{name!r}: (-1.0, 1.0)}}",
-                )
-            self.bounds[name] = (low, high)
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
     def settings(self) -> dict[str, Any]:
@@ -180,15 +166,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds} {self.gate}"
 
     def initial_at(self, mean: Any) -> Any:
-        """The initial belief with another mean (n,), which must be inside the bounds; its points too."""
+        """The initial belief with another mean (n,), its points too."""
         belief = super().initial_at(mean)
-        for name, (low, high) in self.bounds.items():
-            if not low <= belief.mean[self.plant.index(name)] <= high:
-                raise InvalidInput(
-                    f"The mean is outside the bounds of {name!r}.",
-                    f"expected {low:.6g} to {high:.6g}, got {belief.mean[self.plant.index(name)]:.6g}",
-                    "wider bounds, or another mean",
-                )
         if self.redraw:
             return belief
         points = self.points(DIRECT, belief.mean, cholesky(belief.covariance))
@@ -416,12 +395,14 @@ class ExtendedKalmanFilter(RecursiveFilter):
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
-        return {**super().settings(), "form": self.form, "gate": self.gate}
+        own = {"form": self.form, "gate": self.gate, "bounds": dict(self.bounds)}
+        return {**super().settings(), **own}
 
     @property
     def estimator_key(self) -> str:
-        """Method, period, sub-steps and gate: constants of the traced code."""
-        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages} {self.gate}"
+        """Method, period, sub-steps, gate and bounds: constants of the traced code."""
+        bounds = sorted(self.bounds.items())
+        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages} {self.gate} {bounds}"
 
     @property
     def operations(self) -> int:
@@ -448,9 +429,12 @@ class ExtendedKalmanFilter(RecursiveFilter):
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
-            return belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
-        mean, spread = self._moved(run, belief.mean, run.cholesky(belief.covariance), u, p)
-        return belief._replace(mean=mean, covariance=run.gram(spread, np.ones(self.plant.n), process_noise))
+            moved = belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
+        else:
+            mean, spread = self._moved(run, belief.mean, run.cholesky(belief.covariance), u, p)
+            covariance = run.gram(spread, np.ones(self.plant.n), process_noise)
+            moved = belief._replace(mean=mean, covariance=covariance)
+        return self._within(run, moved)
 
     def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
         """x(k+1|k), and W Aᵀ, rows of its covariance before R^v is added."""
@@ -464,4 +448,26 @@ class ExtendedKalmanFilter(RecursiveFilter):
             mean = run.call(self.sub_step, mean, u, p)
         return mean, spread
 
-    innovation_stages = RecursiveFilter.linear_innovation  # with C = ∂H/∂x
+    def innovation_stages(
+        self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
+    ) -> tuple[Any, Any, Any]:
+        """x(k|k−1) → (x(k|k), innovation, its covariance), with C = ∂H/∂x."""
+        corrected, *spread = self.linear_innovation(run, belief, y, u, p, measurement_noise)
+        return self._within(run, corrected), *spread
+
+    def _within(self, run: Any, belief: Any) -> Any:
+        """The belief with its mean within the bounds."""
+        if not self.bounds:
+            return belief
+        names, carries_root = sorted(self.bounds), self.form == "square_root"
+        places, ends = [self.plant.index(name) for name in names], [self.bounds[name] for name in names]
+        columns = run.call(partial(_of_root if carries_root else _of_covariance, places), belief[1])
+        return belief._replace(mean=run.call(partial(projected, places, ends), belief.mean, columns))
+
+
+def _of_covariance(places: list[int], covariance: Any) -> Any:
+    return covariance[:, places]
+
+
+def _of_root(places: list[int], root: Any) -> Any:
+    return root.T @ root[:, places]

@@ -37,10 +37,10 @@ class ConstantGainFilter(Estimator):
 
     def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
         refuse_if(
-            filter.gate is not None,
-            "A filter with a constant gain has no gate: it predicts no variance.",
-            f"expected gate=None of its filter, got gate={filter.gate!r}",
-            "the filter without a gate, or that filter itself as the estimator",
+            filter.gate is not None or filter.bounds,
+            "A filter with a constant gain has neither gate nor bounds: it predicts no variance.",
+            f"expected none of its filter, got gate={filter.gate!r} and bounds={filter.bounds!r}",
+            "the filter without them, or that filter itself as the estimator",
         )
         self.filter, self.plant, self.period = filter, filter.plant, filter.period
         self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
