@@ -41,9 +41,11 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .identification import (
+    Excitation as Excitation,
     Identification as Identification,
     Log as Log,
     consistency as consistency,
+    excitation as excitation,
     filter_log as filter_log,
     identify as identify,
     read_log as read_log,
@@ -77,6 +79,7 @@ from .plant import (
     Penalty as Penalty,
     Plant as Plant,
     PolynomialPlant as PolynomialPlant,
+    Sensor as Sensor,
 )
 from .robot import (
     Parameter as Parameter,

@@ -1,4 +1,4 @@
-"""Exported C where sensors give nothing at times: the bits of `Controller.step`."""
+"""Exported C where sensors give nothing at times, or jump by a turn: the bits of `Controller.step`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.estimation import test_angles
 
 import flexhinf as fh
 from flexhinf.baselines import lqr
@@ -68,3 +69,19 @@ def test_in_float_it_does_without_them_too(kind: str, build: Callable[..., Any])
     expected = [stepped.step(value if there else None, 0.1) for value, there in zip(y, measured, strict=True)]
     assert set(codes.tolist()) == {0, 5, 7}
     assert np.abs(u - expected).max() < 1e-2 * np.abs(expected).max()
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", ["ukf", "ukf, rows", "ekf"])
+def test_the_exported_step_counts_the_turns_of_an_angle(kind: str, build: Callable[..., Any]) -> None:
+    stepped = test_angles.controller(test_angles.KINDS[kind], 3.0)
+    y = test_angles.wrapped(3.0 + 0.02 * np.arange(400.0))[:, None]
+    y[::9] = np.nan
+    r = np.full((400, 1), 4.0)
+    u, x, _ = build(stepped).replay(y, r, np.ones(400, dtype=int), 1, 2)
+    assert x[-1, 0] > 3.0 * np.pi
+    for k in range(400):
+        expected = stepped.step(y[k], 4.0)
+        np.testing.assert_allclose(u[k], expected, rtol=1e-9, atol=1e-9)
+        if host().fused:
+            np.testing.assert_array_equal(u[k], expected)

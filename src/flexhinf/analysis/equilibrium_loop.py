@@ -21,6 +21,7 @@ from flexhinf.analysis.sampled_controller import (
     Rows,
     SampledController,
     Stepped,
+    check_states,
     equilibrium_integrals,
     model_rows,
     near_equilibrium,
@@ -102,6 +103,8 @@ class EquilibriumLoop:
             raise InvalidInput(
                 "The delay is not a number of samples.", f"expected an integer >= 0, got {delay!r}", "delay=1"
             )
+        true_plant.check_continuous("linear loop")
+        check_states(law, filter)
         latency = checked_latency(latency, filter)
         check_delay(delay + latency, period, LONGEST_LINEAR)
         self.law, self.filter, self.plant, self.period = law, filter, true_plant, period
@@ -151,7 +154,7 @@ class EquilibriumLoop:
         x, u = self.model_equilibrium
         plant, rows = self.filter.plant, model_rows(self.filter)
         _, slope = rows(np.concatenate([x, u])[None, :], plant.parameters.vector(), self.filter.sub_steps)
-        return slope[0, : len(x), : len(x)], plant.linearise(x, u)[3]
+        return slope[0, : len(x), : len(x)], plant.slopes(x, u)[3]
 
     def gain(self, process_noise: np.ndarray) -> np.ndarray:
         """The filter's stationary gain (n, p) at the goal for this R^v (n, n)."""
@@ -257,7 +260,7 @@ class EquilibriumLoop:
         by[: step.k] = tracked.reshape(step.k, len(self.positions))
         if self.moving:
             plant = self._model
-            a, b, _, _ = plant.linearise(x if self.filter is not None else self._true_start(x, u), u)
+            a, b, _ = plant.change_slopes(x if self.filter is not None else self._true_start(x, u), u)
             commanded = [plant.index(name) for name in self.positions]
             free = [i for i in range(plant.n) if i not in commanded]
             moved = np.linalg.lstsq(np.hstack([a[:, free], b]), -a[:, commanded], rcond=None)[0]

@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Columns, Copy, Kernel, Map, Program, Repeat, Slice, compile_program
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller
 from flexhinf.loop.shared import share
@@ -315,6 +315,17 @@ def stacked(*parts: _Dual) -> _Dual:
     return _Dual(np.hstack([p.value for p in parts]), np.concatenate([p.by for p in parts], axis=1))
 
 
+def check_states(law: Law, estimator: Any) -> None:
+    """Refuse an estimator of other states than the law's."""
+    states = law.plant_states if estimator is None else tuple(estimator.plant.states)
+    refuse_if(
+        states != law.plant_states,
+        "The linear loop knows no estimator of other states than the law's.",
+        f"expected {list(law.plant_states)}, got {list(states)}",
+        "an estimator of the law's plant; Loop.run takes this one",
+    )
+
+
 def model_rows(filter: RecursiveFilter) -> Rows:
     """One sub-step of a filter's model: (x, u), parameters → (x, u) after it; `filter.sub_steps` make F."""
     n, m, size = filter.plant.n, len(filter.plant.inputs), filter.plant.parameters.size
@@ -352,6 +363,7 @@ class SampledController:
     ) -> None:
         self.law, self.estimator, self.period, self.moving = law, estimator, period, moving
         control = self.controller = Controller(law, estimator, period, moving=moving, latency=latency)
+        check_states(law, estimator)
         latency = self.latency = control.mode.latency
         self.states, self.tracked, self.measured = control.states, control.tracked, control.measured
         self.n, self.m = len(self.states), len(law.input_names)

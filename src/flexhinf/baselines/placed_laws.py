@@ -314,6 +314,7 @@ class NormalForm:
 
     def __post_init__(self) -> None:
         names = tuple(self.outputs)
+        self.plant.check_continuous("normal form")
         if len(set(names)) != len(names) or len(names) != len(self.plant.inputs):
             raise InvalidInput(
                 "A normal form needs as many outputs as inputs.",

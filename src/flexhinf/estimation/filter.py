@@ -11,9 +11,21 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.estimation.delays import LateOutputs
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
-from flexhinf.plant import Estimator, Gaussian, Plant, chosen, eight_stages, known, rk4_stages, sub_steps
+from flexhinf.plant import (
+    Estimator,
+    Gaussian,
+    Plant,
+    Sensor,
+    SensorTable,
+    chosen,
+    eight_stages,
+    known,
+    rk4_stages,
+    sub_steps,
+)
 from flexhinf.plant.protocols import use_default_form
 from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed
 from flexhinf.scalars.trace import elementary
@@ -73,6 +85,16 @@ def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) 
     return matrix
 
 
+def model_steps(plant: Plant, period: float, x: np.ndarray) -> tuple[int, int]:
+    """Stages and number of Runge–Kutta steps of a period, s, by the fastest mode at x (n,); 1 and 1 of a map."""
+    mode = plant.fastest_mode(x)
+    counts = {stages: sub_steps(period, mode, largest) for stages, largest in MODEL_STEP.items()}
+    if plant.sampled:
+        return 1, 1
+    long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
+    return (8, counts[8]) if long else (4, counts[4])
+
+
 def gained(run: Any, prior: Any, outputs: Any, weights: Any, y: Any, noise: Any) -> tuple[Any, ...]:
     """Steps 8 to 11 of Algorithm 1: corrected mean, Kᵀ (p, n), factor of P_yy, innovation, P_yy; see `correction`."""
     (mean, deviations), (expected, spread) = prior, outputs
@@ -121,16 +143,6 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
-def _present(y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
-    """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
-    flags = known(y)
-    innovation = chosen(flags, y, expected) - expected - masked(flags, shift)
-    left = masked(np.array([flags * flag for flag in flags]), noise)
-    for i, flag in enumerate(flags):
-        left[i, i] = chosen(flag, noise[i, i], 1.0)
-    return flags, innovation, left
-
-
 def _seen(column: Any, flags: Any) -> Any:
     """A column whose first elements belong to outputs, zero where those are missing."""
     p = len(flags)
@@ -146,12 +158,12 @@ class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
 
     NaN in a measurement means that this sensor gave nothing: the others are used, as by the filter whose output has
-    them alone.
+    them alone. Angles of the plant (``fh.Plant(..., angles=...)``) are compared by the shorter way round.
 
     Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
     fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
     a step is as long as a mode's fifth, and what bends within less than that (dry friction, a dead zone) asks for many
-    short ones.
+    short ones. A map (``fh.Plant(..., sampled=True)``) is evaluated once: `stages` and `sub_steps` are 1.
 
     Parameters
     ----------
@@ -162,12 +174,16 @@ class RecursiveFilter(Estimator):
     process_noise : float, (n,) or (n, n) array
         R^v, the covariance added at each time step.
     measurement_noise : float, (p,) or (p, p) array
-        R^n, covariance of a measurement.
+        R^n, covariance of a measurement; None where `sensors` state it.
     mean, covariance : (n,) and float, (n,) or (n, n) array
         Belief before the first measurement, x(0|−1).
     form : {"square_root", "covariance"}
         What a belief carries beside its mean: rows W with P = WᵀW, which rounding cannot make indefinite and which
         keep their digits where variances lie many decades apart; or P itself, the paper's form.
+    sensors : sequence of flexhinf.Sensor, optional
+        One for each measured signal, instead of `measurement_noise`: noise and quantisation are R^n. A signal that is
+        not there at every sample is NaN in between. Where signals are late, the filter's `plant` is a map with past
+        outputs as further states, see `flexhinf.estimation.delays`: the estimate has them too.
 
     Raises
     ------
@@ -188,10 +204,15 @@ class RecursiveFilter(Estimator):
         mean: Any,
         covariance: Any,
         form: Form = "covariance",
+        sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
-        self.plant = plant
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
+        if sensors is not None:
+            plant, process_noise, measurement_noise, mean, covariance = self._sensed(
+                plant, sensors, process_noise, measurement_noise, mean, covariance
+            )
+        self.plant = plant
         self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
         self.measurement_noise = read_only(
             covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
@@ -200,12 +221,40 @@ class RecursiveFilter(Estimator):
         one_of("There is no such form of a filter.", form, get_args(Form))
         self.form: Form = form
         self.initial: Any = RecursiveFilter.initial_at(self, mean)
-        mode = plant.fastest_mode(self.initial.mean)
-        counts = {stages: sub_steps(self.period, mode, largest) for stages, largest in MODEL_STEP.items()}
-        long = 8 * counts[8] < 4 * counts[4] and elementary(plant.traced_flow)
-        self.stages, self.sub_steps = (8, counts[8]) if long else (4, counts[4])
+        self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
+
+    def _sensed(
+        self,
+        plant: Plant,
+        sensors: Any,
+        process_noise: Any,
+        measurement_noise: Any,
+        mean: Any,
+        covariance: Any,
+    ) -> tuple[Any, ...]:
+        """Plant, noises, mean and covariance with these sensors."""
+        refuse_if(
+            measurement_noise is not None,
+            "The measurement noise is stated twice.",
+            "expected measurement_noise=None with sensors=(...), got both",
+            "fh.Sensor(name, noise=…), whose noise is a standard deviation",
+        )
+        table = SensorTable.of(sensors, plant.outputs, plant.expanded, self.period)
+        if not table.delays.any():
+            return plant, process_noise, table.variances, mean, covariance
+        mean = checked_array(
+            "The mean given to the estimator does not fit its plant.", mean, (plant.n,),
+            f"{plant.n} finite numbers for {list(plant.states)}", "one number per name",
+        )  # fmt: skip
+        late = LateOutputs(
+            plant, self.period, *model_steps(plant, self.period, mean), tuple(table.delays.tolist())
+        )
+        late.check()
+        mean, covariance = late.start(mean, covariance_matrix(covariance, plant.n, "initial covariance"))
+        noise = late.process_noise(covariance_matrix(process_noise, plant.n, "process noise R^v"))
+        return late.late_plant(), noise, table.variances, mean, covariance
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,).
@@ -284,8 +333,17 @@ class RecursiveFilter(Estimator):
         identity. (With R^n as it is, noise that is correlated would still speak of it.) In the deviations, rows may
         follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift.
         """
-        flags, innovation, noise = run.call(_present, y, expected, noise, shift)
+        flags, innovation, noise = run.call(self._present, y, expected, noise, shift)
         return innovation, run.columns(_seen, deviations, flags), noise
+
+    def _present(self, y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
+        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
+        flags = known(y)
+        y = chosen(flags, self.unwound(y, expected + shift), expected)
+        left = masked(np.array([flags * flag for flag in flags]), noise)
+        for i, flag in enumerate(flags):
+            left[i, i] = chosen(flag, noise[i, i], 1.0)
+        return flags, y - expected - masked(flags, shift), left
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -315,7 +373,9 @@ class RecursiveFilter(Estimator):
         return self.moved(DIRECT, x, u, self.plant.parameters.flat(p))
 
     def sub_step(self, x: Any, u: Any, p: Any, run: Any = DIRECT) -> Any:
-        """One of the `sub_steps` Runge–Kutta steps of F; p is the vector of parameters."""
+        """One of the `sub_steps` Runge–Kutta steps of F, or F itself of a map; p is the vector of parameters."""
+        if self.plant.sampled:
+            return run.call(self.flow, x, u, p)
         method: Any = {4: rk4_stages, 8: eight_stages}[self.stages]
         return method(run, self.flow, x, self.period / self.sub_steps, u, p)
 
@@ -324,7 +384,7 @@ class RecursiveFilter(Estimator):
         return run.repeat(self.sub_steps, lambda x: (self.sub_step(x, u, p, run),), x)[0]
 
     def flow(self, x: Any, u: Any, p: Any) -> Any:
-        """ẋ without disturbances; p is the vector of parameters."""
+        """ẋ, or x⁺ of a map, without disturbances; p is the vector of parameters."""
         return self.plant.evaluate_flow(x, u, np.zeros(len(self.plant.disturbances)), p)
 
     def output(self, x: Any, u: Any, p: Any) -> Any:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import Form, RecursiveFilter, correction, gained, rooted
 from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_rows, root_prediction
-from flexhinf.plant import Gaussian, Plant
+from flexhinf.plant import Gaussian, Plant, Sensor, turned
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
 from flexhinf.scalars.trace import linear
@@ -84,7 +84,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     Parameters
     ----------
-    plant, period, process_noise, measurement_noise, mean, covariance
+    plant, period, process_noise, measurement_noise, mean, covariance, form, sensors
         As in `flexhinf.estimation.filter.RecursiveFilter`.
     alpha, beta, kappa : float
         Table 3.
@@ -116,8 +116,10 @@ class UnscentedKalmanFilter(RecursiveFilter):
         redraw: bool = True,
         bounds: Mapping[str, tuple[float, float]] | None = None,
         form: Form = "covariance",
+        sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
-        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance, form)
+        super().__init__(plant, period, process_noise, measurement_noise, mean, covariance, form, sensors)
+        plant = self.plant
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
         if form == "square_root":
@@ -194,7 +196,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
             mean, rows = self.moved_rows(run, belief, u, p)
             return RootGaussian(mean, root_prediction(run, rows, process_noise))
         points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
-        moved = self.inside(run, run.sweep(self.moved, points, u, p))  # 2
+        moved = _about_first(run, self.wrapped, run.sweep(self.moved, points, u, p))  # 2
+        moved = self.inside(run, moved)
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
         deviations = self.deviations(run, moved, mean)
         covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4
@@ -214,7 +217,7 @@ class UnscentedKalmanFilter(RecursiveFilter):
             return self._corrected(run, belief, y, u, p, measurement_noise)
         weights = self.sigma.covariance_weights
         points, deviations, centre = self.redrawn(run, belief)  # 5
-        outputs = run.columns(self.output, points, u, p)  # 6
+        outputs = _about_first(run, self.angles, run.columns(self.output, points, u, p))  # 6
         expected = run.combination(outputs, self.sigma.mean_weights)  # 7
         spread, still = self.deviations(run, outputs, expected), np.zeros(len(self.plant.outputs))
         innovation, spread, noise = self.admitted(run, y, expected, spread, measurement_noise, still)
@@ -238,12 +241,13 @@ class UnscentedKalmanFilter(RecursiveFilter):
         its place, then those that belong to none of them."""
         stepped = partial(self._stepped, run, u, p)
         mean, moved = run.repeat(self.sub_steps, stepped, belief.mean, self._spread(run, belief).T)
-        shift, rows = self._halves(run, self.inside(run, moved.T, mean))
+        apart = self.inside(run, _shorter(run, self.wrapped, moved.T), mean)
+        shift, rows = self._halves(run, apart)
         return run.call(np.add, mean, shift), rows
 
     def _corrected(self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         mean, apart = belief.mean, self.inside(run, self._spread(run, belief), belief.mean)
-        outputs = run.columns(self._output_difference, apart, mean, u, p)
+        outputs = _shorter(run, self.angles, run.columns(self._output_difference, apart, mean, u, p))
         shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
         expected = run.call(self.output, mean, u, p)
         shift, mean = run.call(_parted, y, shift, mean)
@@ -292,6 +296,16 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def _output_difference(self, deviation: Any, x: Any, u: Any, p: Any) -> Any:
         return apply(self._differences[1], x, deviation, u, p)[0]
 
+    @property
+    def angles(self) -> list[int]:
+        """Places of the outputs that are angles."""
+        return self.plant.angle_places(self.plant.outputs)
+
+    @property
+    def wrapped(self) -> list[int]:
+        """Places of the states that are angles and may be wrapped between two samples: those of a map."""
+        return self.plant.angle_places(self.plant.states) if self.plant.sampled else []
+
     @cached_property
     def linear_output(self) -> bool:
         """Whether H is linear in x, whatever the input and the parameters."""
@@ -334,6 +348,19 @@ class UnscentedKalmanFilter(RecursiveFilter):
             at = 0.0 if about is None else about[row]
             states[row] = clip(states[row], low - at, high - at)
         return states
+
+
+def _about_first(run: Any, places: Sequence[int], points: Any) -> Any:
+    """Sigma points (k, 2n + 1) whose angles, at these places, are the turns that lie nearest to the central ones."""
+    if not places:
+        return points
+    return run.columns(partial(turned, places=places), points, points.T[:1].reshape(len(points)))
+
+
+def _shorter(run: Any, places: Sequence[int], deviations: Any) -> Any:
+    """Deviations (k, 2n) whose angles, at these places, go the shorter way round."""
+    about = np.zeros(len(deviations))
+    return run.columns(partial(turned, places=places), deviations, about) if places else deviations
 
 
 def _odd_and_even(spread: float, up: Any, down: Any) -> tuple[Any, Any]:

@@ -334,6 +334,7 @@ def output_form(plant: Plant, about: np.ndarray | None = None) -> tuple[np.ndarr
     not have the form: which states enter nonlinearly, and what to measure in addition. If it has no linearisation at
     `about`.
     """
+    plant.check_continuous("drift that an observer could integrate")
     x, u = ca.SX.sym("x", plant.n), ca.SX.sym("u", len(plant.inputs))
     z, numbers = ca.vertcat(x, u), plant.parameters.vector()
     _check_output(plant, plant.traced_output(x, u, numbers), x, z)

@@ -79,7 +79,7 @@ def linear_model(filter: RecursiveFilter, x: np.ndarray, u: np.ndarray) -> tuple
     """(∂F/∂x, ∂h/∂x), (n, n) and (p, n), of the filter's own sampled model at x (n,) and u (m,)."""
     table = filter.plant.parameters
     moved = jacobian(lambda s, v, w: filter.transition(s, v, table.named(w)), len(x), len(u), table.size)
-    return moved(x, u, table.vector())[1], filter.plant.linearise(x, u)[3]
+    return moved(x, u, table.vector())[1], filter.plant.slopes(x, u)[3]
 
 
 def stationary_gain(

@@ -55,7 +55,7 @@ def compile_controller(
     c = code.controller
     about = {
         "what": "flexhinf controller", "version": __version__, "period": c.period, "measured": c.measured,
-        "commanded": c.commanded, "inputs": c.law.input_names, "states": c.states, "units": code.units,
+        "commanded": c.commanded, "inputs": c.law.input_names, "states": c.estimated, "units": code.units,
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
         "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],

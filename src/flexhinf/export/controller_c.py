@@ -156,7 +156,7 @@ class ControllerCode:
         c, estimator = controller, controller.estimator
         self.sizes = {
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
-            "u": len(c.law.input_names), "estimate": len(c.states),
+            "u": len(c.law.input_names), "estimate": len(c.estimated),
         }  # fmt: skip
         self.predicts = estimator is not None
         self.program = step_program(self.sizes, bool(c.commanded), c.gaps, c.steps)
@@ -169,7 +169,7 @@ class ControllerCode:
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
-        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.states}
+        self.signals = {"Y": c.measured, "R": c.commanded, "U": tuple(c.law.input_names), "X": c.estimated}
         self.units = {} if estimator is None else dict(estimator.plant.units)
         self.belief = None if estimator is None else np.asarray(estimator.initial[0], dtype=float)
         self.oldest = 2.0 * c.period

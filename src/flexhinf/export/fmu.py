@@ -151,6 +151,7 @@ def export_plant_fmu(
 
     Raises InvalidInput: as `export_fmu`; or the plant is too fast for the period.
     """
+    plant.check_continuous("integrator in an FMU")
     start, acting = _start(state, plant.states, "state"), _start(input, plant.inputs, "input")
     name, period = checked_identifier(name), checked_period(period)
     parameters = plant.parameters.vector()

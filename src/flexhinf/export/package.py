@@ -231,7 +231,8 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
     c, place = code.controller, code.belief
     if c.mode.moving and code.standstill is None:
         return "A motion", c.operating_reference
-    state = np.asarray(c.law.operating_point)[: len(c.states)] if place is None else place
+    state = np.asarray(c.law.operating_point)[: len(c.states)]
+    state = state if place is None else c.estimated_states.own(place)
     if code.standstill is not None:
         return "Link positions", state[: code.standstill.size1_in(0)]
     positions = state[[c.law.plant_states.index(name) for name in c.law.tracked]]
@@ -419,6 +420,8 @@ PARTS = {
     "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
     "windup_spread": "how much more they push, likewise",
     "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
+    "balance_state": "what each estimated load moves the equilibrium's state by",
+    "balance_input": "and its input",
 }
 
 
@@ -513,7 +516,7 @@ def _room(controller: Controller, count: int) -> np.ndarray:
     plant, share = controller.estimator.plant, []
     for name in controller.tracked:
         low, high = plant.limits.get(name, (-np.inf, np.inf))
-        at = controller.law.operating_point[plant.index(name)]
+        at = controller.law.operating_point[controller.states.index(name)]
         share.append(np.clip(min(at - low, high - at) / (2.0 * SWING), 0.0, 1.0))
     return np.array(share)
 
@@ -524,7 +527,11 @@ def _standstills(controller: Controller) -> np.ndarray:
     slope: Any = (None,)
     if controller.estimator is not None and places:
         r = controller.operating_reference
-        slope = equilibrium_line(controller.estimator.plant, r[:n], r[n:], places)
+        model, states = controller.estimator.plant, controller.estimated_states
+        moved, pushed = equilibrium_line(
+            model, states.whole(r[:n]), r[n:], [model.index(name) for name in controller.tracked]
+        )
+        slope = (None,) if moved is None else (states.own(moved), pushed)
     return np.zeros((len(controller.commanded), len(places))) if slope[0] is None else np.vstack(slope)
 
 

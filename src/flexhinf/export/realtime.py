@@ -269,7 +269,7 @@ def _check_library(library: CompiledController, controller: Any) -> None:
     """Refuse a library of another controller: by its signals and its period, then by all that its inputs depend on."""
     own = {
         "period": controller.period, "measured": controller.measured, "commanded": controller.commanded,
-        "inputs": tuple(controller.law.input_names), "states": controller.states,
+        "inputs": tuple(controller.law.input_names), "states": controller.estimated,
     }  # fmt: skip
     for name, value in own.items():
         stated = getattr(library, name)

@@ -6,8 +6,18 @@ it does not tell.
 """
 
 from flexhinf.identification.consistency import consistency
+from flexhinf.identification.excitation import Excitation, excitation
 from flexhinf.identification.filtering import filter_log
 from flexhinf.identification.identify import Identification, identify
 from flexhinf.identification.log import Log, read_log
 
-__all__ = ["Identification", "Log", "consistency", "filter_log", "identify", "read_log"]
+__all__ = [
+    "Excitation",
+    "Identification",
+    "Log",
+    "consistency",
+    "excitation",
+    "filter_log",
+    "identify",
+    "read_log",
+]

@@ -134,7 +134,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
     Raises
     ------
     InvalidInput
-        If the log does not fit the plant.
+        If the log does not fit the plant; of a map, if its times are not whole periods apart.
     NumericalFailure
         If the filter diverges, with the sample.
     """

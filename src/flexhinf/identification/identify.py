@@ -25,12 +25,10 @@ from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Evaluation, Likelihood
 from flexhinf.identification.recursion import rows_of
 from flexhinf.identification.unknowns import (
-    EXTRA_OF,
     Noises,
     Unknowns,
+    model_of,
     plant_numbers,
-    quantity_of,
-    robot_numbers,
 )
 from flexhinf.notebook import Summarised, number_text
 from flexhinf.plant import Plant
@@ -44,9 +42,9 @@ ITERATIONS, DAMPING, EASIER, HARDER, STIFFEST, LONGEST, GAIN = 200, 1e-3, 0.2, 8
 #: Rounds towards the restricted likelihood, and the change of a noise's logarithm for its slope.
 ROUNDS, TURN = 4, 1e-2
 
-#: Standard errors to other numbers, how much less likely the log must be there (32 were it a parabola), and iterations
+#: Standard errors to other numbers, how much less likely the log must be there (200 were it a parabola), and iterations
 #: of all else.
-FAR, DROP, TRIES = 8.0, 12.0, 12
+FAR, DROP, TRIES = 20.0, 12.0, 12
 
 #: Normal quantile of the intervals, 95 %.
 QUANTILE = 1.959963984540054
@@ -346,31 +344,22 @@ def identify(
         "a Robot or a Plant",
         'fh.load_robot("arm.toml")',
     )
-    names = checked_names("The numbers to identify", parameters)
     refuse_if(
-        not names,
-        "No number is to be identified.",
-        "expected parameters=(...), got none",
-        "parameters=('stiffness',)",
-    )
-    robot, plant = (model, None) if isinstance(model, Robot) else (None, model)
-    if robot is not None:
-        numbers = robot_numbers(robot, names)
-        needed = {EXTRA_OF[q] for n in numbers if (q := quantity_of(robot, n.name)) in EXTRA_OF}
-        stated = checked_names("The extras", extras)
-        sensors = (
-            measured if measured is not None else getattr(log, "names", {}).get("output") or "link_position"
-        )
-        plant = robot.plant(sensors, extras=(*stated, *sorted(needed - set(stated))))
+        not checked_names("The numbers to identify", parameters), "No number is to be identified.",
+        "expected parameters=(...), got none", "parameters=('stiffness',)",
+    )  # fmt: skip
+    robot = model if isinstance(model, Robot) else None
+    if isinstance(model, Robot):
+        known = getattr(log, "names", {}).get("output") or ("link_position",)
+        plant, numbers = model_of(model, parameters, known if measured is None else measured, extras)
     else:
-        assert plant is not None
         refuse_if(
             measured is not None or bool(extras),
             "A plant has its outputs already.",
             "expected measured and extras of a robot only",
             "leave them out, or identify(robot, ...)",
         )
-        numbers = plant_numbers(plant, names)
+        plant, numbers = model, plant_numbers(model, checked_names("The numbers to identify", parameters))
     times, inputs, outputs = log_arrays(log, plant)
     chosen: ExtendedKalmanFilter = (
         default_filter(plant, times, inputs, outputs)

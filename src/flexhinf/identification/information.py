@@ -61,14 +61,16 @@ class Information:
     def of(evaluation: Evaluation, names: Sequence[str], sizes: np.ndarray, clear: np.ndarray) -> Information:
         """Of a likelihood's maximum; `sizes` (K,) are a hundred per cent of each unknown, numbers first."""
         count = len(clear)
-        whole = evaluation.information * sizes * sizes[:, None]
+        matrix, regression = _alone(evaluation.information * sizes * sizes[:, None], count)
         scores = (evaluation.scores - evaluation.scores.mean(axis=0)) * sizes
-        own, cross, others = whole[:count, :count], whole[:count, count:], whole[count:, count:]
-        regression = cross @ np.linalg.pinv(others, rcond=1e-10, hermitian=True)
-        matrix = own - regression @ cross.T
-        matrix = (matrix + matrix.T) / 2.0
         along = scores[:, :count] - scores[:, count:] @ regression.T
         return Information(tuple(names[:count]), matrix, long_run(along), clear)
+
+    @staticmethod
+    def expected(evaluation: Evaluation, names: Sequence[str], sizes: np.ndarray, count: int) -> Information:
+        """Of a log that is yet to come: without its scores."""
+        matrix, _ = _alone(evaluation.information * sizes * sizes[:, None], count)
+        return Information(tuple(names[:count]), matrix, matrix, np.ones(count, dtype=bool))
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -121,6 +123,14 @@ class Information:
         """Of the errors, (k, k); NaN beside what is not told."""
         size = np.where(np.isfinite(self.standard_errors), np.sqrt(np.diag(self._covariance)), np.nan)
         return self._covariance / size / size[:, None]
+
+
+def _alone(information: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Information (count, count) of the first numbers, the others unknown, and their regression on these."""
+    own, cross, others = information[:count, :count], information[:count, count:], information[count:, count:]
+    regression = cross @ np.linalg.pinv(others, rcond=1e-10, hermitian=True)
+    matrix = own - regression @ cross.T
+    return (matrix + matrix.T) / 2.0, regression
 
 
 def long_run(scores: np.ndarray) -> np.ndarray:

@@ -25,7 +25,7 @@ from flexhinf.codegen import (
     Slice,
     compile_program,
 )
-from flexhinf.errors import NumericalFailure
+from flexhinf.errors import NumericalFailure, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
 from flexhinf.loop.controller.memory import Layout
 from flexhinf.loop.shared import share
@@ -75,10 +75,12 @@ class TimedFlow:
     """The flow of a plant per unit of the time of a prediction; of a map, the map itself."""
 
     def __init__(self, plant: Plant) -> None:
-        self.flow = plant.flow
+        self.flow, self.sampled = plant.flow, plant.sampled
 
     def __call__(self, x: Any, u: Any, d: Any, p: Any) -> Any:
         """dx/dτ (n,), on any element."""
+        if self.sampled:
+            return self.flow(x, u, d, p)
         return getattr(p, SECONDS) * np.asarray(self.flow(x, u, d, p))
 
 
@@ -214,6 +216,7 @@ class Recursion:
         sample after which a number is not finite.
         """
         filter, count = self.filter, len(rows.seconds)
+        check_spacing(filter, rows.seconds[:, 0])
         noises = {"process_noise": process_noise, "measurement_noise": measurement_noise}
         own = {name: getattr(filter, name) if value is None else value for name, value in noises.items()}
         own["process_noise"] = own["process_noise"] / filter.period  # per second
@@ -236,6 +239,18 @@ class Recursion:
                 "a smaller initial covariance, a larger process noise, or other parameters",
             )
         return results if every else {name: array[rows.places] for name, array in results.items()}
+
+
+def check_spacing(filter: RecursiveFilter, seconds: np.ndarray) -> None:
+    """Refuse times between rows (K,), s, over which a map does not go."""
+    away = np.abs(seconds / filter.period - 1.0)
+    worst = int(np.argmax(away))
+    refuse_if(
+        filter.plant.sampled and away[worst] > LONGER - 1.0,
+        "A map goes over one period, and the rows of the log do not lie whole periods apart.",
+        f"expected multiples of {filter.period:g} s within 1 %, got steps of {seconds[worst]:g} s",
+        "a plant in continuous time, or the log at regular times",
+    )
 
 
 def _beside(values: Any, seconds: Any) -> Any:

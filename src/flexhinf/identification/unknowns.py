@@ -18,7 +18,7 @@ from flexhinf.estimation import RecursiveFilter
 from flexhinf.plant import Plant
 from flexhinf.robot import Robot
 from flexhinf.robot.parameters import QUANTITIES, per_joint
-from flexhinf.validation import unknown_name
+from flexhinf.validation import checked_names, unknown_name
 
 #: Relative step of the differences by which a robot's numbers become those of its plant: products of few of them.
 STEP = 1e-5
@@ -89,6 +89,16 @@ def plant_numbers(plant: Plant, names: Sequence[str]) -> list[Number]:
             sign = "positive" if every[label] > 0.0 else "any"
             found[label] = Number(label, every[label], sign, plant.unit(label))
     return list(found.values())
+
+
+def model_of(
+    robot: Robot, parameters: str | Sequence[str], measured: str | Sequence[str], extras: str | Sequence[str]
+) -> tuple[Plant, list[Number]]:
+    """The plant of a robot in which these numbers of it count, and the numbers. Raises InvalidInput: unknown names."""
+    numbers = robot_numbers(robot, checked_names("The numbers to identify", parameters))
+    needed = {EXTRA_OF[q] for n in numbers if (q := quantity_of(robot, n.name)) in EXTRA_OF}
+    stated = checked_names("The extras", extras)
+    return robot.plant(measured, extras=(*stated, *sorted(needed - set(stated)))), numbers
 
 
 @dataclass(frozen=True, eq=False)

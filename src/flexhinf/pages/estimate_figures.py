@@ -167,7 +167,8 @@ def innovation_blocks(result: FilteredLog) -> Blocks:
         panels.append(
             Panel(
                 signal_label(output.name), output.unit,
-                [Line(t[few], v[few], "innovation", {**_DOTS, "color": SERIES[0]})], (0.0,), y=(-1.08 * size, 1.08 * size), also=_band(t, np.zeros_like(t), d, MUTED, k % MOST_PANELS == 0),
+                [Line(t[few], v[few], "innovation", {**_DOTS, "color": SERIES[0]})], (0.0,),
+                y=(-1.08 * size, 1.08 * size), also=_band(t, np.zeros_like(t), d, MUTED, k % MOST_PANELS == 0),
             )
         )  # fmt: skip
         if output.whiteness is not None:

@@ -1,7 +1,8 @@
 """Plants, and the interfaces between physics, synthesis, estimation and closed loops."""
 
 from flexhinf.plant.integration import eight_stages, fastest_modes, rk4_stages, rk4_step, sub_steps
-from flexhinf.plant.model import Parameters, ParameterTable, StoredCode, python_control
+from flexhinf.plant.model import StoredCode, python_control
+from flexhinf.plant.parameters import Parameters, ParameterTable
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.plant import (
     GeneralisedPlant,
@@ -11,7 +12,18 @@ from flexhinf.plant.plant import (
     plant_from_control,
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw, chosen, known
+from flexhinf.plant.protocols import (
+    INTEGRAL,
+    BlackBox,
+    Estimator,
+    Gaussian,
+    Law,
+    ProblemLaw,
+    chosen,
+    known,
+    turned,
+)
+from flexhinf.plant.sensors import Sensor, SensorTable
 
 __all__ = [
     "INTEGRAL",
@@ -26,6 +38,8 @@ __all__ = [
     "Plant",
     "PolynomialPlant",
     "ProblemLaw",
+    "Sensor",
+    "SensorTable",
     "StoredCode",
     "chosen",
     "eight_stages",
@@ -38,4 +52,5 @@ __all__ = [
     "rk4_stages",
     "rk4_step",
     "sub_steps",
+    "turned",
 ]

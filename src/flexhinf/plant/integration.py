@@ -99,7 +99,9 @@ def sub_steps(period: float, fastest_mode: float, largest: float = SIMULATION_ST
 
 
 def fastest_modes(plant: Any, parameters: np.ndarray, x: Any = None, u: Any = None) -> np.ndarray:
-    """`fastest_mode` of a `Plant` with each of some parameters, (N, P), all at one point: (N,), rad/s."""
+    """`fastest_mode` of a `Plant` with each of some parameters, (N, P), all at one point: (N,), rad/s; 0 of a map."""
+    if plant.sampled:
+        return np.zeros(len(parameters))
     point = np.zeros(len(plant.states)) if x is None else real_array(x)
     held = np.zeros(len(plant.inputs)) if u is None else real_array(u)
     points = [np.broadcast_to(point, (len(parameters), len(plant.states)))]

@@ -142,6 +142,7 @@ def _places(plant: Plant, torque: str) -> list[int]:
 def _static(plant: Plant, name: str, quantity: Callable[[Any, Any], Any]) -> Any:
     """(q, parameter vector) → quantity(q̈1, M⁻¹) at rest with relaxed springs, as a CasADi function; without the rotors
     of rigid joints."""
+    plant.check_continuous("elastic joints")
     places = joint_places(plant)
     q, p = ca.SX.sym("q", places.shape[1]), ca.SX.sym("p", plant.parameters.size)
     d, x, numbers = ca.SX.sym("d", len(plant.disturbances)), ca.SX.zeros(plant.n), ca.SX(p)
@@ -183,6 +184,7 @@ def standstill_function(plant: Plant) -> Any:
     As in `elastic_joints`, q̈1 = −C G with C of the links' torques, and the motors' rates have J⁻¹, K/J and k_u/J.
     """
     try:
+        plant.check_continuous("elastic joints")
         links, falls, motors, rates = (row.tolist() for row in joint_places(plant))
     except InvalidInput:
         return None

@@ -1,12 +1,8 @@
-"""Models with names: ẋ = flow(x, u, d, p), y = output(x, u, p), evaluated, linearised and traced.
-
-Parameters, an argument of every model: a vector for kernels, attributes for the reader.
-"""
+"""Models with names: ẋ = flow(x, u, d, p), or x⁺ of a map, and y = output(x, u, p): evaluated, linearised, traced."""
 
 from __future__ import annotations
 
 import copy
-import keyword
 import pickle
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +15,7 @@ import numpy as np
 from flexhinf.errors import FlexhinfError, InvalidInput, refuse_if
 from flexhinf.notebook import Summarised, names_text
 from flexhinf.plant.integration import fastest_modes
+from flexhinf.plant.parameters import ParameterTable
 from flexhinf.scalars import (
     Symbol,
     apply,
@@ -40,126 +37,9 @@ from flexhinf.validation import (
     distinct,
     extra_package,
     one_of,
-    read_only,
     real_array,
-    unknown_name,
     value_text,
 )
-
-AS_STATED = "the name as it stands in the parameters"
-
-
-class Parameters:
-    """The parameters of a model as attributes: ``p.stiffness``."""
-
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        self.__dict__.update(values)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_"):  # copy, pickle and notebooks ask for such names
-            raise AttributeError(name)
-        what = f"The model reads a parameter that it does not have: {name!r}."
-        raise unknown_name(what, name, sorted(self.__dict__), AS_STATED)
-
-
-@dataclass(frozen=True)
-class ParameterTable:
-    """Nominal values (finite numbers or arrays, SI units), and their order in a kernel's parameter vector."""
-
-    values: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        checked_kind("The parameters are not named.", self.values, Mapping, "a mapping", "{'mass': 1.0}")
-        checked = {}
-        for name, value in self.values.items():
-            refuse_if(
-                not str(name).isidentifier() or keyword.iskeyword(str(name)) or str(name).startswith("_"),
-                f"The parameter name {name!r} cannot be an attribute.",
-                "expected a Python identifier without a leading underscore that is no keyword",
-                "letters, digits and underscores, for example lambda_ for lambda",
-            )
-            array = real_array(value)
-            if not np.all(np.isfinite(array)):
-                raise InvalidInput(
-                    f"The parameter {name!r} is not a finite number.",
-                    f"expected finite numbers, got {value_text(value)}",
-                    "correct the value; a limit that does not exist is left out rather than infinite",
-                )
-            array.setflags(write=False)
-            checked[str(name)] = array
-        object.__setattr__(self, "values", checked)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(read_only(state))  # copies share their arrays
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names in the order of the vector."""
-        return tuple(self.values)
-
-    @cached_property
-    def size(self) -> int:
-        """Length of the vector."""
-        return sum(value.size for value in self.values.values())
-
-    @cached_property
-    def _places(self) -> dict[str, slice]:
-        ends = np.cumsum([value.size for value in self.values.values()], dtype=int).tolist()
-        return {name: slice(end - value.size, end) for end, (name, value) in zip(ends, self.values.items())}
-
-    def vector(self) -> np.ndarray:
-        """Nominal values, flat (size,)."""
-        return np.concatenate([np.zeros(0), *(value.ravel() for value in self.values.values())])
-
-    def named(self, vector: Any) -> Parameters:
-        """A vector (size,) of numbers or elements, by name."""
-        vector = np.asarray(vector)
-        if vector.shape != (self.size,):
-            raise InvalidInput(
-                "The parameter vector does not fit the parameters.",
-                f"expected shape ({self.size},) for {list(self.names)}, got {vector.shape}",
-                "vector(), changed",
-            )
-        parts = {name: vector[place].reshape(self.values[name].shape) for name, place in self._places.items()}
-        return Parameters({name: part if part.ndim else part[()] for name, part in parts.items()})
-
-    def flat(self, parameters: Parameters) -> np.ndarray:
-        """Named parameters back as a vector (size,): the inverse of `named`."""
-        return np.concatenate([np.zeros(0), *(np.ravel(getattr(parameters, name)) for name in self.values)])
-
-    def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The values whose names are in this table: a robot states more than each of its plants has."""
-        return {name: value for name, value in values.items() if name in self.values}
-
-    def replaced(self, changes: Mapping[str, Any]) -> ParameterTable:
-        """A copy with some values changed: known names, the same shapes, finite numbers."""
-        for name, value in changes.items():
-            one_of(f"There is no parameter {name!r}.", name, self.values, AS_STATED)
-            if np.shape(value) != self.values[name].shape:
-                raise InvalidInput(
-                    f"The parameter {name!r} has the wrong shape.",
-                    f"expected {self.values[name].shape}, got {np.shape(value)}",
-                    "one number for each nominal number",
-                )
-        return ParameterTable({**self.values, **changes})
-
-    def vectors(self, rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
-        """Vectors (N, size) of many plants, each with some values changed: `replaced` for all of them at once."""
-        table = np.tile(self.vector(), (len(rows), 1))
-        fits = all(name in self.values for row in rows for name in row)
-        try:
-            for name, value in self.values.items():
-                changed = [k for k, row in enumerate(rows) if name in row]
-                if changed:
-                    columns = real_array([rows[k][name] for k in changed])
-                    fits &= columns.shape == (len(changed), *value.shape)
-                    table[changed, self._places[name]] = columns.reshape(len(changed), -1)
-        except (TypeError, ValueError, OverflowError):  # another size, or no number
-            fits = False
-        if not (fits and np.all(np.isfinite(table))):  # `replaced` raises, and says which value it is
-            return np.array([self.replaced(row).vector() for row in rows])
-        return table
-
 
 #: Largest rate at an operating point, relative to the plant's own rates, that still counts as an equilibrium.
 EQUILIBRIUM_TOLERANCE = 1e-9
@@ -290,6 +170,14 @@ class Model(Summarised):
         ``arrest(x, h, p)`` → the state at the end of a step of h seconds after set-valued friction, which no flow
         can express, has acted on the state x that the flow reaches. Only `flexhinf.Loop` has it; linearisations and
         estimators do not.
+    sampled : bool
+        The plant is a map: ``flow`` returns x⁺, the state one period later with u and d held, instead of ẋ. The period
+        is that of the filter or the loop that has the plant. Estimators and `flexhinf.Loop` evaluate it once a period;
+        what needs ẋ refuses it.
+    angles : sequence of str, optional
+        States and measured signals, rad, of which whole turns mean nothing: an estimator takes differences of them by
+        the shorter way round. A measurement may jump by 2π, and a map may wrap its state. Estimates go on counting
+        turns, and a law reads them as they are. Names of groups stand for their signals.
 
     Raises InvalidInput: if names repeat, if a parameter is not finite, or if `flow` or `output` does not run on
     symbols of these shapes.
@@ -307,8 +195,18 @@ class Model(Summarised):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     engaged: Callable[..., Any] | None = None
     arrest: Callable[..., Any] | None = None
+    sampled: bool = False
+    angles: Sequence[str] = ()
 
     def __post_init__(self) -> None:
+        checked_kind(
+            "Whether the plant is a map is not said.", self.sampled, bool, "sampled=True or sampled=False",
+            "sampled=True where flow returns the state one period later",
+        )  # fmt: skip
+        refuse_if(
+            self.sampled and self.arrest is not None, "A map has no friction of its own between samples.",
+            "expected arrest=None with sampled=True, got both", "friction inside flow, or a plant in continuous time",
+        )  # fmt: skip
         if not isinstance(self.parameters, ParameterTable):
             object.__setattr__(self, "parameters", ParameterTable(self.parameters))
         for kind in ("states", "inputs", "disturbances", "outputs"):
@@ -327,9 +225,9 @@ class Model(Summarised):
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         refuse_if(
             self.traced_flow.size1_out(0) != len(self.states),
-            "flow(x, u, d, p) returns the wrong number of derivatives.",
+            f"flow(x, u, d, p) returns the wrong number of {'states' if self.sampled else 'derivatives'}.",
             f"expected {self.n}, one for each of {list(self.states)}, got {self.traced_flow.size1_out(0)}",
-            "one derivative per state, in the order of states",
+            "one value per state, in the order of states",
         )
         measured = self.traced_output.size1_out(0)
         if not self.outputs:
@@ -338,6 +236,21 @@ class Model(Summarised):
             len(self.outputs) != measured, "output(x, u, p) and the names of the outputs disagree.",
             f"expected {len(self.outputs)} signals {list(self.outputs)}, got {measured}", "one name per signal",
         )  # fmt: skip
+        object.__setattr__(self, "angles", self._checked_angles())
+
+    def _checked_angles(self) -> tuple[str, ...]:
+        angles = self.expanded(checked_names("The angles", self.angles))
+        distinct("Of the angles, the name", angles)
+        for name in angles:
+            known = (*self.states, *self.outputs)
+            one_of(f"There is no state or measured signal {name!r} that could be an angle.", name, known)
+            refuse_if(
+                self.unit(name) not in ("", "rad"),
+                f"The angle {name!r} has another unit.",
+                f"expected 'rad', in which a turn is 2π, got {self.unit(name)!r}",
+                "output(x, u, p) and flow(x, u, d, p) in rad",
+            )
+        return angles
 
     @property
     def n(self) -> int:
@@ -353,6 +266,10 @@ class Model(Summarised):
         one_of(f"There is no state {name!r}.", name, self.states)
         return tuple(self.states).index(name)
 
+    def angle_places(self, names: Sequence[str]) -> list[int]:
+        """Places of the angles among names of states or outputs."""
+        return [place for place, name in enumerate(names) if name in self.angles]
+
     def expanded(self, names: str | Sequence[str]) -> tuple[str, ...]:
         """Names of signals, with each group replaced by what it stands for."""
         named = checked_names("The signals", names)
@@ -367,7 +284,17 @@ class Model(Summarised):
         """
         shapes = tuple((name, value.shape) for name, value in self.parameters.values.items())
         arrest = () if self.arrest is None else (digest(self.traced_arrest),)
-        return (*self._content, *arrest, self.states, self.inputs, self.disturbances, self.outputs, shapes)
+        kind = (*(("map",) if self.sampled else ()), *((("angles", self.angles),) if self.angles else ()))
+        return (
+            *self._content,
+            *kind,
+            *arrest,
+            self.states,
+            self.inputs,
+            self.disturbances,
+            self.outputs,
+            shapes,
+        )
 
     @cached_property
     def _content(self) -> tuple[str, str]:
@@ -433,10 +360,12 @@ class Model(Summarised):
         Parameters
         ----------
         x, u : (n,) and (m,) arrays, optional
-            With one of them, linearised there (``ss`` with D, in deviations); without, nonlinear (``nlsys``).
+            With one of them, linearised there (``ss`` with D, in deviations); without, nonlinear (``nlsys``). A map
+            is a system with ``dt=True``; it is linearised at an equilibrium.
         """
         names = {
             "inputs": [*self.inputs, *self.disturbances], "outputs": [*self.outputs], "states": [*self.states],
+            **({"dt": True} if self.sampled else {}),
         }  # fmt: skip
         p, m = self.parameters.vector(), len(self.inputs)
 
@@ -449,7 +378,7 @@ class Model(Summarised):
         if x is None and u is None:
             return python_control().nlsys(rates, measured, **names)
         x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
-        a, b, g, c = self.linearise(x, u)
+        a, b, g, c = self.slopes(x, u)
         d = np.hstack([self.output_at(x, u)[1], np.zeros((len(c), g.shape[1]))])
         return python_control().ss(a, np.hstack([b, g]), c, d, **names)
 
@@ -462,7 +391,7 @@ class Model(Summarised):
 
     def check_equilibrium(self, x: np.ndarray, u: np.ndarray, what: str, advice: str) -> None:
         """Refuse a point at which a rate is not zero, relative to the plant's own rates."""
-        rate = self.derivative(x, u)
+        rate = self.change(x, u)
         worst = int(np.argmax(np.abs(rate)))
         largest = (
             EQUILIBRIUM_TOLERANCE * max(1.0, self.fastest_mode(x, u)) if np.isfinite(rate).all() else -1.0
@@ -470,7 +399,7 @@ class Model(Summarised):
         refuse_if(
             not abs(rate[worst]) <= largest,
             what,
-            f"expected flow = 0, got d/dt {self.states[worst]} = {rate[worst]:.6g}",
+            f"expected {self.equilibrium_text}, got {self.change_text(worst)} = {rate[worst]:.6g}",
             advice,
         )
 
@@ -478,7 +407,8 @@ class Model(Summarised):
         """States, inputs, disturbances, measured signals and parameters, for ``repr``."""
         named = {kind: getattr(self, kind) for kind in ("states", "inputs", "disturbances")}
         named |= {"measured": self.outputs, "parameters": self.parameters.names}
-        return {name: names_text(names) for name, names in named.items()}
+        kind = {"time": "sampled: a map of one period"} if self.sampled else {}
+        return kind | {name: names_text(names) for name, names in named.items()}
 
     # Numbers --------------------------------------------------------------------------------------
     @cached_property
@@ -521,7 +451,7 @@ class Model(Summarised):
         return TracedCode(self.traced_flow), TracedCode(self.traced_output)
 
     def evaluate_flow(self, x: Any, u: Any, d: Any, p: Any) -> Any:
-        """ẋ (n,) on any element, p the parameter vector.
+        """ẋ, or x⁺ of a map, (n,) on any element, p the parameter vector.
 
         Numbers and symbols go through what was traced, as all machine code does; other elements through the text.
         """
@@ -549,7 +479,15 @@ class Model(Summarised):
         return self.traced_jacobians
 
     def derivative(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
-        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default."""
+        """ẋ at the nominal parameters; x (n,) or (N, n), u (m,) or (N, m), d likewise; zero by default.
+
+        A map has none, and is refused.
+        """
+        self.check_continuous("derivative")
+        return self.change(x, u, d)
+
+    def change(self, x: Any = None, u: Any = None, d: Any = None) -> np.ndarray:
+        """ẋ, or x⁺ − x of a map: what is zero at rest; arguments as of `derivative`."""
         points = self._points(x, u, d)
         count = max(map(len, points)) if all(map(len, points)) else 0
         if any(len(rows) not in (1, count) for rows in points):
@@ -563,12 +501,23 @@ class Model(Summarised):
         columns = [np.broadcast_to(rows, (count, rows.shape[1])).T for rows in points]
         vector = np.broadcast_to(self.parameters.vector(), (count, self.parameters.size))
         result = np.asarray(self.traced_flow(*columns, vector.T), dtype=float).T
+        result = result - columns[0].T if self.sampled else result
         return result if any(np.ndim(value) == 2 for value in (x, u, d)) else result[0]
 
     def linearise(
         self, x: Any = None, u: Any = None, d: Any = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default."""
+        """(A, B, G, C): exact Jacobians of flow in x, u, d, and of output in x, at one point, zero by default.
+
+        A map has another meaning of A, and is refused: its Jacobians are `slopes`.
+        """
+        self.check_continuous("linearisation in continuous time")
+        return self.slopes(x, u, d)
+
+    def slopes(
+        self, x: Any = None, u: Any = None, d: Any = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """As `linearise`, of a map too: ∂x⁺/∂x, ∂x⁺/∂u, ∂x⁺/∂d and ∂y/∂x."""
         points = [rows[0] for rows in self._points(x, u, d, single=True)]
         a, b, g, c = (
             np.asarray(matrix, dtype=float)
@@ -576,8 +525,32 @@ class Model(Summarised):
         )
         return a, b, g, c
 
+    def change_slopes(self, x: Any = None, u: Any = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Exact Jacobians of `change` in x, u and d, at one point, zero by default."""
+        a, b, g, _ = self.slopes(x, u)
+        return (a - np.eye(self.n) if self.sampled else a), b, g
+
+    @property
+    def equilibrium_text(self) -> str:
+        """The condition of rest, for messages."""
+        return "x⁺ = x" if self.sampled else "flow = 0"
+
+    def change_text(self, state: int) -> str:
+        """Name of an element of `change`, for messages."""
+        return f"{'change of' if self.sampled else 'd/dt'} {self.states[state]}"
+
+    def check_continuous(self, what: str) -> None:
+        """Refuse a map, of which there is no such thing as `what`."""
+        refuse_if(
+            self.sampled,
+            f"A map has no {what}.",
+            "expected a plant in continuous time, flow(x, u, d, p) = ẋ, got one with sampled=True",
+            "the plant in continuous time; a map is for estimators and as the true plant of a Loop",
+        )
+
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:
-        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s."""
+        """Largest |eigenvalue| of ∂flow/∂x at a point (the origin by default) and where it is engaged, rad/s; 0 of a
+        map, which nothing has to follow between samples."""
         x, u, _ = (rows[0] for rows in self._points(x, u, single=True))
         return float(fastest_modes(self, self.parameters.vector()[None], x, u)[0])
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.notebook import Summarised, names_text
+from flexhinf.plant.augmented import augmented_plant
 from flexhinf.plant.model import EQUILIBRIUM_TOLERANCE, Model, StoredCode, TracedCode, python_control, signals
 from flexhinf.plant.penalty import Penalty
 from flexhinf.plant.polynomial_plant import PolynomialPlant, expand_problem
@@ -58,6 +59,44 @@ class Plant(Model):
             equilibrium,
         )
 
+    def augmented(
+        self,
+        parameters: Sequence[str] = (),
+        disturbances: str | Sequence[str] = (),
+        offsets: str | Sequence[str] = (),
+    ) -> Plant:
+        """This plant with more states behind its own, for an estimator that estimates more than the state.
+
+        The new states are constant but for the process noise that the estimator adds to them. A `Controller` takes such
+        an estimator for a law of this plant: the law reads its own states.
+
+        Parameters
+        ----------
+        parameters : sequence of str
+            Parameters that become states of their own names (``NAME_1`` … of an array), and are no parameters any more.
+        disturbances : str or sequence of str
+            Channels, or groups of them, of which a constant part becomes a state of the same name.
+        offsets : str or sequence of str
+            Measured signals, or groups of them, of which an offset becomes a state ``NAME_offset``.
+
+        Raises
+        ------
+        InvalidInput
+            If there is no such parameter, disturbance or measured signal, or nothing is named.
+
+        Examples
+        --------
+        A load on the link, estimated from the motor's encoder alone; R^v lets it drift by 0.05 N·m a sample.
+
+        >>> import flexhinf as fh
+        >>> plant = fh.load_robot("paper").plant(("motor_position",)).augmented(disturbances=("link_torque",))
+        >>> plant.states[4:]
+        ('link_torque',)
+        >>> noise = [1e-10, 1e-8, 1e-10, 1e-8, 0.05**2]
+        >>> ukf = fh.UnscentedKalmanFilter(plant, 1e-3, noise, 1e-8, [0.0] * 5, [1e-6, 1e-4, 1e-6, 1e-4, 1.0])
+        """
+        return augmented_plant(self, parameters, disturbances, offsets)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GeneralisedPlant(Summarised):
@@ -96,6 +135,7 @@ class GeneralisedPlant(Summarised):
 
     def __post_init__(self) -> None:
         checked_kind("A problem needs a plant.", self.plant, Plant, "a flexhinf.Plant", "robot.plant()")
+        self.plant.check_continuous("problem of Eq. (3)")
         checked_kind(
             "A problem needs a penalty.",
             self.penalty,
@@ -361,33 +401,40 @@ def pose_values(pose: Any, names: Sequence[str], owner: str = "plant") -> np.nda
     return checked_array(what, pose, (len(names),), f"{len(names)} finite values for {list(names)}", advice)
 
 
-def equilibrium_at(plant: Plant, names: Sequence[str], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """State x* (n,) and input u* (m,) with flow(x*, u*, 0) = 0 and the named states at `values`, by Newton's method.
+def equilibrium_at(
+    plant: Plant, names: Sequence[str], values: np.ndarray, start: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """State x* (n,) and input u* (m,) at rest, flow(x*, u*, 0) = 0 or x* of a map, with the named states at `values`,
+    by Newton's method.
 
-    Of several such points one near the origin. NumericalFailure, with the state that keeps moving, where there is none.
+    Of several such points one near the origin, or near a `start` (n,), of which constant states stay. NumericalFailure,
+    with the state that keeps moving, where there is none.
     """
     n = plant.n
     fixed = [plant.index(name) for name in names]
-    free = [i for i in range(n) if i not in fixed]
-    x, u = np.zeros(n), np.zeros(len(plant.inputs))
+    x, u = np.zeros(n) if start is None else np.array(start), np.zeros(len(plant.inputs))
+    constant = (
+        [] if start is None else np.flatnonzero(~np.hstack(plant.change_slopes(x, u)).any(axis=1)).tolist()
+    )
+    free = [i for i in range(n) if i not in (*fixed, *constant)]
     x[fixed] = values
-    rate, scale = plant.derivative(x, u), 1.0
+    rate, scale = plant.change(x, u), 1.0
     for _ in range(ITERATIONS):
-        a, b, _, _ = plant.linearise(x, u)
+        a, b, _ = plant.change_slopes(x, u)
         if not (np.all(np.isfinite(rate)) and np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
             break
         scale = max(1.0, float(np.abs(a).max() * np.abs(x).max()))
         step = np.linalg.lstsq(np.hstack([a[:, free], b]), -rate, rcond=None)[0]
         x[free] += step[: len(free)]
         u += step[len(free) :]
-        rate = plant.derivative(x, u)
+        rate = plant.change(x, u)
         if np.abs(step).max(initial=0.0) <= 1e-14 * max(1.0, np.abs(x).max(), np.abs(u).max()):
             break
     worst = int(np.argmax(np.abs(rate)))
     if not np.all(np.isfinite(rate)) or abs(rate[worst]) > 1e-9 * scale:
         raise NumericalFailure(
             "The plant has no equilibrium at this pose.",
-            f"expected flow = 0, got d/dt {plant.states[worst]} = {rate[worst]:.3g} at the best point found",
+            f"expected {plant.equilibrium_text}, got {plant.change_text(worst)} = {rate[worst]:.3g} at the best point",
             "a pose that the inputs can hold",
         )
     return x, u
@@ -467,7 +514,7 @@ def linear_plant(plant: Plant, x: Any, u: Any) -> Plant:
         (a, b, g, c, slope, x, u, output),
         plant.states,
         plant.inputs,
-        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups")},
+        **{name: getattr(plant, name) for name in ("disturbances", "outputs", "units", "groups", "angles")},
     )
 
 

@@ -6,7 +6,7 @@ Rooms that know only these classes can be exchanged freely.
 from __future__ import annotations
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from itertools import count
 from operator import attrgetter
@@ -159,6 +159,15 @@ def chosen(flags: Any, those: Any, others: Any) -> Any:
     return where(on, those, others)
 
 
+def turned(signals: Any, about: Any, places: Sequence[int]) -> Any:
+    """Signals (k,) whose angles, at these places, differ from those of others (k,) by (−π, π]: by whole turns more."""
+    signals = np.array(signals)
+    for place in places:
+        away = (signals[place] - about[place]) / (2.0 * np.pi)
+        signals[place] = signals[place] + 2.0 * np.pi * np.floor(0.5 - away)
+    return signals
+
+
 class Gaussian(NamedTuple):
     """A belief about the state: mean (n,) and covariance (n, n), of numbers or of any element."""
 
@@ -255,8 +264,12 @@ class Estimator(Numbered):
         return self._update_on(run, update, belief, p, measurement_noise, y, u)
 
     def completed(self, y: Any, expected: Any) -> Any:
-        """A measurement (p,), with what is expected (p,) where an element is missing."""
-        return chosen(known(y), y, expected)
+        """A measurement (p,), with what is expected (p,) where an element is missing; angles as in `unwound`."""
+        return chosen(known(y), self.unwound(y, expected), expected)
+
+    def unwound(self, y: Any, about: Any) -> Any:
+        """A measurement (p,) whose angles have as many whole turns more as bring them nearest to others (p,)."""
+        return turned(y, about, self.plant.angle_places(self.plant.outputs))
 
     def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *values: Any) -> Any:
         kind, count, named = type(belief), len(values), self.plant.parameters.named

@@ -13,7 +13,10 @@ import numpy as np
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compile_program
 from flexhinf.codegen.program import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
+from flexhinf.loop.controller.data import data_values
+from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
+from flexhinf.loop.controller.measured import Source
 from flexhinf.loop.controller.memory import (
     BAD_MEASUREMENT,
     Layout,
@@ -21,7 +24,6 @@ from flexhinf.loop.controller.memory import (
     filler,
     measurement_filler,
     nothing_to_predict_with,
-    shaped,
     step_failure,
     step_program,
 )
@@ -44,9 +46,7 @@ from flexhinf.loop.controller.step import (
     STEPS,
     LawCode,
     Mode,
-    Source,
     controller_step,
-    inverse_slope,
     law_slope,
 )
 from flexhinf.loop.shared import share
@@ -75,8 +75,9 @@ class Controller(Summarised):
     solution : Law or Schedule
         A solution of `solve_hji` or any other law; or several, see `Schedule`.
     estimator : Estimator or None
-        None feeds back the true state: `step` then takes the state of the plant that the law was made for, and the
-        input acts at once.
+        Of the law's plant, or of one with more states (`flexhinf.Plant.augmented`), of which the law reads its own by
+        their names. None feeds back the true state: `step` then takes the state of the plant that the law was made
+        for, and the input acts at once.
     period : float
         Sampling period, s; that of the estimator.
     saturation : None, float, (m,) array or tuple (lower, upper)
@@ -122,6 +123,9 @@ class Controller(Summarised):
         estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
+    compensate : sequence of str, optional
+        Loads that the estimator estimates, by the names of the model's disturbances: the law acts about the equilibrium
+        under the estimated load, see `flexhinf.loop.controller.estimated`. By default about that without one.
 
     Raises
     ------
@@ -150,6 +154,7 @@ class Controller(Summarised):
         supervision: Supervision | None = None,
         offset_time: float | None = None,
         windup: Windup | None = None,
+        compensate: Sequence[str] | str | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.gaps = estimator is not None  # elements of a measurement may be missing
@@ -161,8 +166,16 @@ class Controller(Summarised):
         self.states, self.tracked = solution.plant_states, solution.tracked
         self.integral_dead_zone = dead_zone(integral_dead_zone, self.tracked)
         check_names(solution, estimator, self.period)
+        self.estimated_states = EstimatedStates.of(solution, estimator)
+        #: Names of the estimate's elements: the law's states, in another order or beside others.
+        self.estimated, compensated = (
+            self.estimated_states.names,
+            compensated_places(compensate, solution, estimator),
+        )
+        if compensated and estimator is not None:
+            self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
         self.supervision, self._windup_option = supervision, windup
-        self._watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
+        self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
         if windup is not None:
             windup.check(self.laws)
@@ -172,7 +185,7 @@ class Controller(Summarised):
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
             checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
-            offset_time is not None,
+            offset_time is not None, self.estimated_states.places, compensated,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
         if blend_time is not None and not self.mode.takes_over:
@@ -195,11 +208,14 @@ class Controller(Summarised):
             self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
         self._places = np.array([self.states.index(name) for name in self.tracked], dtype=int)
         read = {**dict.fromkeys(self.states, self.states), **dict.fromkeys(self.measured, self.measured)}
+        angles = () if estimator is None else estimator.plant.angles
         self._sources = [
-            Source(name in self.measured, read[name].index(name), self.states.index(name))
+            Source(name in self.measured, read[name].index(name), self.states.index(name), name in angles)
             for name in self.tracked
         ]
-        self._history = StateHistory(self.initial_memory(), self.memory.places["reference"], len(self.states))
+        self._history = StateHistory(
+            self.initial_memory(), self.memory.places["reference"], len(self.estimated)
+        )
         self._ready: Any = ()
 
     def fresh(self) -> Controller:
@@ -226,6 +242,7 @@ class Controller(Summarised):
             **({"supervision": self.supervision} if self.supervision else {}),
             **({"offset_time": self.offset_time} if mode.has_offset else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
+            **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),
         }  # fmt: skip
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -285,46 +302,7 @@ class Controller(Summarised):
 
     @cached_property
     def _data_values(self) -> dict[str, np.ndarray]:
-        laws, mode, limits, command = self.laws, self.mode, self.limits, self.command_limits
-        codes = [LawCode(law, self.composed) for law in laws]
-
-        def rows(parts: Sequence[Any]) -> np.ndarray:  # those of several laws
-            return np.stack(parts) if mode.laws > 1 else np.asarray(parts[0])
-
-        gains = [slope[:, len(self.states) :] for slope in self._slopes]
-        n, m, p = len(self.states), len(self.law.input_names), len(self.measured)
-        whole = n + len(self.tracked)
-        values: dict[str, Any] = {
-            "period": [self.period], "law": np.concatenate([code.data for code in codes]),
-            "operating_point": rows([shaped("operating_point", law.operating_point, (whole,)) for law in laws]),
-            "operating_input": rows([shaped("operating_input", law.operating_input, (m,)) for law in laws]),
-            "lower": limits.lower, "upper": limits.upper, "integral_gain": rows(gains),
-        }  # fmt: skip
-        if self.estimator is not None:
-            values |= {
-                "parameters": self.estimator.plant.parameters.vector(),
-                "process_noise": shaped("process_noise", self.estimator.process_noise, (n, n)),
-                "measurement_noise": shaped("measurement_noise", self.estimator.measurement_noise, (p, p)),
-            }
-        if mode.takes_over:
-            inverse = rows([inverse_slope(gain) for gain in gains])
-            values |= {"inverse_slope": inverse, "decay": [np.exp(-self.period / self.blend_time)]}
-        if isinstance(self.law, Schedule) and mode.laws > 1:
-            values["closer"] = [1.0 - self.law.hysteresis]
-        if mode.limits_input_rate:
-            values["input_rate"] = limits.rate
-        if mode.limits_command:
-            lower, upper = command.lower, command.upper
-            values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
-        values |= self._watched
-        if self.offset_time is not None:
-            values["offset_decay"] = [np.exp(-self.period / self.offset_time)]
-        if mode.has_dead_zone:
-            values["integral_dead_zone"] = self.integral_dead_zone
-        if mode.bounds_windup:
-            bound = self.windup
-            values |= {"windup_line": bound.line, "windup_spread": bound.spread, "windup_limit": bound.limit}
-        return {name: np.asarray(value) for name, value in values.items()}
+        return data_values(self, self._slopes)
 
     @property
     def operating_reference(self) -> np.ndarray:
@@ -345,7 +323,9 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None, pose: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if pose is not None:
-            x, u, own = standstill_memory(self.law, self.estimator, self.limits, self.mode.moving, pose)
+            x, u, own = standstill_memory(
+                self.law, self.estimator, self.estimated_states, self.limits, self.mode.moving, pose
+            )
             start = self._initial_values(x if self.estimator else None, u if input is None else input)
             return self.memory.flat(start | own)
         if state is not None and self.estimator is None:
@@ -516,7 +496,7 @@ class Controller(Summarised):
 
     @property
     def estimate(self) -> np.ndarray:
-        """x(k|k) of the last step, (n,); NaN before the first good measurement."""
+        """x(k|k) of the last step, one number for each of `estimated`; NaN before the first good measurement."""
         return self._history.estimate.copy()
 
     @property
@@ -535,7 +515,8 @@ class Controller(Summarised):
         return float(self._history.memory[self.memory.places["stop"]][2]) if self.mode.reacts else 1.0
 
     def reset(self, state: Any = None, input: Any = None, *, pose: Any = None) -> None:
-        """Forget: integrals zero, no command, belief initial, with the mean at `state` (n,) if given.
+        """Forget: integrals zero, no command, belief initial, with the mean at `state` if given, one number for each of
+        `estimated`.
 
         With `pose` (k,), the tracked positions in place of the state, the controller starts at rest anywhere: belief
         and input are those of the model's equilibrium there, the command is the pose until there is another, and

@@ -414,6 +414,8 @@ def _store(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
             "parameters": list(value.parameters.names), "units": dict(value.units),
             "groups": {name: list(members) for name, members in value.groups.items()},
             "limits": {name: list(ends) for name, ends in value.limits.items()},
+            **({"sampled": True} if value.sampled else {}),
+            **({"angles": list(value.angles)} if value.angles else {}),
         }}  # fmt: skip
     if isinstance(value, np.ndarray):
         arrays[f"{prefix}array"] = value
@@ -436,5 +438,6 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
         return Plant(
             flow, output, header["states"], header["inputs"], header["disturbances"], table, header["outputs"],
             header["units"], header["groups"], {name: tuple(ends) for name, ends in header["limits"].items()},
+            sampled=header.get("sampled", False), angles=header.get("angles", ()),
         )  # fmt: skip
     return arrays[f"{prefix}array"] if "array" in part else part["value"]

@@ -33,6 +33,7 @@ import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.estimated import EstimatedStates, constant_states
 from flexhinf.loop.shared import share
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
@@ -200,12 +201,12 @@ def check_names(law: Law, estimator: Estimator | None, period: float) -> None:
     if estimator is None:
         return
     plant, inputs = estimator.plant, tuple(law.input_names)
-    if (tuple(plant.states), tuple(plant.inputs)) != (states, inputs):
+    if not set(states) <= set(plant.states) or tuple(plant.inputs) != inputs:
         raise InvalidInput(
             "The estimator and the law do not mean the same states and inputs.",
             f"the law needs {list(states)} and {list(inputs)}, "
             f"the estimator's plant has {list(plant.states)} and {list(plant.inputs)}",
-            "the same plant for both",
+            "the same plant for both, or plant.augmented(...) for the estimator",
         )
     if abs(estimator.period - period) > 1e-12 * period:
         raise InvalidInput(
@@ -272,7 +273,13 @@ def _bounds(
     own = law.problem.plant if isinstance(law, ProblemLaw) else None
     model = own if estimator is None else estimator.plant
     travel = TRAVEL + np.abs(point[places])
-    along, held = (None, None) if model is None else equilibrium_line(model, point[:n], u, places)
+    along, held = None, None
+    if model is not None:
+        states = EstimatedStates.of(law, estimator)
+        along, held = equilibrium_line(
+            model, states.whole(point[:n]), u, [model.index(name) for name in law.tracked]
+        )
+        along = None if along is None else states.own(along)
     if model is None or along is None or held is None:
         size = np.repeat(np.abs(slope).sum(axis=1, keepdims=True), len(places), axis=1)
         return size @ travel, np.zeros_like(size), size
@@ -286,12 +293,13 @@ def _bounds(
 
 def equilibrium_line(model: Plant, x: np.ndarray, u: np.ndarray, places: list[int]) -> tuple[Any, Any]:
     """∂x/∂r (n, k) and ∂u/∂r (m, k) of the equilibria through (x, u), r the states at `places`; None and None where the
-    model has no slope there."""
-    a, b, _, _ = model.linearise(x, u)
-    rows = np.block([[a, b], [np.eye(len(x))[places], np.zeros((len(places), len(u)))]])
+    model has no slope there. States that are constant stay."""
+    a, b, _ = model.change_slopes(x, u)
+    still = [*places, *constant_states(model, x, u)]
+    rows = np.block([[a, b], [np.eye(len(x))[still], np.zeros((len(still), len(u)))]])
     if not np.isfinite(rows).all():
         return None, None
-    line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) :], rcond=None)[0]
+    line = np.linalg.lstsq(rows, np.eye(len(rows))[:, len(x) : len(x) + len(places)], rcond=None)[0]
     return line[: len(x)], line[len(x) :]
 
 
@@ -377,7 +385,8 @@ class FirstInput:
 def holding_function(plant: Plant) -> Any:
     """(x, parameters) → u, the input that holds a plant at a state, as a CasADi function without empty arguments.
 
-    u = −(BᵀB)⁻¹Bᵀ f(x, 0, 0) with B = ∂f/∂u at u = 0: exact where f is affine in u and some u holds x.
+    u = −(BᵀB)⁻¹Bᵀ f(x, 0, 0) with B = ∂f/∂u at u = 0: exact where f is affine in u and some u holds x. Of a map, f is
+    x⁺ − x.
     """
 
     def build() -> Any:
@@ -385,7 +394,7 @@ def holding_function(plant: Plant) -> Any:
 
         flow = plant.traced_flow
         x, u, d, p = (ca.SX.sym(name, flow.size1_in(k)) for k, name in enumerate("xudp"))
-        rates = flow(x, u, d, p)
+        rates = flow(x, u, d, p) - x if plant.sampled else flow(x, u, d, p)
         none = ca.vertcat(u, d), ca.SX.zeros(u.numel() + d.numel())
         rates, slope = (ca.substitute(part, *none) for part in (rates, ca.jacobian(rates, u)))
         held = -ca.solve(ca.mtimes(slope.T, slope), ca.mtimes(slope.T, rates))
@@ -417,6 +426,8 @@ def controller_facts(c: Any) -> dict[str, str]:
         "reference": "moving" if mode.moving else "",
         "workspace": "" if c.supervision is None else c.supervision.text,
         "reactions": "" if c.supervision is None else c.supervision.reaction_text,
+        "estimated too": ", ".join(name for name in c.estimated if name not in c.states),
+        "compensated": ", ".join(c.estimated[k] for k in mode.compensated),
         "offsets": f"decay with {c.offset_time:g} s" if mode.has_offset else "",
         "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
     }  # fmt: skip

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import refuse_if
+from flexhinf.loop.controller.estimated import EstimatedStates
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.options import Limits
 from flexhinf.loop.controller.step import bumpless_transfer, inverse_slope, law_slope
@@ -24,10 +25,10 @@ ROUNDS, TOLERANCE = 5, 1e-6
 
 
 def standstill_memory(
-    law: Law, estimator: Estimator | None, limits: Limits, moving: bool, pose: Any
+    law: Law, estimator: Estimator | None, states: EstimatedStates, limits: Limits, moving: bool, pose: Any
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """State (n,) and input (m,) of the model at rest with the tracked states at a pose (k,), and the parts of a
-    controller's memory that hold it there: integrals, positions and command.
+    """Estimated state (N,) and input (m,) of the model at rest with the tracked states at a pose (k,), and the parts of
+    a controller's memory that hold it there: integrals, positions and command.
 
     Raises InvalidInput: without a model or tracked states, for a pose that does not fit, or one that the inputs or the
     law cannot hold; NumericalFailure: if there is no equilibrium.
@@ -40,7 +41,10 @@ def standstill_memory(
         f"{'no model' if model is None else 'no integrals'}", "reset(state, input) with numbers of your own",
     )  # fmt: skip
     assert model is not None
-    x, u = equilibrium_at(model, tracked, pose_values(pose, tracked, "controller"))
+    whole, u = equilibrium_at(
+        model, tracked, pose_values(pose, tracked, "controller"), states.start if states.places else None
+    )
+    x = states.own(whole)
     refuse_if(
         np.any((u < limits.lower) | (u > limits.upper)), "The inputs cannot hold the robot at this pose.",
         f"expected an input within {limits.lower.tolist()} and {limits.upper.tolist()}, needed {u.tolist()} at "
@@ -51,7 +55,7 @@ def standstill_memory(
         integrals, command = np.zeros(len(tracked)), np.concatenate([x, u])
     else:
         integrals, command = equilibrium_integrals(law, x, u), position
-    return x, u, {"integral": integrals, "position": position, "reference": command}
+    return whole, u, {"integral": integrals, "position": position, "reference": command}
 
 
 def equilibrium_integrals(law: Law, x: np.ndarray, u: np.ndarray) -> np.ndarray:

@@ -24,18 +24,19 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.errors import InvalidInput
+from flexhinf.loop.controller.measured import Source, corrected, faded, positions
 from flexhinf.loop.controller.status import answered, observed
 from flexhinf.loop.shared import share
-from flexhinf.plant import Estimator, Law, chosen, known
+from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
-from flexhinf.scalars import absolute, clip, jacobian, maximum, where
+from flexhinf.scalars import absolute, clip, jacobian, where
 from flexhinf.validation import checked_kind, value_text
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
@@ -118,16 +119,6 @@ def _chosen(active: Any, *values: Any) -> Any:  # the other laws may never have 
     return sum(where(flag > 0.5, value, 0.0) for flag, value in zip(active, values, strict=True))
 
 
-class Source(NamedTuple):
-    """Where a tracked state is read (in the measurement if it is measured, else in the estimate), and its place among
-    the states of the plant. So integral action removes the error of the measured signal, whatever the estimator's model
-    gets wrong."""
-
-    measured: bool
-    place: int
-    state: int
-
-
 @dataclass(frozen=True)
 class Mode:
     """Options that change the code of a step, beside law and estimator.
@@ -138,7 +129,8 @@ class Mode:
     integrated, and whether integral action is bounded, as some input has no limit. `latency`: samples between a
     measurement and the effect of the input computed from it. `reactions`: to the events of
     `flexhinf.loop.controller.status`, empty without a supervision. `has_offset`: offsets of the first measurement are
-    taken in slowly.
+    taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
+    loads that the input balances.
     """
 
     moving: bool = False
@@ -151,6 +143,8 @@ class Mode:
     latency: int = 0
     reactions: tuple[str, ...] = ()
     has_offset: bool = False
+    own: tuple[int, ...] = ()
+    compensated: tuple[int, ...] = ()
 
     @property
     def command_lead(self) -> int:
@@ -214,30 +208,39 @@ def controller_step(
     command r is (k,), or of a moving reference (x_d, u_d), (n + m,). `memory` and `data` are namespaces as
     `Controller.memory` and `Controller.data` lay them out.
 
-    Returns the input (m,), the estimate x(k|k) (n,), and the memory for the next step by name.
+    Returns the input (m,), the whole estimate x(k|k), and the memory for the next step by name.
     """
     estimate: Any = y
     belief: Any = None
     queue, acted, waiting = None, memory.u, []
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
-    beliefs, ahead = [], estimate
+    beliefs, ahead, push = [], estimate, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
         if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
-            y, *offset = run.call(_faded, y, expected, *offset, data.offset_decay)
+            turns = estimator.plant.angle_places(estimator.plant.outputs)
+            y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
         belief = corrected(run, estimator, belief, y, acted, data)
         estimate = belief.mean
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
+    whole = estimate
+    if mode.own:
+        loads = ahead
+        estimate, ahead = (run.call(partial(_elements, mode.own), x) for x in (estimate, ahead))
+        if mode.compensated:
+            ahead, push = run.call(
+                partial(_balanced, mode.compensated), ahead, loads, data.balance_state, data.balance_input
+            )
     requested, held = r, memory.reference
     if mode.changes_command:
         held = memory.command
     boxed, stop = [source.state for source in tracked] if mode.moving else range(len(tracked)), []
     if mode.reacts:
-        position = run.call(partial(_positions, tracked), y, estimate) if "hold" in mode.reactions else r
+        position = run.call(partial(positions, tracked), y, estimate) if "hold" in mode.reactions else r
         r, *stop = run.call(
             partial(answered, boxed, mode.reactions), r, held, position, memory.started, memory.status, memory.stop,
             data.workspace, data.watching,
@@ -259,6 +262,7 @@ def controller_step(
     elif mode.takes_over:
         taken = run.call(partial(np.subtract, 1.0), memory.started)  # 1 at the first sample, else 0
     operating_input = r[len(estimate) :] if mode.moving else operating_input
+    operating_input = operating_input if push is None else run.call(np.add, operating_input, push)
     wanted, commands = r, None
     if mode.command_lead:
         commands, wanted, held = run.call(_passed, memory.started, r, held, memory.commands)
@@ -300,33 +304,17 @@ def controller_step(
         )  # fmt: skip
     if estimator is not None:
         after["belief"] = (beliefs or predict_ahead(run, estimator, belief, [u], data))[0]
-    return u, estimate, after
+    return u, whole, after
 
 
-def corrected(run: Any, estimator: Estimator, belief: Any, y: Any, u: Any, data: Any) -> Any:
-    """x(k|k); x(k|k−1) itself where nothing was measured."""
-    some = run.call(_some, y)
-    with run.when(some):
-        after = estimator.measurement_update_on(run, belief, y, u, data.parameters, data.measurement_noise)
-    return type(belief)(
-        *(old if new is old else _either(run, some, new, old) for new, old in zip(after, belief, strict=True))
-    )
+def _elements(places: Sequence[int], x: Any) -> Any:
+    return np.asarray(x)[list(places)]
 
 
-def _some(y: Any) -> Any:
-    """1 (1,) where at least one element is there, else 0."""
-    return np.array([where(sum(known(y)) > 0.5, 1.0, 0.0)])
-
-
-def _either(run: Any, flag: Any, new: Any, old: Any) -> Any:
-    """New numbers where the flag (1,) is 1, else the old ones, which are those of a vector or of columns."""
-    if len(new.shape) == 1:
-        return run.call(_by_flag, new, old, flag)
-    return run.columns(_by_flag, (new, old), flag)
-
-
-def _by_flag(new: Any, old: Any, flag: Any) -> Any:
-    return where(flag[0] > 0.5, new, old)
+def _balanced(places: Sequence[int], ahead: Any, whole: Any, state: Any, push: Any) -> tuple[Any, Any]:
+    """The law's states less what the loads move their equilibrium by, and the input that balances the loads."""
+    loads = _elements(places, whole)
+    return ahead - state @ loads, push @ loads
 
 
 def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[Any], data: Any) -> list[Any]:
@@ -335,14 +323,6 @@ def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[
     for u in inputs:
         beliefs.append(estimator.time_update_on(run, beliefs[-1], u, data.parameters, data.process_noise))
     return beliefs[1:]
-
-
-def _faded(y: Any, expected: Any, offset: Any, before: Any, decay: Any) -> tuple[Any, Any, Any]:
-    """The measurement (p,) less its offset, which is taken where an element is first there, and decays; the offset, and
-    flags of elements that have one."""
-    there = known(y)
-    offset = chosen(before, decay * offset, chosen(there, y - expected, 0.0))
-    return y - offset, offset, maximum(before, there)
 
 
 def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
@@ -375,7 +355,7 @@ def _deviation(
     """Tracked positions, growth of the integrals, integrals, and the law's argument: x − x*, or x − x_d about the
     moving reference, where x is the state `ahead`, at which the input acts."""
     n, places = len(estimate), [source.state for source in tracked]
-    position = _positions(tracked, y, estimate)
+    position = positions(tracked, y, estimate)
     if moving:
         # ė = x_i − x_di, both of which move between samples: the error goes in by the trapezoidal rule.
         error = 0.5 * ((last - reference[places]) + (position - others[1][places]))
@@ -390,15 +370,6 @@ def _deviation(
     return position, growth, integral, np.concatenate([np.asarray(ahead), integral]) - centre
 
 
-def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
-    """Of the measurement where they are in it and it is there, else of the estimate."""
-    positions = [estimate[source.state] for source in tracked]
-    for k, source in enumerate(tracked):
-        if source.measured:
-            positions[k] = where(absolute(y[source.place]) < np.inf, y[source.place], positions[k])
-    return np.array(positions)
-
-
 def _limited(
     tracked: Sequence[Source],
     y: Any,
@@ -411,7 +382,7 @@ def _limited(
     upper: Any,
     rate: Any,
 ) -> Any:
-    last = where(started[0] > 0.5, last, _positions(tracked, y, estimate))
+    last = where(started[0] > 0.5, last, positions(tracked, y, estimate))
     return clip(clip(r, lower, upper), last - period * rate, last + period * rate)
 
 

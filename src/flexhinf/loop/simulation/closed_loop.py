@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.signals.references import braked, signal_name
 from flexhinf.loop.simulation.ensemble import Ensemble, PreparedRun, signal_place, tracked_place
@@ -33,8 +33,30 @@ from flexhinf.loop.simulation.metrics import Command, Reduction, common_reductio
 from flexhinf.loop.simulation.program import CONTROL_FAILED, PLANT_FAILED, Channel
 from flexhinf.loop.simulation.trajectory import Trajectory
 from flexhinf.notebook import Summarised, names_text
-from flexhinf.plant import BlackBox, Plant, python_control, rk4_step, sub_steps
+from flexhinf.plant import BlackBox, Plant, Sensor, SensorTable, python_control, rk4_step, sub_steps
 from flexhinf.validation import checked_kind, real_array, value_text
+
+
+def checked_sensors(sensors: Any, quantisation: Any, plant: Any, controller: Controller) -> SensorTable:
+    """The sensors of a loop; refused beside a quantisation, and where the controller needs every measurement."""
+    groups = plant.groups if controller.estimator is None else controller.estimator.plant.groups
+    table = SensorTable.of(
+        sensors, controller.measured, lambda name: tuple(groups.get(name, (name,))), controller.period
+    )
+    refuse_if(
+        quantisation is not None,
+        "The quantisation is stated twice.",
+        f"expected quantisation=None with sensors=(...), got {value_text(quantisation)}",
+        "fh.Sensor(name, quantisation=…)",
+    )
+    refuse_if(
+        controller.estimator is None and (table.delays.any() or (table.periods > 1).any()),
+        "A controller without an estimator needs every state at every sample.",
+        f"expected sensors without period and delay, got {table.periods.tolist()} and {table.delays.tolist()} samples",
+        "an estimator",
+    )
+    return table
+
 
 #: How a run ends that was stopped before its last sample.
 STOPPED = -1
@@ -65,7 +87,8 @@ class Loop(Summarised):
     ----------
     true_plant : Plant or BlackBox
         A `Plant` is integrated between samples by the classical Runge–Kutta method, with as many sub-steps as its
-        fastest mode requires. A black box integrates itself, see `BlackBox`.
+        fastest mode requires; a map (``sampled=True``) is evaluated once a sample, with the disturbance as it is at the
+        sample. A black box integrates itself, see `BlackBox`.
     controller : Controller
         Only read: every run has a memory of its own.
     sub_steps : int, optional
@@ -75,6 +98,10 @@ class Loop(Summarised):
     delay : float
         Between an input and its effect, s; a whole number of periods. The estimator does not know of it: it comes on
         top of the controller's latency.
+    sensors : sequence of flexhinf.Sensor, optional
+        One for each measured signal, instead of `quantisation`: its noise is that of every run that states none, and
+        a signal that is not measured at a sample is NaN. Where signals are late, what the first sample measures stands
+        for what was before.
 
     Raises
     ------
@@ -89,6 +116,7 @@ class Loop(Summarised):
         sub_steps: int | None = None,
         quantisation: Any = None,
         delay: float = 0.0,
+        sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
         self.true_plant, self.controller, self._sub_steps_option = true_plant, controller, sub_steps
         checked_kind(
@@ -106,6 +134,8 @@ class Loop(Summarised):
                 "4",
             )
         channel = Channel.of(quantisation, delay, controller.period, controller.measured)
+        if sensors is not None:
+            channel = channel.with_sensors(checked_sensors(sensors, quantisation, true_plant, controller))
         self.channel = replace(channel, delay=channel.delay + controller.mode.latency)
         if isinstance(true_plant, BlackBox):
             return
@@ -122,6 +152,12 @@ class Loop(Summarised):
                 "The true plant does not give what the controller needs.",
                 f"expected {list(needed)}, got {list(outputs)}",
                 "the same `measured=` for the true plant and for the estimator's",
+            )
+        if true_plant.sampled and sub_steps is not None and sub_steps > 1:
+            raise InvalidInput(
+                "A map has no sub-steps.",
+                f"expected sub_steps=None for a true plant with sampled=True, got {sub_steps}",
+                "Loop(true_plant, controller)",
             )
         wanted, inputs = tuple(controller.law.input_names), tuple(true_plant.inputs)
         if inputs != wanted:
@@ -146,7 +182,7 @@ class Loop(Summarised):
         """
         package, plant, controller, channel = python_control(), self.true_plant, self.controller, self.channel
         latency, queue = controller.mode.latency, controller.memory.places.get("queue", slice(0, 0))
-        if not isinstance(plant, Plant) or channel.delay > latency or any(channel.quanta):
+        if not isinstance(plant, Plant) or channel.delay > latency or any(channel.quanta) or channel.periods:
             raise InvalidInput(
                 "The loop has no form in python-control.",
                 f"expected a Plant without unknown delay and quantisation, got {type(plant).__name__} and {channel}",
@@ -170,6 +206,8 @@ class Loop(Summarised):
             def flow(x: Any, d: Any) -> np.ndarray:
                 return np.ravel(np.asarray(plant.traced_flow(x, u, d, p), dtype=float))
 
+            if plant.sampled:
+                return np.concatenate([flow(x, v[commanded:]), after])
             for _ in range(steps):
                 x = rk4_step(flow, x, (v[commanded:],) * 3, controller.period / steps)
             return np.concatenate([x, after])
@@ -197,6 +235,8 @@ class Loop(Summarised):
             "disturbances": names_text(tuple(self.true_plant.disturbances)),
             **({"input delay": f"{channel.delay} samples"} if channel.delay else {}),
             **({"quantisation": quanta} if quanta else {}),
+            **({"sensor periods": f"{list(channel.periods)} samples"} if channel.periods else {}),
+            **({"sensor delays": f"{list(channel.late)} samples"} if channel.late else {}),
             **self.controller.summary(),
         }
 
@@ -216,7 +256,8 @@ class Loop(Summarised):
         """The same controller, channel and sub-steps with another true plant."""
         if plant is self.true_plant:
             return self
-        steps = self.sub_steps if isinstance(plant, Plant) and isinstance(self.true_plant, Plant) else None
+        integrated = [isinstance(one, Plant) and not one.sampled for one in (plant, self.true_plant)]
+        steps = self.sub_steps if all(integrated) else None
         other = Loop(plant, self.controller, steps)
         other.channel = self.channel
         return other
@@ -243,7 +284,7 @@ class Loop(Summarised):
         disturbance : callable, number, or mapping by channel name
             For example ``{"link_torque": fh.Step(2.0, at=4.0)}``; zero by default.
         noise : float or (p,) array
-            Standard deviation of the measurement noise, in the measurement's unit.
+            Standard deviation of the measurement noise, in the measurement's unit; by default that of the sensors.
         duration : float
             s; samples at 0, period, …, duration.
         initial_state : array, mapping by name, or None
@@ -314,7 +355,9 @@ class Loop(Summarised):
             )
         times, commands, settings = self._commanded(reference, disturbance, noise, duration, multi_turn)
         settings |= {"seed": seed, "sub_steps": 1}
+        noise = channel.noise(noise)
         noise_samples = sample_noise(noise, seed, len(times), controller.measured)
+        gaps, waiting = channel.gaps(len(times)), np.full(sum(channel.late), np.nan)
         if stepped is None:
             stepped = controller.fresh()
             stepped.reset(input=initial_input)
@@ -323,7 +366,7 @@ class Loop(Summarised):
         names = {
             "output": controller.measured,
             "input": controller.law.input_names,
-            "estimate": controller.states,
+            "estimate": controller.estimated,
             **({"state": box.states} if box.states else {}),
         }
         recorded = {name: np.full((samples, len(several)), np.nan) for name, several in names.items()}
@@ -346,8 +389,12 @@ class Loop(Summarised):
                     f"expected {len(controller.measured)} numbers {list(controller.measured)}, got shape {y.shape}",
                     "output() in the order of the estimator's outputs",
                 )
-            recorded["output"][k] = y = channel.quantised(y + noise_samples[k])
-            if self._has_failed(y, recorded["state"][k] if box.states else None):
+            y = channel.quantised(y + noise_samples[k])
+            failed = self._has_failed(y, recorded["state"][k] if box.states else None)
+            if channel.periods:
+                y, waiting = channel.arrived(y, waiting, gaps[k])
+            recorded["output"][k] = y
+            if failed:
                 code, last = PLANT_FAILED, k
                 break
             try:
@@ -451,18 +498,24 @@ class Loop(Summarised):
             "held": controller.input_before(initial_input),
             "memory": controller.initial_memory(input=initial_input),
         }
+        noise = self.channel.noise(noise)
         deviation = None if noise is None else checked_deviation(noise, controller.measured)
+        if self.channel.periods:
+            start["waiting"] = np.full(sum(self.channel.late), np.nan)
         shared = {
             "data": controller.data_vector,
             "facts": command.vector(),
             **({"reference": commands.ravel()} if commands.size else {}),
             **({} if deviation is None else {"deviation": np.ascontiguousarray(deviation)}),
+            **({"gaps": self.channel.gaps(len(times)).ravel()} if self.channel.periods else {}),
         }
         tracking = {
             name: tracking_reductions(tracked_place(plant, controller, name)) for name in controller.judged
         }
         pairs = [
-            (k, plant.states.index(name)) for k, name in enumerate(controller.states) if name in plant.states
+            (k, plant.states.index(name))
+            for k, name in enumerate(controller.estimated)
+            if name in plant.states
         ]
         numbers = real_array(instants).reshape(-1)
         samples = np.where(np.isfinite(numbers), numbers, -1.0).clip(-1.0, command.samples).astype(int)
@@ -498,7 +551,7 @@ class Loop(Summarised):
         check_ranges(commands, times, names, limits, units)
         return times[:samples], commands, {
             "reference": signal_name(reference), "disturbance": signal_name(disturbance),
-            "noise": "none" if noise is None else str(noise), "seed": 0,
+            "noise": "none" if self.channel.noise(noise) is None else str(self.channel.noise(noise)), "seed": 0,
             "period": controller.period, "sub_steps": 0, "quantisation": list(self.channel.quanta) or "none",
             "input_delay_samples": self.channel.delay,
         }  # fmt: skip

@@ -377,6 +377,9 @@ class Ensemble:
             "truth": np.concatenate([[self.command.period / parts], plants.truth[k]]),
             "reference": self.commands.ravel(), "disturbance": values.ravel(),
         }  # fmt: skip
+        arrays |= {
+            name: array for name, array in (own | dict(self.shared)).items() if name in ("waiting", "gaps")
+        }
         recorded = {"reference": self.commands[:samples], "disturbance": acting}
         return PreparedRun(code, np.arange(samples) * self.command.period, arrays, recorded, settings)
 
@@ -495,7 +498,7 @@ class Ensemble:
 
 def _signal_names(plant: Plant, controller: Controller) -> dict[str, tuple[str, ...]]:
     return {
-        "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.states),
+        "state": tuple(plant.states), "output": tuple(controller.measured), "estimate": tuple(controller.estimated),
         "input": tuple(controller.law.input_names),
     }  # fmt: skip
 

@@ -87,12 +87,15 @@ def starting_state(initial: Any, states: Sequence[str], controller: Controller) 
 def _designed_start(controller: Controller) -> dict[str, float]:
     estimator = controller.estimator
     start = controller.law.operating_point if estimator is None else estimator.initial[0]
-    return dict(zip(controller.states, np.asarray(start, dtype=float).tolist()))
+    return dict(zip(controller.estimated, np.asarray(start, dtype=float).tolist()))
 
 
 def operating_state(states: Sequence[str], controller: Controller) -> np.ndarray:
-    """The law's operating point as a state (n,) of a plant with these states, the others zero."""
-    point = dict(zip(controller.states, np.asarray(controller.law.operating_point, dtype=float).tolist()))
+    """The law's operating point as a state (n,) of a plant with these states, the others where the estimate begins, or
+    zero."""
+    point = _designed_start(controller) | dict(
+        zip(controller.states, np.asarray(controller.law.operating_point, dtype=float).tolist())
+    )
     return np.array([point.get(name, 0.0) for name in states])
 
 
@@ -115,11 +118,11 @@ def start_text(
     text = f"{name} = {value:.6g}, the controller starts at {start:.6g}" if away else STARTED
     if placed or not isinstance(plant, Plant):
         return text
-    rates = plant.derivative(x, before)
+    rates = plant.change(x, before)
     worst = int(np.argmax(np.abs(rates)))
     if abs(rates[worst]) <= SAME_START * max(1.0, plant.fastest_mode(x, before)):
         return f"{text}, at rest"
-    return f"{text}; the true plant does not rest there: d/dt {plant.states[worst]} = {rates[worst]:.3g}"
+    return f"{text}; the true plant does not rest there: {plant.change_text(worst)} = {rates[worst]:.3g}"
 
 
 #: A command may exceed a limit by this fraction of the range, for rounding.

@@ -28,7 +28,7 @@ from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.controller import Controller
 from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.metrics import Instant, Reduction
-from flexhinf.plant import Plant, rk4_step
+from flexhinf.plant import Plant, SensorTable, chosen, known, rk4_step
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import real_array, real_number, value_text
 
@@ -55,14 +55,19 @@ def check_delay(samples: float, period: float, most: int = LONGEST) -> None:
 
 @dataclass(frozen=True)
 class Channel:
-    """Quantised measurements and delayed inputs. Of the delay, the estimator knows the controller's latency.
+    """Sensors, and delayed inputs. Of the delay, the estimator knows the controller's latency.
 
     `quanta` are the steps of the measurements, in their unit, 0 for one that is not quantised; `delay` the samples
-    between an input and its effect. Until the first one acts the input before the first sample does.
+    between an input and its effect. Until the first one acts the input before the first sample does. Of each
+    measurement `deviations` are those of its noise, `periods` and `late` the samples from one to the next, and those
+    until it arrives; what is not measured is NaN. All three are empty without sensors.
     """
 
     quanta: tuple[float, ...]
     delay: int
+    deviations: tuple[float, ...] = ()
+    periods: tuple[int, ...] = ()
+    late: tuple[int, ...] = ()
 
     @staticmethod
     def of(quantisation: Any, delay: Any, period: float, measured: tuple[str, ...]) -> Channel:
@@ -87,6 +92,40 @@ class Channel:
         quanta = () if quantisation is None else tuple(np.broadcast_to(steps, (len(measured),)).tolist())
         return Channel(quanta if any(quanta) else (), round(samples))
 
+    def with_sensors(self, table: SensorTable) -> Channel:
+        """The channel with these sensors' quantisation, noise, periods and delays."""
+        quanta, periods, late = (tuple(row.tolist()) for row in (table.quanta, table.periods, table.delays))
+        return replace(
+            self, quanta=quanta if any(quanta) else (), deviations=tuple(table.deviations.tolist()),
+            periods=periods if max(periods, default=1) > 1 or any(late) else (), late=late if any(late) else (),
+        )  # fmt: skip
+
+    def noise(self, stated: Any) -> Any:
+        """The deviations of a run's noise: as stated, or those of the sensors, None without either."""
+        return self.deviations if stated is None and any(self.deviations) else stated
+
+    def gaps(self, samples: int) -> np.ndarray:
+        """(samples, p), NaN where a measurement is not made, else 0; (samples, 0) where all are."""
+        periods = np.array(self.periods, dtype=int)
+        return (
+            np.where(np.arange(samples)[:, None] % periods != 0, np.nan, 0.0)
+            if self.periods
+            else np.zeros((samples, 0))
+        )
+
+    def arrived(self, y: Any, waiting: Any, gap: Any) -> tuple[Any, Any]:
+        """What arrives at a sample (p,) of what is measured then, y (p,), and the next of what waits (Σ late,): NaN
+        before the first sample, whose measurements stand for those before."""
+        kept: list[Any] = []
+        there, first = [], 0
+        for value, late in zip(y, self.late or (0,) * len(y)):
+            before = waiting[first : first + late]
+            line = [value, *chosen(known(before), before, value)]
+            there.append(line[-1])
+            kept += line[:-1]
+            first += late
+        return np.array(there) + gap, np.array(kept)
+
     def quantised(self, y: Any) -> Any:
         """Measurements (p,) rounded to their steps, on any element."""
         rounded = [q * np.floor(v / q + 0.5) if q > 0.0 else v for v, q in zip(y, self.quanta)]
@@ -101,11 +140,14 @@ CONTROL_FAILED, PLANT_FAILED = 1, 2
 
 
 def rk4_function(plant: Plant) -> ca.Function:
-    """(x, u, d at start, middle and end, (step, p)) → x one sub-step later, after the plant's `arrest`."""
+    """(x, u, d at start, middle and end, (step, p)) → x one sub-step later, after the plant's `arrest`; of a map, x⁺
+    with d as at the start."""
     nd, named = len(plant.disturbances), plant.parameters.named
 
     def advance(x: Any, u: Any, d: Any, truth: Any) -> Any:
         stages = [d[k * nd : (k + 1) * nd] for k in range(3)]
+        if plant.sampled:
+            return plant.evaluate_flow(x, u, stages[0], truth[1:])
         after = rk4_step(lambda s, v: plant.evaluate_flow(s, u, v, truth[1:]), x, stages, truth[0])
         return after if plant.arrest is None else plant.arrest(after, truth[0], named(truth[1:]))
 
@@ -170,7 +212,7 @@ class LoopCode:
         return {
             "x": plant.n, "u": len(plant.inputs), "y": len(controller.measured), "r": len(controller.commanded),
             "d": len(plant.disturbances), "memory": controller.memory.size, "data": controller.data.size,
-            "estimate": len(controller.states), "parameters": plant.parameters.size,
+            "estimate": len(controller.estimated), "parameters": plant.parameters.size,
             "capacity": capacity(self.sub_steps),
         }  # fmt: skip
 
@@ -182,7 +224,7 @@ class LoopCode:
             self.plant.code_key,
             self.controller.code_key,
             *self.sizes.values(),
-            self.channel.quanta,
+            (self.channel.quanta, self.channel.late, bool(self.channel.periods)),
         )
 
     @property
@@ -238,7 +280,14 @@ def loop_program(
         deviation = b.whole("deviation", sizes["y"], "in", many)
         body.append(Call(_product_function(sizes["y"], 1), (*normal, *deviation), noise))
     measure = drop_empty(measure_function(plant, controller, code.channel))
-    body += [Call(measure, (*x, *held, *noise, *truth), y), *control]
+    body.append(Call(measure, (*x, *held, *noise, *truth), y))
+    if code.channel.periods:
+        waiting = b.whole("waiting", sum(code.channel.late), "state")
+        arrived = drop_empty(
+            trace(code.channel.arrived, sizes["y"], sum(code.channel.late), sizes["y"], name="arrived")
+        )
+        body.append(Call(arrived, (*y, *waiting, *b.row("gaps", sizes["y"], "in", many)), (*y, *waiting)))
+    body += control
     if options is not None and options.kept:
         places = options.kept
 

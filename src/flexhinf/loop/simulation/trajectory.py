@@ -89,7 +89,7 @@ class Trajectory(Summarised):
             )
         time, signals = read_only((times[:end], {name: values[:end] for name, values in recorded.items()}))
         every = {
-            "state": tuple(plant.states), "estimate": controller.states, "output": controller.measured,
+            "state": tuple(plant.states), "estimate": controller.estimated, "output": controller.measured,
             "input": tuple(controller.law.input_names), "reference": controller.commanded,
             "disturbance": tuple(plant.disturbances),
         }  # fmt: skip

@@ -1,0 +1,192 @@
+"""Sensors of their own noise, quantisation, period and delay, in estimators."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from tests.estimation.composing import composed
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
+from flexhinf.plant import SensorTable
+
+BOTH = pytest.mark.parametrize("kind", [UnscentedKalmanFilter, ExtendedKalmanFilter])
+FORMS = pytest.mark.parametrize("form", ["covariance", "square_root"])
+PERIOD = 0.02
+
+
+def linear(case, **options):
+    return fh.Plant(
+        lambda x, u, d, q: q.a @ x + q.b @ u, lambda x, u, q: q.c @ x, ("i", "j", "k"), ("u", "v"),
+        outputs=("first", "second"), parameters={"a": case.a, "b": case.b, "c": case.c},
+        groups={"both": ("first", "second")}, **options,
+    )  # fmt: skip
+
+
+def sensors(delays=(0, 0), noise=(0.3, 0.2)):
+    return tuple(
+        fh.Sensor(name, noise=sigma, delay=k * PERIOD)
+        for name, k, sigma in zip(("first", "second"), delays, noise)
+    )
+
+
+# Noise and quantisation ---------------------------------------------------------------------------------
+@BOTH
+@FORMS
+def test_noise_and_quantisation_are_the_measurement_noise(kalman, kind, form):
+    case = kalman.case(3, 2, 2)
+    several = (fh.Sensor("second", noise=0.3), fh.Sensor("first", noise=0.2, quantisation=0.6))
+    one = kind(**case.arguments(plant=linear(case), measurement_noise=None, sensors=several, form=form))
+    other = kind(
+        **case.arguments(plant=linear(case), measurement_noise=[0.04 + 0.36 / 12.0, 0.09], form=form)
+    )
+    np.testing.assert_allclose(np.diag(one.measurement_noise), [0.07, 0.09], rtol=1e-14)
+    for estimator in (one, other):
+        estimator.correct([0.3, -0.2])
+        estimator.predict([0.1, 0.2])
+    np.testing.assert_allclose(one.mean, other.mean, rtol=1e-12)
+
+
+def test_a_group_has_one_sensor():
+    robot = fh.load_robot("planar-two-link")
+    plant = robot.plant(("motor_position",))
+    table = SensorTable.of(fh.Sensor("motor_position", noise=1e-4), plant.outputs, plant.expanded, 1e-3)
+    np.testing.assert_allclose(table.variances, [1e-8, 1e-8])
+    assert table.periods.tolist() == [1, 1]
+
+
+# Delay ------------------------------------------------------------------------------------------------------
+def conditioned(case, f, g, delays, inputs, seen, noise):
+    """Mean and covariance of x_K given y_0 … y_K, all at once: y_k shows outputs of x_{max(0, k − delay)}."""
+    count, n = len(seen), 3
+    mean, root = [case.mean], [np.eye(n)]
+    for u in inputs:
+        mean.append(f @ mean[-1] + g @ u)
+        root.append(f @ root[-1])
+    prior = np.zeros((n * count, n * count))
+    covariance = case.p0
+    spread = [case.p0]
+    for _ in inputs:
+        covariance = f @ covariance @ f.T + case.q
+        spread.append(covariance)
+    for i in range(count):
+        block = spread[i]
+        for j in range(i, count):
+            prior[n * j : n * j + n, n * i : n * i + n] = block
+            prior[n * i : n * i + n, n * j : n * j + n] = block.T
+            block = f @ block
+    rows, expected = np.zeros((2 * count, n * count)), np.zeros(2 * count)
+    for k in range(count):
+        for i, delay in enumerate(delays):
+            at = max(0, k - delay)
+            rows[2 * k + i, n * at : n * at + n] = case.c[i]
+            expected[2 * k + i] = case.c[i] @ mean[at]
+    inner = rows @ prior @ rows.T + np.diag(np.tile(np.square(noise), count))
+    gain = np.linalg.solve(inner, rows @ prior).T
+    whole = gain @ (np.ravel(seen) - expected)
+    last = slice(n * (count - 1), n * count)
+    return mean[-1] + whole[last], (prior - gain @ rows @ prior)[last, last]
+
+
+@pytest.mark.oracle
+@BOTH
+@FORMS
+@pytest.mark.parametrize("sampled", [False, True])
+@pytest.mark.parametrize("delays", [(0, 2), (3, 1), (1, 1)])
+def test_what_is_late_is_taken_for_what_it_was(kalman, kind, form, sampled, delays):
+    """Against the joint density of all states of all samples, conditioned at once."""
+    case = kalman.case(3, 2, 2, seed=4)
+    plant = linear(case, sampled=sampled)
+    one = kind(**case.arguments(plant=plant, measurement_noise=None, sensors=sensors(delays), form=form))
+    plain = kind(**case.arguments(plant=plant, form=form))
+    assert one.plant.sampled
+    assert one.plant.n == 3 + sum(delays)
+    f, g = (case.a, case.b) if sampled else case.map(plain.stages, plain.sub_steps)
+    seen, inputs = case.rng.normal(size=(6, 2)), case.rng.normal(size=(5, 2))
+    step, belief = composed(one), one.initial
+    for k, y in enumerate(seen):
+        one.correct(y)
+        if k < 5:
+            belief = step(belief, y, inputs[k])
+            one.predict(inputs[k])
+            assert kalman.relative(belief.mean, belief.covariance, one.mean, one.covariance) < 1e-10
+    mean, covariance = conditioned(case, f, g, delays, inputs, seen, (0.3, 0.2))
+    assert kalman.relative(one.mean[:3], one.covariance[:3, :3], mean, covariance) < 1e-9
+
+
+def test_a_controller_of_a_late_sensor_is_saved_and_compiled(tmp_path, kalman):
+    """The law's states are among those of the map; start at a pose and the bound of windup are those of the plant."""
+    plant = fh.load_robot("paper").plant(("link_position", "motor_position"))
+    problem = plant.with_objective(
+        {"link_position": 10.0, "link_position_integral": 30.0}, "disturbance", ("link_position",)
+    )
+    law = fh.linear_law(problem, gamma=40.0)
+    several = (fh.Sensor("link_position", delay=2e-3, noise=1e-4), fh.Sensor("motor_position", noise=1e-4))
+    given = (plant, 1e-3, 1e-9, None, np.zeros(4), 1e-6)
+    control = fh.Controller(law, ExtendedKalmanFilter(*given, sensors=several), 1e-3)
+    plain = fh.Controller(law, ExtendedKalmanFilter(plant, 1e-3, 1e-9, 1e-8, np.zeros(4), 1e-6), 1e-3)
+    assert control.estimated[4:] == ("link_position_past_1", "link_position_past_2")
+    np.testing.assert_allclose(control.windup.limit, plain.windup.limit, rtol=1e-6)
+    control.save(tmp_path / "controller")
+    others = [fh.load_controller(tmp_path / "controller"), pickle.loads(pickle.dumps(control))]
+    compiled = fh.load_compiled(fh.compile_controller(control, tmp_path / "library.so"))
+    for k in range(8):
+        y = [1e-3 * k, 1.2e-3 * k]
+        u = control.step(y)
+        np.testing.assert_array_equal([other.step(y) for other in others], [u, u])
+        np.testing.assert_allclose(compiled.step(y), u, rtol=1e-9)
+    for one in (control, plain):
+        one.reset(pose=[0.3])
+    stood = (
+        control.step([0.3, 0.3 + 9.8 * np.sin(0.3) / 100.0]),
+        plain.step([0.3, 0.3 + 9.8 * np.sin(0.3) / 100.0]),
+    )
+    np.testing.assert_allclose(*stood, rtol=1e-6)
+
+
+# What does not fit -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("given", "anchors"),
+    [
+        ({"period": 0.0}, ("period", 0.0)),
+        ({"noise": -1e-3}, ("noise", -1e-3)),
+        ({"delay": np.inf}, ("delay",)),
+        ({"quantisation": "fine"}, ("quantisation", "fine")),
+    ],
+)
+def test_a_sensor_has_numbers(given, anchors):
+    with refused_with(InvalidInput, "first", *anchors):
+        fh.Sensor("first", **given)
+
+
+@pytest.mark.parametrize(
+    ("several", "anchors"),
+    [
+        ((fh.Sensor("first", noise=1.0),), ("second",)),
+        ((fh.Sensor("both", noise=1.0), fh.Sensor("first", noise=1.0)), ("first",)),
+        ((fh.Sensor("third", noise=1.0),), ("third", "first")),
+        ((fh.Sensor("both", noise=1.0, delay=0.03),), ("delay", 0.02, 0.03)),
+        ((fh.Sensor("both", noise=1.0, period=0.01),), ("period", 0.02, 0.01)),
+        ((fh.Sensor("both"),), ("definite",)),
+        ("first", ("sensor",)),
+    ],
+)
+def test_sensors_that_do_not_fit_are_refused(kalman, several, anchors):
+    case = kalman.case(3, 2, 2)
+    with refused_with(InvalidInput, *anchors):
+        UnscentedKalmanFilter(**case.arguments(plant=linear(case), measurement_noise=None, sensors=several))
+
+
+def test_noise_is_stated_once_and_a_late_output_has_no_input(kalman):
+    case = kalman.case(3, 2, 2)
+    with refused_with(InvalidInput, "measurement_noise", "sensors"):
+        UnscentedKalmanFilter(**case.arguments(plant=linear(case), sensors=sensors()))
+    plant = fh.Plant(lambda x, u, d, p: -x + u, lambda x, u, p: x + u, ("a",), ("u",), outputs=("seen",))
+    with refused_with(InvalidInput, "seen", "delay"):
+        UnscentedKalmanFilter(
+            plant, PERIOD, 1e-4, None, [0.0], 1.0, sensors=fh.Sensor("seen", noise=1.0, delay=PERIOD)
+        )
