@@ -111,8 +111,8 @@ def _correlation_texts(correlated: Sequence[OutputConsistency]) -> Iterator[str]
 def _nees_text(nees: Any) -> str:
     relation = {
         "as expected": "as large as the filter says",
-        "larger": f"{number(nees.factor, 2)} times larger than the filter says",
-        "smaller": f"{number(1.0 / nees.factor, 2)} times smaller than the filter says",
+        "larger": f"{number(nees.factor, 3)} times larger than the filter says",
+        "smaller": f"{number(1.0 / nees.factor, 3)} times smaller than the filter says",
     }
     return f"Beside the true state, errors are {relation[nees.judgement]} (mean NEES {number(nees.mean, 3)} of 1)."
 

@@ -11,7 +11,7 @@ import numpy as np
 from flexhinf.estimation import UnscentedKalmanFilter
 from flexhinf.identification import Log
 from flexhinf.identification.consistency import CONFIDENCE, DEVIATIONS, Consistency, OutputConsistency
-from flexhinf.pages.drawing import POINTS, Blocks, Line, Panel, draw_figure, listed, thin
+from flexhinf.pages.drawing import Blocks, Line, Panel, draw_figure, listed, thin
 from flexhinf.report import INK, MUTED, SERIES, legend, number
 from flexhinf.robot import Robot
 
@@ -62,7 +62,7 @@ def _band(
     time: np.ndarray, middle: np.ndarray, deviation: np.ndarray, colour: str, named: bool = False
 ) -> Callable[[Axes], object]:
     """What draws a band, and, in the first panel of a figure (`named`), the legend."""
-    few = thin(time, 2 * POINTS)
+    few = thin(time)
     low, high = (middle + sign * DEVIATIONS * deviation for sign in (-1.0, 1.0))
 
     def draw(axes: Axes) -> None:
@@ -161,7 +161,7 @@ def innovation_blocks(result: FilteredLog) -> Blocks:
         )
         known = np.isfinite(values)
         t, v, d = time[known], values[known], deviation[known]
-        few = thin(t, 3000)
+        few = thin(t)
         usual = DEVIATIONS * float(np.median(d))
         size = max(float(np.abs(v).max()), 1.3 * usual)
         panels.append(
