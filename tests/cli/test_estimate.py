@@ -169,3 +169,49 @@ def test_what_is_refused(
     rows = "".join(f"{0.001 * k},{'' if k % 2 else 1},0.1\n" for k in range(20))
     (folder / "gaps.csv").write_text("time,motor_voltage,link_position\n" + rows)
     refused(["estimate", *words], what, folder)
+
+
+def test_ctrl_c_leaves_nothing(
+    run: Any, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """While it reads, filters and draws: nothing is written, and an earlier report stays as it was."""
+    run.save(folder / "run.csv")
+
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    for where in ("flexhinf.read_log", "flexhinf.filter_log", "flexhinf.pages.estimate_files"):
+        with monkeypatch.context() as patch:
+            patch.setattr(where, interrupted)
+            assert main(["estimate", *WORDS]) == 130
+        assert {path.name for path in folder.iterdir()} == {"run.csv"}
+    assert main(["estimate", *WORDS]) == 0
+    before = (folder / "flexhinf-estimate" / "index.html").read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr("flexhinf.pages.estimate_files", interrupted)
+        assert main(["estimate", *WORDS, "--filter", "extended"]) == 130
+    assert (folder / "flexhinf-estimate" / "index.html").read_bytes() == before
+
+
+def test_several_joints_have_figures_of_four_panels(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two links: eight states in two figures, and the inputs and outputs by the joints' names."""
+    robot = fh.load_robot("planar-two-link")
+    plant, pose = robot.plant("motor_position"), [0.2, -0.3]
+    x, u = robot.operating_point(pose)
+    rng = np.random.default_rng(4)
+    rows = np.column_stack(
+        [1e-3 * np.arange(60), np.tile(u, (60, 1)), x[4:6] + 1e-4 * rng.normal(size=(60, 2))]
+    )
+    head = ",".join(["time", *plant.inputs, *plant.outputs])
+    np.savetxt(folder / "log.csv", rows, "%.17g", ",", header=head, comments="")
+    words = ["estimate", "log.csv", "--robot", "planar-two-link", "--measured", "motor_position", "--smooth"]
+    assert main([*words, "--filter", "extended"]) == 0
+    page = (folder / "flexhinf-estimate" / "index.html").read_text(encoding="utf-8")
+    assert 'id="figure-estimates"' in page
+    assert 'id="figure-estimates-2"' in page
+    assert 'id="figure-estimates-3"' not in page
+    numbers = json.loads((folder / "flexhinf-estimate" / "estimate.json").read_text(encoding="utf-8"))
+    assert list(numbers["outputs"]) == ["motor_position_shoulder", "motor_position_elbow"]
+    for k, state in enumerate(plant.states):
+        found = numbers["last_estimate"][state]
+        assert abs(found["value"] - x[k]) < 5.0 * found["standard_deviation"]

@@ -136,3 +136,19 @@ def test_a_diverging_filter_is_refused_with_its_sample():
     u[7] = 1e120
     with refused_with(fh.NumericalFailure, "sample 8"):
         fh.filter_log(filter, (PERIOD * np.arange(20), u, np.zeros(20)))
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_inputs_of_a_run_act_after_its_latency(latency):
+    """Noiseless, with a model without any noise: the estimate is the true state at every sample."""
+    robot = fh.load_robot("paper")
+    plant = robot.plant()
+    filter = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-14, 1e-6, np.zeros(4), 1e-14)
+    law = fh.linear_law(robot.problem(), gamma=400.0)
+    controller = fh.Controller(law, filter, 1e-3, latency=latency)
+    run = fh.Loop(plant, controller).run(fh.Step(0.1), duration=0.1)
+    data = fh.filter_log(filter, run)
+    assert len(data.time) == len(run.time) - latency
+    truth = run.signals["state"][latency:]
+    np.testing.assert_allclose(data.estimate.values, truth, atol=1e-5 * np.abs(truth).max())
+    np.testing.assert_array_equal(data.known.values, 4)

@@ -83,7 +83,7 @@ COMMANDS = {
     "estimate": (
         estimate,
         "flexhinf estimate run.csv --robot arm.toml",
-        'flexhinf estimate log.csv --robot arm.toml --measured motor_position --column "motor_position=pos [deg]"',
+        'flexhinf estimate log.csv --robot arm.toml --measured motor_position --column "motor_position=pos (deg)"',
         "flexhinf estimate bag.mcap --robot flexhinf-design --column motor_voltage=command/data --hold-inputs",
     ),
     "identify": (

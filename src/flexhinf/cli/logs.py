@@ -48,9 +48,9 @@ def estimate(context: typer.Context, o: EstimateOptions) -> None:
     """What a filter makes of a log: estimates with bands, and whether the two fit.
 
     Columns with the names of the robot's signals are taken as they are:
-    motor_torque (or _voltage, _current), link_position, motor_position, of
+    drive_torque (or motor_voltage, motor_current), motor_position, …, of
     several joints with their names: motor_position_elbow. Others are named by
-    --column. Units stand behind names: pos [deg].
+    --column. Units stand behind names: pos (deg).
 
     The filter's noise levels come from the log, unless they are stated or --robot
     is a design. The page says whether innovations are as large as the filter

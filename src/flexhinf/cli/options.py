@@ -24,12 +24,15 @@ from flexhinf.options import (
     WRITTEN,
     CampaignOptions,
     Duration,
+    NotNegative,
     Number,
+    Period,
     Positive,
     Real,
     Seconds,
     Text,
     Threads,
+    Variances,
     Whole,
     argument,
     option,
@@ -323,6 +326,18 @@ class LogOptions(ElasticOptions):
 class EstimateOptions(LogOptions):
     """Options of ``flexhinf estimate``."""
 
+    period: Period | None = option(None, ADVANCED,
+        "Longest prediction in one piece, and what --process-noise and --torque-noise are per: 0.001 (s) or 1ms.",
+        "1ms", "s", default="that of the design, or the median time between rows")
+    process_noise: NotNegative | None = option(None, ADVANCED,
+        "q of R^v = q I, the variance added to every state per period.", "1e-10",
+        default="that of the design, or none")
+    torque_noise: NotNegative | None = option(None, ADVANCED,
+        "Variance added to the velocities alone per period, where unknown torques act.", "1e-7",
+        default="that of the design, or of torques of 1 % of the input")
+    measurement_noise: Variances | None = option(None, ADVANCED,
+        "R^n, the variance of a measured angle, or one per name of --measured, or per measured signal, each in its own "
+        "unit: 1e-8,0.01.", "1e-8", "rad²", default="that of the design, or from differences of neighbouring rows")
     filter: Annotated[Literal["unscented", "extended"], CHOICE] = option("unscented", HARDWARE,
         "unscented or extended.", "extended")
     form: Annotated[Literal["square_root", "covariance"], CHOICE] = option("square_root", ADVANCED,

@@ -189,7 +189,7 @@ def read_log(
     plant : Plant
         ``robot.plant(measured=...)``.
     columns : mapping of str to str, optional
-        Columns by the signal's name: ``{"motor_position": "motor/pos", "motor_torque": "effort [mNm]"}``; a number in
+        Columns by the signal's name: ``{"motor_position": "motor/pos", "drive_torque": "effort [mNm]"}``; a number in
         the place of a unit is what one is in the signal's SI unit, ``"counts [0.00153]"``. ``state.NAME`` is a true
         state.
     time : str, optional

@@ -27,11 +27,11 @@ from .comparison import (
     comparison_verdict as comparison_verdict,
 )
 from .estimate import (
-    FilteredLog as FilteredLog,
     estimate_files as estimate_files,
     innovation_table as innovation_table,
     judgement as judgement,
 )
+from .estimate_figures import FilteredLog as FilteredLog
 from .files import (
     comparison_files as comparison_files,
     design_files as design_files,
