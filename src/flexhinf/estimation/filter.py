@@ -14,8 +14,8 @@ from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
 from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed
-from flexhinf.scalars.trace import elementary
+from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed, trace
+from flexhinf.scalars.trace import elementary, linear
 from flexhinf.validation import (
     checked_array,
     checked_kind,
@@ -248,11 +248,23 @@ class RecursiveFilter(Estimator):
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
         if self.form == "square_root":
-            return linear_correction(run, belief, expected, c, y, measurement_noise)
+            innovation = run.call(np.subtract, y, expected)
+            from_origin = run.call(self._from_origin, y, u, p) if self.linear_output else None
+            corrected, spread = linear_correction(run, belief, innovation, c, measurement_noise, from_origin)
+            return corrected, innovation, spread
         root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
         return correction(
             run, (belief.mean, root), (expected, run.columns(applied, root, c)), weights, y, measurement_noise
         )
+
+    @cached_property
+    def linear_output(self) -> bool:
+        """Whether H is linear in x, whatever the input and the parameters."""
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return linear(trace(self.output, *sizes))
+
+    def _from_origin(self, y: Any, u: Any, p: Any) -> Any:
+        return y - self.output(np.zeros(self.plant.n), u, p)
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:

@@ -24,7 +24,6 @@ from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_r
 from flexhinf.plant import Gaussian, Plant
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
-from flexhinf.scalars.trace import linear
 from flexhinf.validation import checked_kind, read_only, real_array, real_number, value_text
 
 
@@ -286,12 +285,6 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     def _output_difference(self, deviation: Any, x: Any, u: Any, p: Any) -> Any:
         return apply(self._differences[1], x, deviation, u, p)[0]
-
-    @cached_property
-    def linear_output(self) -> bool:
-        """Whether H is linear in x, whatever the input and the parameters."""
-        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return linear(trace(self.output, *sizes))
 
     def points(self, run: Any, mean: Any, root: Any) -> Any:
         """Sigma points inside the bounds, (n, 2n + 1)."""

@@ -17,6 +17,7 @@ from flexhinf.scalars.symbol import (
     householder as householder,
     maximum as maximum,
     minimum as minimum,
+    residual as residual,
     sign as sign,
     solve_definite as solve_definite,
     solve_lower as solve_lower,
