@@ -245,6 +245,7 @@ def householder(rows: np.ndarray, count: int) -> np.ndarray:
     rounding then changes each row by parts of that row, however small [powell1969].
     """
     table = np.array(rows)
+    wide = table.dtype if table.dtype == object else np.longdouble  # for sums of products
     for c in range(count):
         chosen = _largest(table[c:, c])
         pivot = where(chosen[:, None], table[c:], 0.0).sum(axis=0)
@@ -258,7 +259,7 @@ def householder(rows: np.ndarray, count: int) -> np.ndarray:
         part = where(empty, 0.0, 1.0 / (norm + diagonal))
         inverse = where(empty, 0.0, 1.0 / norm)
         first, others = table[c, c + 1 :].copy(), table[c + 1 :, c + 1 :]
-        total = t @ others
+        total = (t.astype(wide) @ others.astype(wide)).astype(table.dtype)
         table[c, c + 1 :] = first + (total - square * part * first) * inverse
         table[c + 1 :, c + 1 :] = others - np.outer(t, (total * part + first) * inverse)
         table[c, c] = where(empty, diagonal, norm)
