@@ -174,7 +174,7 @@ def sample(rng: np.random.Generator, p: int) -> Any:
         return ordinary * 10.0 ** rng.uniform(0, 12)
     others: list[Any] = [
         ordinary * 1e200, np.full(p, np.nan), np.full(p, -np.inf), np.full(p, 1.7e308), ordinary[:-1], "far",
-        [None] * p, np.zeros((p, 2)), 10**400, 1j, np.full(p, 5e-324),
+        [None] * p, np.where(rng.random(p) < 0.5, ordinary, np.nan), np.zeros((p, 2)), 10**400, 1j, np.full(p, 5e-324),
     ]  # fmt: skip
     return others[rng.integers(len(others))]
 
@@ -263,7 +263,9 @@ def controlled(rng: np.random.Generator, estimator: Any) -> str:
             if not np.array_equal(before, controller.estimate, equal_nan=True):
                 return f"step({y!r}) was refused and changed the estimate"
             continue
-        began |= y is not None  # before, it waits, and estimates nothing
+        began |= (
+            y is not None and np.isfinite(np.asarray(y, float)).any()
+        )  # before, it waits, and estimates nothing
         if not (np.isfinite(u).all() and (np.isfinite(controller.estimate).all() or not began)):
             return f"step({y!r}) returned {u!r}"
     return comes_back(rng, controller, p)

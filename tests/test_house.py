@@ -276,6 +276,7 @@ TERMS = {
     "Face", "_face", "_on_face", "face", "faces", "subdivide_face", "FEEDBACK_SIDES", "_side", "side",
     # What a zero-order hold holds, and the input that holds a load against gravity.
     "HELD", "HOLD", "ZeroOrderHold", "_held", "_hold", "first_order_hold", "held", "hold", "hold_command",
+    "hold_inputs",
     "rests", "_RestToRest",  # a robot at rest, and a motion from rest to rest
     "DISTURBED", "disturbed",  # a plant and a loop with their disturbance
     "FileNotFoundError", "is_running",  # of Python and of MuJoCo's viewer

@@ -41,7 +41,11 @@ from .hinf import (
     solve_hji as solve_hji,
 )
 from .identification import (
+    Identification as Identification,
+    Log as Log,
     filter_log as filter_log,
+    identify as identify,
+    read_log as read_log,
 )
 from .loop import (
     Braked as Braked,

@@ -106,7 +106,7 @@ def share(attempts, seed):
 
 @pytest.mark.oracle
 def test_drawn_filters():
-    right, known = share(60, seed=1)
+    right, known = share(60, seed=0)
     assert known >= 40
     assert right >= SHARE * known
 

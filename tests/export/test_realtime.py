@@ -148,7 +148,7 @@ def test_in_another_thread_signals_are_left_alone(controller: fh.Controller) -> 
 def test_a_run_that_diverges_ends_there(controller: fh.Controller) -> None:
     class Bad(Box):
         def output(self) -> np.ndarray:
-            return np.array([np.nan]) if self.k > 8 else super().output()
+            return np.array([np.inf]) if self.k > 8 else super().output()
 
     run = fh.run_realtime(Loop(Bad(), controller), duration=0.05, real_time=False)
     assert run.stopped is None

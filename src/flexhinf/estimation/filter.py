@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -12,9 +13,9 @@ import numpy as np
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
-from flexhinf.plant import Estimator, Gaussian, Plant, eight_stages, rk4_stages, sub_steps
+from flexhinf.plant import Estimator, Gaussian, Plant, chosen, eight_stages, known, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, jacobian, solve_lower, solve_lower_transposed, trace
+from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed, trace
 from flexhinf.scalars.trace import elementary, linear
 from flexhinf.validation import (
     checked_array,
@@ -120,6 +121,22 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
+def _present(y: Any, expected: Any, noise: Any, shift: Any) -> tuple[Any, Any, Any]:
+    """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing."""
+    flags = known(y)
+    innovation = chosen(flags, y, expected) - expected - masked(flags, shift)
+    left = masked(np.array([flags * flag for flag in flags]), noise)
+    for i, flag in enumerate(flags):
+        left[i, i] = chosen(flag, noise[i, i], 1.0)
+    return flags, innovation, left
+
+
+def _seen(column: Any, flags: Any) -> Any:
+    """A column whose first elements belong to outputs, zero where those are missing."""
+    p = len(flags)
+    return np.concatenate([masked(flags, column[:p]), column[p:]])
+
+
 def applied(vector: Any, matrix: Any) -> Any:
     """A matrix times a vector."""
     return matrix @ vector
@@ -127,6 +144,9 @@ def applied(vector: Any, matrix: Any) -> Any:
 
 class RecursiveFilter(Estimator):
     """An estimator of a plant's state from sampled measurements.
+
+    NaN in a measurement means that this sensor gave nothing: the others are used, as by the filter whose output has
+    them alone.
 
     Between samples the plant is integrated by Runge–Kutta steps with u held, of four or eight `stages`: those with the
     fewest evaluations of the flow. Eight are for flows of arithmetic, sines and cosines: rigid bodies on springs. Such
@@ -247,15 +267,27 @@ class RecursiveFilter(Estimator):
     ) -> tuple[Any, Any, Any]:
         """`innovation_stages` of an output that is linear about the mean: deviations are the columns of L, P = L Lᵀ."""
         expected, c = run.call(self.measured, belief.mean, u, p)
+        still = np.zeros(len(self.plant.outputs))  # where the innovation is measured from
+        innovation, c, noise = self.admitted(run, y, expected, c, measurement_noise, still)
         if self.form == "square_root":
-            innovation = run.call(np.subtract, y, expected)
             from_origin = run.call(self._from_origin, y, u, p) if self.linear_output else None
-            corrected, spread = linear_correction(run, belief, innovation, c, measurement_noise, from_origin)
+            corrected, spread = linear_correction(run, belief, innovation, c, noise, from_origin)
             return corrected, innovation, spread
-        root, weights = run.cholesky(belief.covariance), np.ones(self.plant.n)
-        return correction(
-            run, (belief.mean, root), (expected, run.columns(applied, root, c)), weights, y, measurement_noise
-        )
+        prior, weights = (belief.mean, run.cholesky(belief.covariance)), np.ones(self.plant.n)
+        seen = run.columns(applied, prior[1], c)
+        return correction(run, prior, (still, seen), weights, innovation, noise)
+
+    def admitted(
+        self, run: Any, y: Any, expected: Any, deviations: Any, noise: Any, shift: Any
+    ) -> tuple[Any, Any, Any]:
+        """Innovation (p,), deviations of outputs (p, k) and R^n for a correction with the elements of y that are there.
+
+        A missing one says nothing: its innovation and its deviations are zero, its row and column of R^n those of the
+        identity. (With R^n as it is, noise that is correlated would still speak of it.) In the deviations, rows may
+        follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift.
+        """
+        flags, innovation, noise = run.call(_present, y, expected, noise, shift)
+        return innovation, run.columns(_seen, deviations, flags), noise
 
     @cached_property
     def linear_output(self) -> bool:
@@ -264,7 +296,9 @@ class RecursiveFilter(Estimator):
         return linear(trace(self.output, *sizes))
 
     def _from_origin(self, y: Any, u: Any, p: Any) -> Any:
-        return y - self.output(np.zeros(self.plant.n), u, p)
+        """y − H(0), zero for elements of y that are missing."""
+        origin = self.output(np.zeros(self.plant.n), u, p)
+        return chosen(known(y), y, origin) - origin
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -337,7 +371,9 @@ class RecursiveFilter(Estimator):
         self._accept(belief)
 
     def correct(self, y: Any) -> None:
-        """Measurement update with y (p,); sets `log_likelihood` of this measurement.
+        """Measurement update with y (p,); sets `log_likelihood` of this measurement, of the elements that are there.
+
+        NaN, None and masked elements are missing ones. Where all are, nothing changes.
 
         Raises
         ------
@@ -347,7 +383,11 @@ class RecursiveFilter(Estimator):
             If the result is not finite, or its covariance not semidefinite; the belief stays as it was, and `predict`
             goes on from there.
         """
-        y = self._vector(y, self.plant.outputs, "measurement", "(skip `correct` for a sample without one)")
+        y = self._measurement(y)
+        there = np.count_nonzero(np.isfinite(y))
+        if not there:
+            self.log_likelihood = 0.0
+            return
         with np.errstate(all="ignore"):  # checked below
             belief, innovation, spread = self.innovate(
                 self._belief, y, self._u, self._parameters, self.measurement_noise
@@ -355,7 +395,7 @@ class RecursiveFilter(Estimator):
             self._accept(belief)
             factor = cholesky(np.asarray(spread, dtype=float))
             white = solve_lower(factor, np.asarray(innovation, dtype=float))
-            constant = len(y) * np.log(2.0 * np.pi)
+            constant = there * np.log(2.0 * np.pi)
             likelihood = -0.5 * (white @ white + constant) - np.log(np.diag(factor)).sum()
         self.log_likelihood = float(likelihood)
 
@@ -372,6 +412,19 @@ class RecursiveFilter(Estimator):
             (len(names),),
             f"{len(names)} finite numbers for {list(names)}",
             f"one number per name {hint}".rstrip(),
+        )
+
+    def _measurement(self, y: Any) -> np.ndarray:
+        names, array = self.plant.outputs, np.full(len(self.plant.outputs), np.nan)
+        with suppress(ValueError):
+            array = array if y is None else real_array(y, strict=True)
+            array = array[None] if array.ndim == 0 and len(names) == 1 else array
+            if array.shape == (len(names),) and not np.isinf(array).any():
+                return array
+        raise InvalidInput(
+            "The measurement given to the estimator does not fit its plant.",
+            f"expected {len(names)} numbers for {list(names)}, finite or NaN, got {value_text(y)}",
+            "one number per name, NaN for an element that is missing",
         )
 
     def _accept(self, belief: Any) -> None:

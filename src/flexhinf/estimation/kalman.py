@@ -214,8 +214,9 @@ class UnscentedKalmanFilter(RecursiveFilter):
         points, deviations, centre = self.redrawn(run, belief)  # 5
         outputs = run.columns(self.output, points, u, p)  # 6
         expected = run.combination(outputs, self.sigma.mean_weights)  # 7
-        spread = self.deviations(run, outputs, expected)
-        known = ((centre, deviations), (expected, spread), weights, y, measurement_noise)
+        spread, still = self.deviations(run, outputs, expected), np.zeros(len(self.plant.outputs))
+        innovation, spread, noise = self.admitted(run, y, expected, spread, measurement_noise, still)
+        known = ((centre, deviations), (still, spread), weights, innovation, noise)
         if self.redraw:
             corrected, innovation, p_yy = correction(run, *known)
             mean, covariance = corrected
@@ -241,8 +242,9 @@ class UnscentedKalmanFilter(RecursiveFilter):
         outputs = run.columns(self._output_difference, apart, mean, u, p)
         shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
         expected = run.call(self.output, mean, u, p)
-        innovation, mean = run.call(_parted, y, expected, shift, mean)
-        corrected, spread = correction_of_rows(run, mean, rows, innovation, measurement_noise)
+        shift, mean = run.call(_parted, y, shift, mean)
+        innovation, columns, noise = self.admitted(run, y, expected, rows.T, measurement_noise, shift)
+        corrected, spread = correction_of_rows(run, mean, columns.T, innovation, noise)
         if self.bounds:
             corrected = corrected._replace(mean=run.call(self.bounded, corrected.mean))
         return corrected, innovation, spread
@@ -341,9 +343,9 @@ def _joined(first: Any, second: Any) -> Any:
     return np.concatenate([first, second])
 
 
-def _parted(y: Any, expected: Any, shift: Any, mean: Any) -> tuple[Any, Any]:
-    """The innovation, and the mean of the sigma points."""
-    return y - expected - shift[: len(y)], mean + shift[len(y) :]
+def _parted(y: Any, shift: Any, mean: Any) -> tuple[Any, Any]:
+    """The shift of the outputs, and the mean of the sigma points."""
+    return shift[: len(y)], mean + shift[len(y) :]
 
 
 def _less(row: Any, mean: Any) -> Any:

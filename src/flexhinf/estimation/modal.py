@@ -167,7 +167,8 @@ class ModalFilter(ConstantGainFilter):
         return 2.0 * float(np.log(SLOWEST)), 2.0 * float(np.log(FASTEST / self.period))
 
     def _innovation(self, mean: Any, y: Any, u: Any, p: Any) -> Any:
-        return y - self.filter.output(mean, u, p)
+        expected = self.filter.output(mean, u, p)
+        return self.completed(y, expected) - expected
 
     def _frame(self, run: Any, belief: Any, p: Any) -> tuple[Any, Any, Any]:
         """K^½ (n,), V (n, n), and ℓ(Λ) (n, 4k) at a belief."""

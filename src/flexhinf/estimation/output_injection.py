@@ -22,7 +22,8 @@ started at the true state an observer is off by a term of order T². (Noise of t
 
 A controller measures before it predicts, so the line is followed in two steps: the time update goes along φ(y_k, u_k),
 and the next measurement update first adds Γ₁ (φ(y_{k+1}, u_k) − φ(y_k, u_k)), then corrects. A sample without a
-measurement is bridged with H x̂ for y; only then does φ depend on the estimate.
+measurement is bridged with H x̂ for y, and so is an element of y that is missing, whose column of L is zero meanwhile;
+only then does φ depend on the estimate.
 
 A plant has that form exactly where ∂f/∂x along every direction that the measurement does not see (the null space of H)
 is a constant, whatever x and u are [krener1983]. Nothing is transformed: the states stay the plant's. How the linear
@@ -40,7 +41,7 @@ import numpy as np
 from flexhinf.errors import InvalidInput, NumericalFailure
 from flexhinf.estimation.filter import RecursiveFilter, applied, covariance_matrix
 from flexhinf.estimation.stationary import check_decay, check_detectable, placed_gain, stationary_gain
-from flexhinf.plant import Plant
+from flexhinf.plant import Plant, known
 from flexhinf.scalars.trace import nonzero, sizes_of_rows, switches, varying
 from flexhinf.validation import read_only
 
@@ -235,21 +236,28 @@ class OutputInjectionObserver(RecursiveFilter):
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance): first along the slope of φ, then the correction."""
-        measured = run.call(self._lifted, y, u, p, belief.lift)
+        flags, there = run.call(known, y), run.call(self._bridged, belief.mean, y, u, p)
+        measured = run.call(self._lifted, there, u, p, belief.lift)
         injection = run.call(self._injected, measured, u, p, belief.drift)
         mean = run.call(_sloped, belief.mean, belief.injection, injection, belief.moved, belief.ramp)
         expected, sensors = run.call(self.measured, mean, u, p)
-        mean, innovation, moved = run.call(_corrected, mean, y, expected, belief.gain)
+        still = np.zeros(len(self.plant.outputs))
+        innovation, sensors, noise = self.admitted(run, y, expected, sensors, measurement_noise, still)
+        mean, moved = run.call(_corrected, mean, innovation, belief.gain)
         root = run.cholesky(belief.covariance)
         seen = run.columns(applied, root, sensors)
-        spread = run.gram(seen, np.ones(self.plant.n), measurement_noise)
-        noise = run.columns(applied, run.cholesky(measurement_noise), belief.gain)
+        spread = run.gram(seen, np.ones(self.plant.n), noise)
+        used = run.call(np.multiply, belief.gain, flags)  # nothing of a missing element, the noise neither
+        noise = run.columns(applied, run.cholesky(noise), used)
         added = run.gram(noise, np.ones(len(self.plant.outputs)), run.call(np.zeros_like, belief.covariance))
         covariance = run.gram(run.columns(_left, (root, seen), belief.gain), np.ones(self.plant.n), added)
         corrected = belief._replace(
             mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
         )
         return corrected, innovation, spread
+
+    def _bridged(self, mean: Any, y: Any, u: Any, p: Any) -> Any:
+        return self.completed(y, self.output(mean, u, p))
 
     def _lifted(self, y: Any, u: Any, p: Any, lift: Any) -> Any:
         return lift @ (y - self.output(np.zeros(self.plant.n), u, p))
@@ -271,9 +279,8 @@ def _sloped(mean: Any, before: Any, after: Any, moved: Any, ramp: Any) -> Any:
     return mean + moved * (ramp @ (after - before))  # Γ₁ (φ(T) − φ(0)) after a time update
 
 
-def _corrected(mean: Any, y: Any, expected: Any, gain: Any) -> tuple[Any, Any, Any]:
-    innovation = y - expected
-    return mean + gain @ innovation, innovation, np.zeros(1)
+def _corrected(mean: Any, innovation: Any, gain: Any) -> tuple[Any, Any]:
+    return mean + gain @ innovation, np.zeros(1)
 
 
 def _left(root: Any, measured: Any, gain: Any) -> Any:

@@ -113,7 +113,10 @@ MISSING_LIMIT = 10
 #: What a step returns, by the end of its constant's name.
 CODES = {
     "OK": (0, "all is well"),
-    "BAD_MEASUREMENT": (1, "a measurement is not finite: nothing changed, the last output is held"),
+    "BAD_MEASUREMENT": (
+        1,
+        "without an estimator, a measurement is not finite: nothing changed, the last output is held",
+    ),
     "BAD_COMMAND": (2, "a command is not finite: nothing changed, the last output is held"),
     "BAD_RESULT": (3, "a result is not finite: nothing changed, the last output is held"),
     "WENT_BACK": (4, "as BAD_RESULT, again: the memory went back to an earlier one"),
@@ -148,7 +151,7 @@ class ControllerCode:
     """The C of a controller; `name` is a C identifier, checked, with which all names begin.
 
     `sizes`: Numbers in each of y, r, data, memory, u and estimate. `predicts`: Whether there is an estimator, so that
-    samples without a measurement can be predicted over. `programs`: The step with a measurement, and without.
+    samples without a measurement can be predicted over. `program`: The step.
     `scratch`: Numbers of working memory, beside "after" and "estimated". `constants`: Numbers of data and first memory.
     `state_bytes`: Memory that the caller gives, but for a few integers. `safe_input`: The input before the first
     sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
@@ -167,13 +170,8 @@ class ControllerCode:
             "u": len(c.law.input_names), "estimate": len(c.states),
         }  # fmt: skip
         self.predicts = estimator is not None
-        without = {name: size for name, size in self.sizes.items() if name != "y"}
-        self.programs = {
-            which: step_program(sizes, bool(c.commanded), c.steps)
-            for which, sizes in {"measured": self.sizes, "predicted": without}.items()
-            if which == "measured" or self.predicts
-        }
-        buffers = [buffer for program in self.programs.values() for buffer in program.buffers]
+        self.program = step_program(self.sizes, bool(c.commanded), c.gaps, c.steps)
+        buffers = self.program.buffers
         work = [b.size or 0 for b in buffers if b.role == "work" and b.name not in ("after", "estimated")]
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
@@ -193,14 +191,13 @@ class ControllerCode:
         translator = Translator(
             self.name, self.real, LANES if self.controller.composed and self.real.name == "double" else 1
         )
-        for name, program in self.programs.items():
-            translator.add(program, name)
+        translator.add(self.program, "sample")
         return translator
 
     @property
     def operations(self) -> int:
-        """Operations of the traced functions of a step with a measurement, each as often as it is called."""
-        return sum(_operations(step) for step in self.programs["measured"].body)
+        """Operations of the traced functions of a step, each as often as it is called."""
+        return sum(_operations(step) for step in self.program.body)
 
     def upper(self, what: str) -> str:
         """A constant's name."""
@@ -266,6 +263,7 @@ class ControllerCode:
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
             STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED,
+            GAPS=", not finite (NAN) where a sensor gave nothing" if self.predicts else "",
             ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
             EDGE="".join(f"{line}\n * " for line in self.edge),
             COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
@@ -285,9 +283,10 @@ class ControllerCode:
             DEFAULTS=self.numbers(self.controller.data_vector, "        "),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory),
-            FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("measured"),
+            FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
             PREDICTED=f"{self.name}_predict(state, param, input)" if self.predicts else self.upper("STOPPED"),
-            PREDICTED_CALL=self._call("predicted") if self.predicts else "",
+            PREDICTED_CALL=self._call("nothing") if self.predicts else "",
+            THERE=f" && {self.name}_some(input->y)" if self.predicts else "",
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
@@ -301,10 +300,10 @@ class ControllerCode:
         """SHA-256 of header and source, which determine every input that the code computes."""
         return hashlib.sha256((self.header + self.source).encode()).hexdigest()
 
-    def _call(self, which: str) -> str:
-        places = {"y": "input->y", "r": "input->r", "data": "param->value", "scratch": "state->work"}
-        arguments = [places.get(b.name, f"state->{b.name}") for b in self.programs[which].buffers]
-        return f"{self.name}_{which}({', '.join(arguments)})"
+    def _call(self, measurement: str) -> str:
+        places = {"y": measurement, "r": "input->r", "data": "param->value", "scratch": "state->work"}
+        arguments = [places.get(b.name, f"state->{b.name}") for b in self.program.buffers]
+        return f"{self.name}_sample({', '.join(arguments)})"
 
     @property
     def _start(self) -> str:
@@ -448,11 +447,26 @@ STATUS = (
     "the command is replaced, or the path rate falls",
 )
 
-#: The step without a measurement, where a finite result has a code of its own.
+#: Whether something is measured; and the step where nothing is, in which a finite result has a code of its own.
 PREDICTION = """
+static int @NAME@_some(const real *y)
+{
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        if (isfinite(y[i])) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
 static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input)
 {
-    const int code = @PREDICTED_CALL@;
+    real nothing[@BIG@_MEASUREMENTS];
+    int code;
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        nothing[i] = HUGE_VAL@SUFFIX@;
+    }
+    code = @PREDICTED_CALL@;
     return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
 }
 """

@@ -429,8 +429,11 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
     )
 
 
-#: What a sample is, by the name of the code that a step in C returns for it.
+#: How a sample ends, by the name of the code that a step in C returns for it.
 MEASURED, MISSING, NOT_FINITE = "OK", "PREDICTED", "BAD_MEASUREMENT"
+
+#: A sample of whose measurement the first element is no number.
+GAP = "gap"
 
 #: Size of the commands' swing about the operating point, in the unit of the tracked states, and its periods, samples.
 SWING, PERIODS = 0.05, (97, 61)
@@ -497,7 +500,7 @@ def record(
         y = np.asarray(run.data["output"])[:samples]
     kinds = np.full(samples, MEASURED, dtype=object)
     if interrupted:
-        kinds[samples // 3 : samples // 3 + 3] = NOT_FINITE
+        kinds[samples // 3 : samples // 3 + 3] = GAP
         if controller.estimator is not None:
             kinds[samples // 2 : samples // 2 + 5] = MISSING
     return replay(controller, y.astype(exact).astype(float), r.astype(exact).astype(float), list(kinds))
@@ -528,21 +531,24 @@ def _standstills(controller: Controller) -> np.ndarray:
 def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
     """Feed samples to a fresh controller.
 
-    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: As `Recording.codes`: a sample that is missing
-    is predicted over, one that is not finite refused.
+    `controller`: Only read. `y`, `r`: (K, p), (K, k) arrays. `kinds`: "OK"; "PREDICTED" for a sample without a
+    measurement; `GAP` for one without the first element, which is refused if there is no estimator.
     """
     fresh, y = controller.fresh(), np.array(y, dtype=float)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates = [], []
+    inputs, estimates, codes = [], [], []
     for k, kind in enumerate(kinds):
-        if kind == NOT_FINITE:
+        code = kind
+        if kind == GAP:
             y[k, 0] = np.nan
+            code = NOT_FINITE if not controller.gaps else MEASURED if np.isfinite(y[k]).any() else MISSING
         try:
             held = fresh.step(None if kind == MISSING else y[k], r[k] if r.shape[1] else None)
         except NumericalFailure:
-            if kind != NOT_FINITE:
+            if code != NOT_FINITE:
                 raise
+        codes.append(code)
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
     r = r if r.shape[1] else np.zeros((len(y), 1))
-    return Recording(y, r, np.array(inputs), np.array(estimates), kinds)
+    return Recording(y, r, np.array(inputs), np.array(estimates), codes)

@@ -1,9 +1,12 @@
-"""Logs of a robot: what a filter makes of them, and the parameters that they tell.
+"""Logs of a robot: how they are read, what a filter makes of them, and the parameters that they tell.
 
-A log is a table of times, inputs and measured signals. `filter_log` runs a filter over it in one compiled call;
-`identify` finds the parameters under which the log is most likely, and says which of them it does not tell.
+A log is a table of times, inputs and measured signals: `read_log` reads one from a file. `filter_log` runs a filter
+over it in one compiled call; `identify` finds the parameters under which the log is most likely, and says which of them
+it does not tell.
 """
 
 from flexhinf.identification.filtering import filter_log
+from flexhinf.identification.identify import Identification, identify
+from flexhinf.identification.log import Log, read_log
 
-__all__ = ["filter_log"]
+__all__ = ["Identification", "Log", "filter_log", "identify", "read_log"]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.identification.consistency import squared_errors
 from flexhinf.identification.defaults import default_filter
 from flexhinf.identification.recursion import Recursion, rows_of
 from flexhinf.plant import Plant
@@ -82,6 +83,19 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return times, inputs, outputs
 
 
+def log_truth(log: Any, plant: Plant) -> np.ndarray | None:
+    """The true states (N, n) of a log, NaN where one is not known; None of a log without any.
+
+    Those of `flexhinf.Log`, or of a run whose states are the plant's.
+    """
+    data = getattr(log, "data", log)
+    truth = getattr(log, "truth", None)
+    if truth is None and "state" in getattr(data, "variables", ()):
+        named = data["state_name"].values.tolist() == list(plant.states)
+        truth = data["state"].values if named else None
+    return truth if truth is None or truth.shape[1:] == (plant.n,) else None
+
+
 def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
     """A Kalman filter over a log, in one compiled call.
 
@@ -103,7 +117,8 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         Along ``time``: `estimate` x(k|k) and its `standard_deviation`; `prediction`, the outputs at x(k|k−1);
         `innovation` and `innovation_standard_deviation`, NaN where nothing is measured; `nis`, the squared innovation
         over its covariance, with `measured`, how many outputs are in it; `log_likelihood`. The sum of the last one
-        is an attribute.
+        is an attribute. Where the log has true states, `nees`, the squared error over its covariance, with `known`,
+        how many states are in it.
 
     Raises
     ------
@@ -118,7 +133,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any) -> xr.Dataset:
         default_filter(plant, times, inputs, outputs) if isinstance(filter, Plant) else filter
     )
     rows = rows_of(times, inputs, outputs, recursion.filter.period)
-    return dataset(recursion, times, outputs, recursion.passed(rows))
+    return dataset(recursion, times, outputs, recursion.passed(rows), log_truth(log, plant))
 
 
 def log_likelihoods(facts: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -127,7 +142,11 @@ def log_likelihoods(facts: np.ndarray, measured: np.ndarray) -> np.ndarray:
 
 
 def dataset(
-    recursion: Recursion, times: np.ndarray, outputs: np.ndarray, passed: dict[str, np.ndarray]
+    recursion: Recursion,
+    times: np.ndarray,
+    outputs: np.ndarray,
+    passed: dict[str, np.ndarray],
+    truth: np.ndarray | None = None,
 ) -> xr.Dataset:
     """The labelled table of what `Recursion.passed` returns."""
     import xarray as xr
@@ -159,4 +178,7 @@ def dataset(
         "measured": ("time", measured),
         "log_likelihood": ("time", likelihoods),
     }
+    if truth is not None:
+        squared, known = squared_errors(truth - beliefs.mean, recursion.covariances(beliefs))
+        variables |= {"nees": ("time", squared), "known": ("time", known)}
     return xr.Dataset(variables, coordinates, {"log_likelihood": float(likelihoods.sum())})

@@ -134,6 +134,11 @@ class Recursion:
             return np.sqrt(np.square(beliefs.root).sum(axis=1))
         return np.sqrt(np.maximum(np.diagonal(beliefs.covariance, axis1=1, axis2=2), 0.0))
 
+    def covariances(self, beliefs: Any) -> np.ndarray:
+        """Covariances (N, n, n) of beliefs as `beliefs` gives them."""
+        rooted = self.filter.form == "square_root"
+        return np.swapaxes(beliefs.root, 1, 2) @ beliefs.root if rooted else beliefs.covariance
+
     @property
     def kernel(self) -> Kernel:
         """The compiled program; filters of one kind and one plant's code share it."""

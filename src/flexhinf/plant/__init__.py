@@ -11,7 +11,7 @@ from flexhinf.plant.plant import (
     plant_from_control,
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
-from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw
+from flexhinf.plant.protocols import INTEGRAL, BlackBox, Estimator, Gaussian, Law, ProblemLaw, chosen, known
 
 __all__ = [
     "INTEGRAL",
@@ -27,9 +27,11 @@ __all__ = [
     "PolynomialPlant",
     "ProblemLaw",
     "StoredCode",
+    "chosen",
     "eight_stages",
     "equilibrium",
     "fastest_modes",
+    "known",
     "linear_plant",
     "plant_from_control",
     "python_control",

@@ -18,6 +18,7 @@ from flexhinf.errors import InvalidInput
 from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant.plant import GeneralisedPlant, Plant
 from flexhinf.polynomial.algebra import PolynomialLaw
+from flexhinf.scalars import absolute, where
 
 #: What the name of the integral of a state's error ends with.
 INTEGRAL = "_integral"
@@ -145,6 +146,19 @@ class ProblemLaw(Law):
     operating_input: Any = property(attrgetter("problem.operating_input"))
 
 
+def known(y: Any) -> Any:
+    """1 for every element of a measurement (p,) that is a finite number, else 0: that sensor gave nothing."""
+    return np.array([where(absolute(element) < np.inf, 1.0, 0.0) for element in y])
+
+
+def chosen(flags: Any, those: Any, others: Any) -> Any:
+    """Elements of `those` where flags (p,) are 1, and of `others` where they are 0."""
+    on = (
+        np.greater(flags, 0.5, dtype=object) if np.asarray(flags).dtype == object else np.asarray(flags) > 0.5
+    )
+    return where(on, those, others)
+
+
 class Gaussian(NamedTuple):
     """A belief about the state: mean (n,) and covariance (n, n), of numbers or of any element."""
 
@@ -197,7 +211,7 @@ class Estimator(Numbered):
 
     @abc.abstractmethod
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
-        """x(k|k−1) → x(k|k), pure, as `time_update`."""
+        """x(k|k−1) → x(k|k), pure, as `time_update`. Every element of y is a number, see `measurement_update_on`."""
 
     # Defaults -------------------------------------------------------------------------------------
     @property
@@ -231,8 +245,18 @@ class Estimator(Numbered):
     def measurement_update_on(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
-        """`measurement_update` on a run, as `time_update_on`."""
-        return self._update_on(run, self.measurement_update, belief, p, measurement_noise, y, u)
+        """`measurement_update` on a run, as `time_update_on`. Here elements of y may be no finite numbers: their
+        sensors gave nothing. By default they become what the model expects, so that they move no estimate."""
+
+        def update(belief: Any, y: Any, u: Any, p: Any, noise: Any) -> Any:
+            expected = self.plant.evaluate_output(belief[0], u, self.plant.parameters.flat(p))
+            return self.measurement_update(belief, self.completed(y, expected), u, p, noise)
+
+        return self._update_on(run, update, belief, p, measurement_noise, y, u)
+
+    def completed(self, y: Any, expected: Any) -> Any:
+        """A measurement (p,), with what is expected (p,) where an element is missing."""
+        return chosen(known(y), y, expected)
 
     def _update_on(self, run: Any, written: Any, belief: Any, p: Any, noise: Any, *values: Any) -> Any:
         kind, count, named = type(belief), len(values), self.plant.parameters.named

@@ -268,7 +268,7 @@ def random_signs(parameters: int, count: int, seed: Any) -> np.ndarray:
 
 
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 SLIDING = {"m": 1.0, "mm": 1e-3}
 

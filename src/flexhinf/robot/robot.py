@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +37,7 @@ from flexhinf.robot.parameters import (
     checked_limits,
     random_signs,
 )
+from flexhinf.robot.saved_file import save_robot
 from flexhinf.robot.signals import (
     MECHANICAL,
     SENSORS,
@@ -83,6 +86,11 @@ class Robot(Summarised):
     rigid : sequence of str, optional
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
+    file : Path, optional
+        The robot file that it was read from.
+
+    file : Path, optional
+        The robot file that it was read from.
 
     Raises InvalidInput: if the parameters are not those of the model, the home pose is outside the limits, or a
     limit is not positive.
@@ -98,6 +106,7 @@ class Robot(Summarised):
     effort_limits: Sequence[float | None] | None = None
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
+    file: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         checked_name("a robot", self.name, spaces=True)
@@ -184,6 +193,14 @@ class Robot(Summarised):
     def with_parameters(self, *parameters: Parameter) -> Robot:
         """The same robot with these parameters, in place of those of the same name or beside them."""
         return replace(self, parameters=tuple({p.name: p for p in (*self.parameters, *parameters)}.values()))
+
+    def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
+        """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.
+
+        Comments and everything else stay. Raises InvalidInput: if the robot comes from no robot file, or a number that
+        is changed stands in a vector there.
+        """
+        save_robot(self, path, like)
 
     def plant_parameters(self, values: Mapping[str, float] | None = None) -> PlantValues:
         """The parameters of the robot's plants: reflected to the link side, arrays where there are joints.

@@ -86,11 +86,12 @@ def load_robot(
         parts = RobotFile(path)
         rigid = [parts.root[key] for key in ("urdf", "mjcf") if key in parts.root]
         refuse_if(len(rigid) > 1, f"{path.name}: two files state links.", "got urdf and mjcf", "one of them")
-        return (
+        robot = (
             parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
             if rigid
             else parts.whole_robot(joints, locked, payload)
         )
+        return replace(robot, file=path)
     ending = path.suffix.lower()
     points = () if ending in (".urdf", *MJCF) else entry_points(group=FORMATS, name=ending.removeprefix("."))
     refuse_if(
@@ -128,7 +129,8 @@ def load_robot(
             "expected elastic='joints.toml', got none",
             "a TOML file with, for each joint: [[joint]] name, [joint.spring] stiffness, [joint.motor] motor_inertia",
         )
-    return RobotFile(_existing(elastic)).robot_with(path, joints, locked, payload)
+    springs = _existing(elastic)
+    return replace(RobotFile(springs).robot_with(path, joints, locked, payload), file=springs)
 
 
 def _existing(source: str | Path) -> Path:

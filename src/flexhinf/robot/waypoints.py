@@ -10,8 +10,6 @@ one row per waypoint; lines that begin with # are comments::
 
 from __future__ import annotations
 
-import contextlib
-import csv
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +20,8 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput
 from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, per_joint
-from flexhinf.validation import HUGE, nearest, read_text, real_array, value_text
+from flexhinf.robot.table import name_and_unit, read_table
+from flexhinf.validation import HUGE, nearest, real_array, value_text
 
 if TYPE_CHECKING:
     from flexhinf.robot.kinematics import Reached
@@ -122,30 +121,13 @@ def stated_workspace(value: Any) -> Any:
 
 def _read(path: Path, timed: bool) -> WaypointTable:
     try:
-        text = read_text(path, LARGEST, "waypoints as CSV")
+        heading, numbered = read_table(path, LARGEST, MOST_ROWS, "waypoints as CSV")
+        rows = list(numbered)
     except InvalidInput as error:
         raise WaypointError(error.what, error.found, error.advice) from None
-    numbered = enumerate(text.removeprefix("\ufeff").splitlines(), 1)
-    kept = [(k, line) for k, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-    delimiter, cells = ";" if kept and ";" in kept[0][1] else ",", []
-    with contextlib.suppress(csv.Error):
-        cells = list(csv.reader((line for _, line in kept), delimiter=delimiter))
-    if len(cells) != len(kept) or len(kept) > MOST_ROWS + 1:
-        raise WaypointError(
-            f"{path.name}: its rows cannot be read.",
-            f"expected one waypoint a line, at most {MOST_ROWS}, without line breaks in quotes; got {len(kept)} lines",
-            "fewer rows: the motion between them is smooth",
-        )
-    heading, *rows = cells or [[]]
-    for (line, _), row in zip(kept[1:], rows):
-        if len(row) != len(heading):
-            raise WaypointError(
-                f"{path.name}, line {line}: the number of values is not that of the columns.",
-                f"expected {len(heading)}, got {len(row)}", "one value for each column of the header",
-            )  # fmt: skip
-    columns = [[_number(row[k]) for row in rows] for k in range(len(heading))]
+    columns = [[_number(row.cells[k]) for row in rows] for k in range(len(heading))]
     return _table(
-        heading, columns, f"{path.name}: the waypoints", lambda row: f"line {kept[row + 1][0]}", timed
+        heading, columns, f"{path.name}: the waypoints", lambda row: f"line {rows[row].line}", timed
     )
 
 
@@ -159,7 +141,7 @@ def _number(cell: str) -> float | str:
 def _table(
     heading: Sequence[Any], columns: Sequence[Any], what: str, place: Any, timed: bool = True
 ) -> WaypointTable:
-    named = [_heading(name) if isinstance(name, str) else ("", "") for name in heading]
+    named = [name_and_unit(name) if isinstance(name, str) else ("", "") for name in heading]
     if not timed and columns and ("time" not in (name for name, _ in named)):
         named, columns = [("time", ""), *named], [list(range(np.size(columns[0]))), *columns]
     names = [name for name, _ in named]
@@ -215,15 +197,6 @@ def _numbers(column: Any) -> np.ndarray:
     if isinstance(entries, (list, tuple)):
         entries = [np.nan if isinstance(entry, (bool, np.bool_, str)) else entry for entry in entries]
     return real_array(entries)
-
-
-def _heading(text: str) -> tuple[str, str]:
-    text = text.strip()
-    for opening, closing in ("[]", "()"):
-        if text.endswith(closing) and opening in text:
-            name, _, unit = text[:-1].rpartition(opening)
-            return name.strip(), unit.strip()
-    return text, ""
 
 
 AXES = ("x", "y", "z")

@@ -15,6 +15,7 @@ from flexhinf.scalars.symbol import (
     clip as clip,
     gram as gram,
     householder as householder,
+    masked as masked,
     maximum as maximum,
     minimum as minimum,
     residual as residual,

@@ -158,6 +158,20 @@ where = _dispatch(
     the operators of NumPy's arrays want yes or no.
     """,
 )
+
+
+def _is_simple(x: ca.SX) -> bool:
+    """Whether products with it are not rounded. CasADi moves other factors into a choice between a number and a plain
+    zero, which would change how they are rounded; it does not see that flag (1 − flag) is a zero too."""
+    return x.is_constant() and float(x) in (0.0, 1.0, -1.0)
+
+
+masked = _dispatch(
+    "masked",
+    lambda flag, x: np.where(np.asarray(flag) > 0.5, x, 0.0),
+    lambda flag, x: ca.if_else(flag > 0.5, x, 0.0 if _is_simple(x) else flag * (1.0 - flag)),
+    "``x`` where the flag is 1, and zero where it is 0, also for an ``x`` that is not finite.",
+)
 maximum = _dispatch("maximum", np.maximum, ca.fmax, "The larger of two elements.")
 minimum = _dispatch("minimum", np.minimum, ca.fmin, "The smaller of two elements.")
 sign = _dispatch("sign", np.sign, ca.sign, "−1, 0 or 1.")

@@ -82,7 +82,7 @@ def program_of(composed):
         "u": len(composed.law.input_names),
         "estimate": len(composed.states),
     }
-    return step_program(sizes, bool(composed.commanded), composed.steps)
+    return step_program(sizes, bool(composed.commanded), composed.gaps, composed.steps)
 
 
 def stepped(program: Program, composed, make, lanes=1, steps=5):

@@ -114,7 +114,7 @@ def test_two_controllers_do_not_share_their_memory(made):
 
 
 @pytest.mark.parametrize(
-    ("y", "r"), [(np.nan, 1.0), (np.inf, 1.0), (0.1, np.nan), (0.1, -np.inf), (np.nan, np.nan)]
+    ("y", "r"), [(-np.inf, 1.0), (np.inf, 1.0), (0.1, np.nan), (0.1, -np.inf), (np.inf, np.nan)]
 )
 def test_a_bad_sample_changes_nothing(made, y, r):
     spoiled, clean = Controller(made.law, made.ukf()), Controller(made.law, made.ukf())

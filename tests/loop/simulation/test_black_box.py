@@ -81,17 +81,41 @@ def test_the_controller_is_not_touched(loops):
     np.testing.assert_array_equal(loop.controller.step(0.3, 1.0), second)
 
 
-def test_a_box_that_breaks_is_told(loops):
-    class Breaking(OpenBox):
+@pytest.mark.parametrize(
+    ("kind", "value"), [(OpenBox, np.inf), (OpenBox, None), (Box, np.nan), (Box, np.inf)]
+)
+def test_a_box_that_breaks_is_told(loops, kind, value):
+    class Breaking(kind):
         def output(self):
-            return self.x[:1] if self.x[0] < 0.05 else np.array([np.nan])
+            return self.x[:1] if self.x[0] < 0.05 else np.array([value])
+
+    class Lost(kind):
+        def state(self):
+            return self.x if self.x[0] < 0.05 else self.x * np.nan
 
     _, boxed = loops
-    run = boxed(Breaking).run(1.0, duration=2.0)
+    run = boxed(Lost if value is None else Breaking).run(1.0, duration=2.0)
     assert run.status == "diverged"
     assert "plant" in run.message
     assert len(run.time) > 10
-    assert np.isnan(run.signals["output"][-1, 0])
+    assert not np.isfinite(
+        [run.signals["output"][-1, 0], *run.signals.get("state", np.zeros((1, 1)))[-1]]
+    ).all()
+
+
+def test_a_box_whose_sensor_gives_nothing_for_a_while_goes_on(loops):
+    class Blind(OpenBox):
+        def output(self):
+            return self.x[:1] if not 0.02 < self.x[0] < 0.1 else np.array([np.nan])
+
+    loop, boxed = loops
+    run = boxed(Blind).run(1.0, duration=0.5)
+    lost = np.isnan(run.signals["output"][:, 0])
+    assert run.status == "completed"
+    assert 5 < lost.sum() < 200
+    stepped = loop.controller.fresh()
+    for y, u in zip(run.signals["output"], run.signals["input"], strict=True):
+        np.testing.assert_array_equal(stepped.step(None if np.isnan(y[0]) else y, 1.0), u)
 
 
 def test_a_box_that_does_not_fit_is_refused(loops):

@@ -227,7 +227,8 @@ def householder(name: str, real: Real) -> str:
     }}
     for (int c = 0; c < count; ++c) {{
         int top = c;
-        {{R}} best = {{2}} * {{fabs}}(target[c * k + c]), part[4] = {{{{0}}}};
+        {{R}} best = {{fabs}}(target[c * k + c]), part[4] = {{{{0}}}};
+        best += best;
         for (int i = c + 1; i < m; ++i) {{
             const {{R}} size = {{fabs}}(target[i * k + c]);
             if (size > best) {{

@@ -156,7 +156,7 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
 
 int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input, @NAME@_output *output)
 {
-    const int in_time = input->measured != 0 && input->age <= param->oldest;
+    const int in_time = input->measured != 0 && input->age <= param->oldest@THERE@;
     int code;
     if (state->mark != INITIALISED) {
         limit(param, SAFE, output->u);

@@ -58,7 +58,7 @@ extern const @NAME@_param @NAME@_defaults;
  *
  * @COMMAND@ */
 typedef struct {
-    @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements */
+    @NAME@_real y[@BIG@_MEASUREMENTS]; /* measurements@GAPS@ */
     @NAME@_real r[@R@]; /* commands, see above */
     @NAME@_real age;                   /* of the measurements when the step begins, s; 0 if that is not known */
     int measured;                      /* 0 where there is no measurement */

@@ -14,7 +14,17 @@ from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compi
 from flexhinf.codegen.program import Step
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
-from flexhinf.loop.controller.memory import Layout, StateHistory, filler, shaped, step_failure, step_program
+from flexhinf.loop.controller.memory import (
+    BAD_MEASUREMENT,
+    Layout,
+    StateHistory,
+    filler,
+    measurement_filler,
+    nothing_to_predict_with,
+    shaped,
+    step_failure,
+    step_program,
+)
 from flexhinf.loop.controller.options import (
     FirstInput,
     Limits,
@@ -24,6 +34,7 @@ from flexhinf.loop.controller.options import (
     checked_offset_time,
     checked_period,
     command_limits,
+    controller_facts,
     dead_zone,
 )
 from flexhinf.loop.controller.standstill import standstill_memory
@@ -39,7 +50,7 @@ from flexhinf.loop.controller.step import (
     law_slope,
 )
 from flexhinf.loop.shared import share
-from flexhinf.notebook import Summarised, names_text, number_text
+from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
 from flexhinf.validation import checked_positive, read_only, value_text
@@ -51,7 +62,9 @@ ONE_TRACE = 5_000
 READ, WRITTEN = ("y", "r", "memory", "data"), ("u", "estimate", "after")
 
 #: A compiled step on arrays: run it, fill y, fill r, and copy u.
-Bound = tuple[Callable[[], int], Callable[[Any], None], Callable[[Any], None], Callable[[], np.ndarray]]
+Bound = tuple[
+    Callable[[], int], Callable[[Any], bool | None], Callable[[Any], None], Callable[[], np.ndarray]
+]
 
 
 class Controller(Summarised):
@@ -139,6 +152,7 @@ class Controller(Summarised):
         windup: Windup | None = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
+        self.gaps = estimator is not None  # elements of a measurement may be missing
         self.period = checked_period(period)
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
@@ -247,31 +261,7 @@ class Controller(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Law, estimator, period, limits, and what is measured and commanded."""
-        limits, command, mode = self.limits, self.command_limits, self.mode
-        law, zone = ", ".join(dict.fromkeys(law.kind for law in self.laws)), self.integral_dead_zone
-        facts = {
-            "law": law if len(self.laws) == 1 else f"{len(self.laws)} laws ({law})",
-            "estimator": "none (state feedback)" if self.estimator is None else type(self.estimator).__name__,
-            "period": number_text(self.period, "s"),
-            "measured": names_text(self.measured),
-            "tracked": names_text(self.tracked),
-            "inputs": names_text(tuple(self.law.input_names)),
-            "saturation": ", ".join(limits.texts) if np.isfinite([limits.lower, limits.upper]).any() else "",
-            "integrals push": ", ".join(
-                f"at most {size:.4g} more than at rest" for size in self.windup.limit if np.isfinite(size)
-            ) if mode.bounds_windup else "",
-            "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
-            "command": ", ".join(
-                f"{text}, at most {rate:.4g} per s" for text, rate in zip(command.texts, command.rate)
-            ) if mode.limits_command else "",
-            "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
-            "reference": "moving" if mode.moving else "",
-            "workspace": "" if self.supervision is None else self.supervision.text,
-            "reactions": "" if self.supervision is None else self.supervision.reaction_text,
-            "offsets": f"decay with {self.offset_time:g} s" if mode.has_offset else "",
-            "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
-        }  # fmt: skip
-        return {name: fact for name, fact in facts.items() if fact}
+        return controller_facts(self)
 
     # What is data and what is remembered ------------------------------------------------------------
     @cached_property
@@ -378,7 +368,7 @@ class Controller(Summarised):
             **({"active": np.eye(mode.laws)[0]} if mode.laws > 1 else {}),
             **({"command": zeros} if mode.changes_command else {}),
             **first_counters(len(u), mode.reactions),
-            **({"offset": np.zeros(len(self.measured))} if mode.has_offset else {}),
+            **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
         }  # fmt: skip
@@ -407,32 +397,29 @@ class Controller(Summarised):
         )  # fmt: skip
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        y = y if len(y) else None
         return controller_step(
             self.law_code, self.estimator, self._sources, y, r, memory, data, run, self.mode
         )
 
-    def traced(self, measured: bool = True) -> Any:
-        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size; y is empty for a
-        sample that is not `measured`."""
+    def traced(self) -> Any:
+        """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
 
         def step(y: Any, r: Any, memory: Any, data: Any) -> Any:
             u, estimate, after = self._stepped(y, r, self.memory.named(memory), self.data.named(data))
             return u, estimate, self.memory.flat(after)
 
-        sizes = (len(self.measured) * measured, len(self.commanded), self.memory.size, self.data.size)
-        key = ("traced", measured, self.code_key)
-        return share(key, lambda: trace(step, *sizes, name="controller", names=READ))
+        sizes = (len(self.measured), len(self.commanded), self.memory.size, self.data.size)
+        return share(("traced", self.code_key), lambda: trace(step, *sizes, name="controller", names=READ))
 
     def steps(self, places: dict[str, Slice | None]) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
         """One step as a part of a program, and the scratch buffers that the program must have for it.
 
         `places` say where y, r, memory and data are read, and u, estimate and memory written; None without elements.
-        The memory is written in place, or where "after" is. Without y there is no measurement.
+        The memory is written in place, or where "after" is.
         """
         places = {"after": places["memory"], **places}
         if not self.composed:
-            traced = drop_empty(self.traced(measured=places["y"] is not None))
+            traced = drop_empty(self.traced())
             read, written = (
                 [place for name in names if (place := places[name]) is not None] for names in (READ, WRITTEN)
             )
@@ -449,31 +436,20 @@ class Controller(Summarised):
             run.copy(part, target[place])
         return tuple(run.body), run.buffers
 
-    @cached_property
-    def _predicted_step(self) -> Bound:
-        if self.estimator is None:
-            raise InvalidInput(
-                "There is nothing to predict with: this controller feeds back the true state.",
-                "expected the state, got None",
-                "hold the last input for this sample, or a controller with an estimator",
-            )
-        return self._bound(measured=False)
-
-    def _bound(self, measured: bool) -> Bound:
+    def _bound(self) -> Bound:
         y, u, now = np.zeros(len(self.measured)), np.zeros(len(self.law.input_names)), self._history
         arrays = {
-            **({"y": y} if measured else {}), "r": now.reference, "data": self.data_vector.copy(),
-            "memory": now.memory, "u": u, "estimate": now.estimate,
+            "y": y, "r": now.reference, "data": self.data_vector.copy(), "memory": now.memory, "u": u,
+            "estimate": now.estimate,
         }  # fmt: skip
         sizes = {name: array.size for name, array in arrays.items()}
         kernel = share(
-            ("step", measured, self.code_key),
-            lambda: compile_program(step_program(sizes, bool(self.commanded), self.steps)),
+            ("step", self.code_key),
+            lambda: compile_program(step_program(sizes, bool(self.commanded), self.gaps, self.steps)),
         )
-        fill = filler(y) if measured else lambda value: None
         # What is one trace takes less than the threads' exchange of the interpreter's lock would.
         run = kernel.bind(arrays, {}, short=not self.composed)
-        return run, fill, filler(now.reference[: len(self.commanded)]), u.copy
+        return run, measurement_filler(y, self.gaps), filler(now.reference[: len(self.commanded)]), u.copy
 
     # The step -------------------------------------------------------------------------------------
     def step(self, y: Any, reference: Any = None) -> np.ndarray:
@@ -483,18 +459,19 @@ class Controller(Summarised):
         point at first).
 
         A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample.
-        ``step(None)`` is a sample without a measurement, or one whose measurement was refused: the estimate is the
-        prediction x(k|k−1), uncorrected; its covariance grows by R^v at every such sample; the integrals go on with
-        the predicted positions in place of measured ones, under the same anti-windup; the input is the law's for
-        this estimate. The next measurement corrects all of that as usual. Before the first good measurement it changes
-        nothing, whatever the command, and gives the input before the first sample, see `reset`. (The first
-        ``step(None)`` compiles code of its own; make one before real time begins.) Where a step fails twice in a row,
-        the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
+        NaN in y means that this sensor gave nothing: the others correct the estimate, and integrals go on with the
+        estimated position in place of a measured one that is missing. ``step(None)``, or NaN alone, is a sample without
+        a measurement, or one whose measurement was refused: the estimate is the prediction x(k|k−1), uncorrected; its
+        covariance grows by R^v at every such sample; the input is the law's for this estimate. The next measurement
+        corrects all of that as usual. Before the first good measurement it changes nothing, whatever the command, and
+        gives the input before the first sample, see `reset`. Where a step fails twice in a row, the memory itself is
+        bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
 
         Raises
         ------
         NumericalFailure
-            If y or the command is not finite, or the estimate or the input would not be.
+            If y is infinite (NaN without an estimator), the command not finite, or the estimate or the input would
+            not be.
         InvalidInput
             If y or the command does not have the right size; y is None, and there is no estimator.
         ControllerInUse
@@ -503,12 +480,13 @@ class Controller(Summarised):
         ready = self._ready or self._prepared()
         self._ready = None  # no other thread was let in since: Python changes threads at calls only
         try:
-            measured, history = y is not None, self._history
-            run, fill_measurement, fill_reference, copy_of_input = ready if measured else self._predicted_step
-            if history.waiting and not measured:
-                return history.memory[self.memory.places["u"]].copy()
+            history, (run, fill_measurement, fill_reference, copy_of_input) = self._history, ready
+            if y is None and not self.gaps:
+                raise nothing_to_predict_with()
             try:
-                fill_measurement(y)
+                measured = fill_measurement(y)
+                if history.waiting and measured is False:
+                    return history.memory[self.memory.places["u"]].copy()
                 if reference is not None:
                     fill_reference(reference)
             except (ValueError, TypeError, OverflowError) as error:
@@ -519,10 +497,10 @@ class Controller(Summarised):
                     f"{list(self.commanded)}, got y={value_text(y)}, reference={value_text(reference)}",
                     "arrays of these lengths, or plain numbers for one signal",
                 ) from error
-            code = run()
+            code = BAD_MEASUREMENT if measured is None else run()
             if code:
                 raise step_failure(code, history.fail(code), y, reference)
-            history.good(measured)
+            history.good(bool(measured))
             return copy_of_input()
         finally:
             self._ready = ready
@@ -532,7 +510,7 @@ class Controller(Summarised):
             raise ControllerInUse
         self._ready = None
         try:
-            return self._bound(measured=True)
+            return self._bound()
         finally:
             self._ready = ()
 

@@ -107,6 +107,31 @@ def filler(buffer: np.ndarray) -> Callable[[Any], None]:
     return fill_scalar if buffer.size == 1 else fill
 
 
+def measurement_filler(buffer: np.ndarray, gaps: bool) -> Callable[[Any], bool | None]:
+    """As `filler`, and whether there is something in the value: False where nothing was measured, if there may be
+    `gaps`, and None for an infinite number."""
+    fill = filler(buffer)
+
+    def fill_with_gaps(value: Any) -> bool | None:
+        if value is None:
+            buffer[:] = np.nan
+            return False
+        fill(value)
+        numbers = buffer.tolist()
+        total = sum(numbers)
+        if total - total == 0.0:  # all are finite
+            return True
+        if math.inf in numbers or -math.inf in numbers:
+            return None
+        return any(number == number for number in numbers)
+
+    def fill_whole(value: Any) -> bool:
+        fill(value)
+        return True
+
+    return fill_with_gaps if gaps else fill_whole
+
+
 #: How a compiled step ends where a number is not finite.
 BAD_MEASUREMENT, BAD_REFERENCE, BAD_RESULT = 1, 2, 3
 
@@ -183,27 +208,37 @@ class StateHistory:
 def step_program(
     sizes: Mapping[str, int],
     commanded: bool,
+    gaps: bool,
     steps: Callable[[dict[str, Slice | None]], tuple[tuple[Step, ...], tuple[Buffer, ...]]],
 ) -> Program:
     """One step as a transaction: `memory` and `estimate` are written where everything is finite.
 
-    `sizes` are those of y, r, data, memory, u and estimate; without y, the step has no measurement. `commanded` says
-    whether a command is read, and `steps` are those of `Controller.steps`.
+    `sizes` are those of y, r, data, memory, u and estimate. `commanded` says whether a command is read, `gaps` whether
+    elements of y may be missing, and `steps` are those of `Controller.steps`.
     """
-    roles: dict[str, Any] = {name: role for name, role in ROLES.items() if name in sizes}
+    roles: dict[str, Any] = ROLES
     buffers = [
         *(Buffer(name, sizes[name], role) for name, role in roles.items()),
         Buffer("after", sizes["memory"], "work", cleared=False),
         Buffer("estimated", sizes["estimate"], "work", cleared=False),
     ]
     whole = {buffer.name: Slice(buffer.name, size=buffer.size or 0) for buffer in buffers}
-    places: dict[str, Slice | None] = {"y": None, **whole, "estimate": whole["estimated"]}
+    places: dict[str, Slice | None] = {**whole, "estimate": whole["estimated"]}
     body, scratch = steps(places if commanded else {**places, "r": None})
-    read = [Guard(whole["y"], BAD_MEASUREMENT)] if "y" in sizes else []
+    read = [] if gaps else [Guard(whole["y"], BAD_MEASUREMENT)]
     results = [Guard(whole[name], BAD_RESULT) for name in ("u", "estimated", "after")]
     copies = Copy(whole["after"], whole["memory"]), Copy(whole["estimated"], whole["estimate"])
     every = (*read, Guard(whole["r"], BAD_REFERENCE), *body, *results, *copies)
     return Program("controller_step", (*buffers, *scratch), every, ())
+
+
+def nothing_to_predict_with() -> InvalidInput:
+    """The error of a sample without a measurement where there is no estimator."""
+    return InvalidInput(
+        "There is nothing to predict with: this controller feeds back the true state.",
+        "expected the state, got None",
+        "hold the last input for this sample, or a controller with an estimator",
+    )
 
 
 def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFailure:
@@ -216,7 +251,8 @@ def step_failure(code: int, back: bool, y: Any, reference: Any) -> NumericalFail
     what, advice = {
         (BAD_MEASUREMENT, back): (
             "The measurement is not a finite number; nothing was updated.",
-            "step(None) to predict over a sample without a measurement, or hold the last input",
+            "NaN for an element that is missing and step(None) for a sample without any, with an estimator; or hold "
+            "the last input",
         ),
         (BAD_REFERENCE, back): (
             "The command is not a finite number; nothing was updated.",

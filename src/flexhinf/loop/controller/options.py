@@ -34,6 +34,7 @@ import numpy as np
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.shared import share
+from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
 from flexhinf.validation import checked_positive, real_array, real_number, value_text
@@ -391,3 +392,32 @@ def holding_function(plant: Plant) -> Any:
         return drop_empty(ca.Function("holding", [x, p], [ca.densify(held)], {"cse": True}))
 
     return share(("holding", plant.code_key), build)
+
+
+def controller_facts(c: Any) -> dict[str, str]:
+    """What a controller says of itself: law, estimator, period, limits, and what is measured and commanded."""
+    limits, command, mode = c.limits, c.command_limits, c.mode
+    law, zone = ", ".join(dict.fromkeys(law.kind for law in c.laws)), c.integral_dead_zone
+    facts = {
+        "law": law if len(c.laws) == 1 else f"{len(c.laws)} laws ({law})",
+        "estimator": "none (state feedback)" if c.estimator is None else type(c.estimator).__name__,
+        "period": number_text(c.period, "s"),
+        "measured": names_text(c.measured),
+        "tracked": names_text(c.tracked),
+        "inputs": names_text(tuple(c.law.input_names)),
+        "saturation": ", ".join(limits.texts) if np.isfinite([limits.lower, limits.upper]).any() else "",
+        "integrals push": ", ".join(
+            f"at most {size:.4g} more than at rest" for size in c.windup.limit if np.isfinite(size)
+        ) if mode.bounds_windup else "",
+        "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
+        "command": ", ".join(
+            f"{text}, at most {rate:.4g} per s" for text, rate in zip(command.texts, command.rate)
+        ) if mode.limits_command else "",
+        "integral dead zone": "" if zone is None else ", ".join(f"± {size:.4g}" for size in zone),
+        "reference": "moving" if mode.moving else "",
+        "workspace": "" if c.supervision is None else c.supervision.text,
+        "reactions": "" if c.supervision is None else c.supervision.reaction_text,
+        "offsets": f"decay with {c.offset_time:g} s" if mode.has_offset else "",
+        "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
+    }  # fmt: skip
+    return {name: fact for name, fact in facts.items() if fact}

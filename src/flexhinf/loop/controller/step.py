@@ -32,10 +32,10 @@ from flexhinf.codegen import DIRECT, Block, Composer
 from flexhinf.errors import InvalidInput
 from flexhinf.loop.controller.status import answered, observed
 from flexhinf.loop.shared import share
-from flexhinf.plant import Estimator, Law
+from flexhinf.plant import Estimator, Law, chosen, known
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
-from flexhinf.scalars import absolute, clip, jacobian, where
+from flexhinf.scalars import absolute, clip, jacobian, maximum, where
 from flexhinf.validation import checked_kind, value_text
 
 #: Coefficients from which a polynomial law is a table. Below, its text as one piece is faster.
@@ -209,9 +209,10 @@ def controller_step(
 ) -> tuple[Any, Any, dict[str, Any]]:
     """One step of the controller, pure, on any element.
 
-    Without an estimator, y is the state of the plant that the law was designed for, (p,); without a measurement (None)
-    the prediction replaces the estimate and the measurement. The command r is (k,), or of a moving reference
-    (x_d, u_d), (n + m,). `memory` and `data` are namespaces as `Controller.memory` and `Controller.data` lay them out.
+    Without an estimator, y is the state of the plant that the law was designed for, (p,). An element of a measurement
+    that is no finite number is missing: the others correct the estimate, which replaces it where it is tracked. The
+    command r is (k,), or of a moving reference (x_d, u_d), (n + m,). `memory` and `data` are namespaces as
+    `Controller.memory` and `Controller.data` lay them out.
 
     Returns the input (m,), the estimate x(k|k) (n,), and the memory for the next step by name.
     """
@@ -221,23 +222,16 @@ def controller_step(
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
     beliefs, ahead = [], estimate
-    offset = memory.offset if mode.has_offset else None
+    offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
-        if mode.has_offset and y is None:
-            offset = run.call(operator.mul, data.offset_decay, offset)
-        elif mode.has_offset:
+        if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
-            y, offset = run.call(_faded, y, expected, offset, memory.started, data.offset_decay)
-        if y is not None:
-            belief = estimator.measurement_update_on(
-                run, belief, y, acted, data.parameters, data.measurement_noise
-            )
+            y, *offset = run.call(_faded, y, expected, *offset, data.offset_decay)
+        belief = corrected(run, estimator, belief, y, acted, data)
         estimate = belief.mean
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
-        if y is None:
-            y, tracked = estimate, [Source(False, source.state, source.state) for source in tracked]
     requested, held = r, memory.reference
     if mode.changes_command:
         held = memory.command
@@ -259,7 +253,7 @@ def controller_step(
     lines = [data.windup_line, data.windup_spread] if mode.bounds_windup else []
     if mode.laws > 1:
         places = [source.state for source in tracked]
-        active, taken, point, operating_input, gain, inverse, *lines = chosen(
+        active, taken, point, operating_input, gain, inverse, *lines = chosen_law(
             run, places, mode, r, memory.active, memory.started, data
         )
     elif mode.takes_over:
@@ -293,7 +287,7 @@ def controller_step(
     if mode.bounds_windup:
         places = None if mode.moving else [source.state for source in tracked]
         bounds = (run.call(partial(_wound, places), integral, point, gain, r, *lines, data.windup_limit),)
-    after |= {"offset": offset, "stop": stop[0] if stop else None}
+    after |= {"offset": offset[0], "offset_known": offset[1], "stop": stop[0] if stop else None}
     after["u"], after["integral"], after["started"] = run.call(
         partial(_input, mode.bounds_windup), feedback, growth, integral, memory.integral, operating_input, data.lower,
         data.upper, gain, *bounds, *rates,
@@ -309,6 +303,32 @@ def controller_step(
     return u, estimate, after
 
 
+def corrected(run: Any, estimator: Estimator, belief: Any, y: Any, u: Any, data: Any) -> Any:
+    """x(k|k); x(k|k−1) itself where nothing was measured."""
+    some = run.call(_some, y)
+    with run.when(some):
+        after = estimator.measurement_update_on(run, belief, y, u, data.parameters, data.measurement_noise)
+    return type(belief)(
+        *(old if new is old else _either(run, some, new, old) for new, old in zip(after, belief, strict=True))
+    )
+
+
+def _some(y: Any) -> Any:
+    """1 (1,) where at least one element is there, else 0."""
+    return np.array([where(sum(known(y)) > 0.5, 1.0, 0.0)])
+
+
+def _either(run: Any, flag: Any, new: Any, old: Any) -> Any:
+    """New numbers where the flag (1,) is 1, else the old ones, which are those of a vector or of columns."""
+    if len(new.shape) == 1:
+        return run.call(_by_flag, new, old, flag)
+    return run.columns(_by_flag, (new, old), flag)
+
+
+def _by_flag(new: Any, old: Any, flag: Any) -> Any:
+    return where(flag[0] > 0.5, new, old)
+
+
 def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[Any], data: Any) -> list[Any]:
     """x(k+1|k), x(k+2|k), …: the estimator's beliefs after each of the inputs (m,), in the order in which they act."""
     beliefs = [belief]
@@ -317,10 +337,12 @@ def predict_ahead(run: Any, estimator: Estimator, belief: Any, inputs: Sequence[
     return beliefs[1:]
 
 
-def _faded(y: Any, expected: Any, offset: Any, started: Any, decay: Any) -> tuple[Any, Any]:
-    """The measurement (p,) less its offset, which is taken at the first sample, and decays; and the offset."""
-    offset = where(started[0] > 0.5, decay * offset, y - expected)
-    return y - offset, offset
+def _faded(y: Any, expected: Any, offset: Any, before: Any, decay: Any) -> tuple[Any, Any, Any]:
+    """The measurement (p,) less its offset, which is taken where an element is first there, and decays; the offset, and
+    flags of elements that have one."""
+    there = known(y)
+    offset = chosen(before, decay * offset, chosen(there, y - expected, 0.0))
+    return y - offset, offset, maximum(before, there)
 
 
 def _waiting(last: Any, queue: Any) -> tuple[Any, ...]:
@@ -369,7 +391,12 @@ def _deviation(
 
 
 def _positions(tracked: Sequence[Source], y: Any, estimate: Any) -> np.ndarray:
-    return np.array([(y if source.measured else estimate)[source.place] for source in tracked])
+    """Of the measurement where they are in it and it is there, else of the estimate."""
+    positions = [estimate[source.state] for source in tracked]
+    for k, source in enumerate(tracked):
+        if source.measured:
+            positions[k] = where(absolute(y[source.place]) < np.inf, y[source.place], positions[k])
+    return np.array(positions)
 
 
 def _limited(
@@ -532,7 +559,7 @@ def _joined(
     return feedback, where(new, 0.0, growth), integral, bias
 
 
-def chosen(
+def chosen_law(
     run: Any, places: Sequence[int], mode: Mode, r: Any, active: Any, started: Any, data: Any
 ) -> tuple[Any, ...]:
     """Which law is active at this sample, and its numbers.

@@ -57,6 +57,10 @@ class Loop(Summarised):
 
     Where the controller brakes (`Supervision`), the command goes on along its path as `Controller.path_rate` says.
 
+    NaN in an output of the true plant, by `flexhinf.scalars.where` for instance, is a sensor that gives nothing at this
+    sample: the estimator does without it. Before the first measurement it predicts from where it starts, and the law
+    acts on that, while `Controller.step` waits.
+
     Parameters
     ----------
     true_plant : Plant or BlackBox
@@ -343,7 +347,7 @@ class Loop(Summarised):
                     "output() in the order of the estimator's outputs",
                 )
             recorded["output"][k] = y = channel.quantised(y + noise_samples[k])
-            if not np.all(np.isfinite(y)):
+            if self._has_failed(y, recorded["state"][k] if box.states else None):
                 code, last = PLANT_FAILED, k
                 break
             try:
@@ -364,6 +368,14 @@ class Loop(Summarised):
         if "state" in recorded and samples:
             settings["start"] = start_text(box, recorded["state"][0], True, controller, np.zeros(0))
         return Trajectory.until(box, controller, times, recorded, settings, code, last)
+
+    def _has_failed(self, y: np.ndarray, state: np.ndarray | None) -> bool:
+        """Whether a black box is broken: its state is not finite; or its measurement, beyond the gaps that an estimator
+        does without. A box that names no state and measures nothing at all is."""
+        there = np.isfinite(y)
+        if np.isinf(y).any() or not (there.all() or self.controller.gaps):
+            return True
+        return not (there.any() if state is None else np.isfinite(state).all())
 
     def _slower(self, reference: Any, at: float) -> Any:
         assert self.controller.supervision is not None

@@ -1,0 +1,199 @@
+"""Whether a filter's own numbers fit what a log shows: innovations, NIS, NEES, and how white innovations are.
+
+Of a filter whose model and noises are right, innovations are as large as it says and do not repeat themselves, and the
+squared errors over their covariances are χ² [barshalom2001, sections 5.4 and 5.5].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from flexhinf.errors import refuse_if
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Confidence of every interval and test, and standard deviations of a band that holds so much of a normal error.
+CONFIDENCE, DEVIATIONS = 0.95, 1.959963984540054
+
+#: Most lags of a test, a tenth of the samples at most; a correlation that is smaller is of no consequence, however
+#: certain a long log makes it.
+LAGS, SMALL_CORRELATION = 20, 0.1
+
+#: Innovations so much larger or smaller than expected are of no consequence.
+SMALL_FACTOR = 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Whiteness:
+    """Autocorrelations r(1) … r(L) of a sequence, and the test that all of them are zero.
+
+    `correlations`: (L,). `bound`: 95 % of those of white noise are within ± this. `statistic`: Ljung's and Box's,
+    χ² with L degrees of freedom for white noise. `p_value`: the probability that it is as large.
+    """
+
+    correlations: np.ndarray
+    bound: float
+    statistic: float
+    p_value: float
+
+    @property
+    def white(self) -> bool:
+        """Whether no correlation is both certain and of consequence."""
+        return self.p_value > 1.0 - CONFIDENCE or bool(np.abs(self.correlations).max() < SMALL_CORRELATION)
+
+
+def whiteness(values: np.ndarray, lags: int = LAGS) -> Whiteness | None:
+    """The test of Ljung and Box [ljung1978] on a sequence (N,), whose missing values (NaN) are left out.
+
+    `lags`: at most so many, and at most a tenth of the values. None for fewer than ten values, or constant ones.
+
+    Examples
+    --------
+    >>> whiteness(np.tile([1.0, -1.0], 50)).correlations[:2].round(2)
+    array([-0.99,  0.98])
+    """
+    from scipy.stats import chi2
+
+    known = values[np.isfinite(values)]
+    count = known.size
+    centred = known - known.mean() if count else known
+    power = float(centred @ centred)
+    lags = min(lags, count // 10)
+    if lags < 1 or not power > 0.0:
+        return None
+    correlations = np.array([centred[lag:] @ centred[:-lag] for lag in range(1, lags + 1)]) / power
+    statistic = float(count * (count + 2) * np.sum(correlations**2 / (count - np.arange(1, lags + 1))))
+    return Whiteness(
+        correlations, DEVIATIONS / float(np.sqrt(count)), statistic, float(chi2.sf(statistic, lags))
+    )
+
+
+def squared_errors(errors: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """eᵀ P⁻¹ e (N,) over the elements of errors (N, n) that are no NaN, and how many these are (N,); NaN for none.
+
+    `covariances`: (N, n, n). Of directions in which a covariance is singular nothing is known: such rows are NaN.
+    """
+    known: np.ndarray = np.isfinite(errors)
+    counts, squared = known.sum(axis=1), np.full(len(errors), np.nan)
+    for pattern in np.unique(known, axis=0):
+        rows = np.flatnonzero((known == pattern).all(axis=1))
+        if not pattern.any():
+            continue
+        part, spread = errors[rows][:, pattern], covariances[rows][:, pattern][:, :, pattern]
+        scale = np.sqrt(np.maximum(np.diagonal(spread, axis1=1, axis2=2), 0.0))
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # as correlations, of whatever units; singular ones below
+            white, related = part / scale, spread / (scale[:, :, None] * scale[:, None, :])
+        usable: np.ndarray = np.asarray(
+            np.isfinite(related).all(axis=(1, 2)) & np.isfinite(white).all(axis=1)
+        )
+        usable[usable] = np.linalg.cond(related[usable]) < 1e13
+        solved = np.linalg.solve(related[usable], white[usable][:, :, None])[:, :, 0]
+        squared[rows[usable]] = np.einsum("ij,ij->i", white[usable], solved)
+    return squared, counts
+
+
+@dataclass(frozen=True, eq=False)
+class SquaredError:
+    """NIS or NEES of a log over its degrees of freedom, which is 1 in the mean where a filter is consistent.
+
+    `mean`: over all samples. `interval`: (low, high), 95 % of the means of consistent filters, if samples do not
+    depend on each other: innovations do not, errors of neighbouring samples do, so that of them the interval is too
+    narrow. `samples`: their number. `degrees`: degrees of freedom of all samples together.
+    """
+
+    mean: float
+    interval: tuple[float, float]
+    samples: int
+    degrees: int
+
+    @property
+    def factor(self) -> float:
+        """How many times larger errors are than the filter says: √mean."""
+        return float(np.sqrt(self.mean))
+
+    @property
+    def judgement(self) -> Literal["as expected", "larger", "smaller"]:
+        """Whether errors are as large as the filter says, or differ by what is certain and of consequence."""
+        inside = self.interval[0] <= self.mean <= self.interval[1]
+        if inside or 1.0 / SMALL_FACTOR < self.factor < SMALL_FACTOR:
+            return "as expected"
+        return "larger" if self.mean > 1.0 else "smaller"
+
+
+def squared_error(squared: np.ndarray, degrees: np.ndarray) -> SquaredError | None:
+    """`SquaredError` of values (N,), NaN where there is none, with so many degrees of freedom (N,) each."""
+    from scipy.stats import chi2
+
+    known = np.isfinite(squared)
+    total = int(degrees[known].sum())
+    if not total:
+        return None
+    low, high = chi2.ppf((0.5 - CONFIDENCE / 2.0, 0.5 + CONFIDENCE / 2.0), total) / total
+    return SquaredError(
+        float(squared[known].sum() / total), (float(low), float(high)), int(known.sum()), total
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class OutputConsistency:
+    """Innovations of one measured signal, in its unit.
+
+    `samples`: number of measurements. `rms`: root mean square of the innovations. `expected`: that of their standard
+    deviations. `factor`: root mean square of innovations over their standard deviations, 1 where they are as expected.
+    `bias`: mean of the same, 0 where they are. `inside`: share of the innovations in their 95 % bands. `whiteness`: of
+    the same, None of too few.
+    """
+
+    name: str
+    unit: str
+    samples: int
+    rms: float
+    expected: float
+    factor: float
+    bias: float
+    inside: float
+    whiteness: Whiteness | None
+
+
+@dataclass(frozen=True, eq=False)
+class Consistency:
+    """How well a filter's numbers fit a log: of each measured signal, of all (`nis`), of the true state (`nees`)."""
+
+    outputs: tuple[OutputConsistency, ...]
+    nis: SquaredError
+    nees: SquaredError | None
+
+
+def consistency(data: xr.Dataset) -> Consistency:
+    """What the innovations of `filter_log` say of its filter; with the true state in the log, its errors too."""
+    deviations = data["innovation_standard_deviation"].values
+    with np.errstate(divide="ignore", invalid="ignore"):  # a deviation of zero expects no error at all
+        white = data["innovation"].values / deviations
+    outputs = []
+    for k, (name, unit) in enumerate(zip(data["output_name"].values.tolist(), data["output_unit"].values)):
+        innovation, normal = data["innovation"].values[:, k], white[:, k]
+        known = np.isfinite(normal)
+        count = int(known.sum())
+        refuse_if(
+            not count, f"There are no innovations of {name!r}.", f"got none in {len(known)} samples",
+            "a log that measures it",
+        )  # fmt: skip
+        outputs.append(
+            OutputConsistency(
+                name, str(unit), count, _rms(innovation[known]), _rms(deviations[known, k]), _rms(normal[known]),
+                float(normal[known].mean()), float(np.mean(np.abs(normal[known]) <= DEVIATIONS)), whiteness(normal),
+            )
+        )  # fmt: skip
+    nis: Any = squared_error(data["nis"].values, data["measured"].values)
+    nees = squared_error(data["nees"].values, data["known"].values) if "nees" in data else None
+    return Consistency(tuple(outputs), nis, nees)
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

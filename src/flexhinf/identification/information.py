@@ -1,0 +1,133 @@
+"""What a log tells of the numbers that were sought: standard errors, correlations, and what it does not tell."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from flexhinf.identification.likelihood import Evaluation
+
+#: A combination of numbers, in parts of their values, is not told by the log if its standard error is larger.
+LARGEST_ERROR = 0.5
+
+#: Share of a combination above which a number belongs to it.
+SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Unidentifiable:
+    """Numbers that may change together without a trace in the log.
+
+    `direction`: change of each, in parts of its value, the largest 1. `standard_error`: of that change; infinite where
+    nothing tells it.
+    """
+
+    direction: dict[str, float]
+    standard_error: float
+
+    @property
+    def text(self) -> str:
+        """As a sentence."""
+        (first, _), *others = sorted(self.direction.items(), key=lambda pair: -abs(pair[1]))
+        much = (
+            "by any factor"
+            if not np.isfinite(self.standard_error)
+            else f"by ±{100 * self.standard_error:.0f} %"
+        )
+        if not others:
+            return f"{first}: it may change {much}"
+        beside = ", ".join(f"{name} by {share:+.2g} of that" for name, share in others)
+        return f"{first} may change {much}, if also {beside}"
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Covariance of the errors of numbers, in parts of their values, as a log tells it.
+
+    `matrix`: (k, k), Fisher's information of the physical numbers, in parts of their values, with the noises unknown.
+    `spread`: (k, k), the covariance of the estimates as the scores of the samples show it, whatever the model gets
+    wrong. `clear`: (k,), whether the log is unlikely with other values of a number.
+    """
+
+    names: tuple[str, ...]
+    matrix: np.ndarray
+    spread: np.ndarray
+    clear: np.ndarray
+
+    @staticmethod
+    def of(evaluation: Evaluation, names: Sequence[str], sizes: np.ndarray, clear: np.ndarray) -> Information:
+        """Of a likelihood's maximum; `sizes` (K,) are a hundred per cent of each unknown, numbers first."""
+        count = len(clear)
+        whole = evaluation.information * sizes * sizes[:, None]
+        scores = (evaluation.scores - evaluation.scores.mean(axis=0)) * sizes
+        own, cross, others = whole[:count, :count], whole[:count, count:], whole[count:, count:]
+        regression = cross @ np.linalg.pinv(others, rcond=1e-10, hermitian=True)
+        matrix = own - regression @ cross.T
+        matrix = (matrix + matrix.T) / 2.0
+        along = scores[:, :count] - scores[:, count:] @ regression.T
+        return Information(tuple(names[:count]), matrix, long_run(along), clear)
+
+    @cached_property
+    def _modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances (k,) of combinations of the numbers, and the combinations, unit columns (k, k)."""
+        strengths, directions = np.linalg.eigh(self.matrix)
+        least = 1e-12 * max(float(strengths.max(initial=0.0)), 1.0)
+        seen = np.where(strengths > least, strengths, np.nan)
+        return np.where(np.isnan(seen), np.inf, 1.0 / seen), directions
+
+    @cached_property
+    def _identifiable(self) -> np.ndarray:
+        return self._modes[0] <= LARGEST_ERROR**2
+
+    @cached_property
+    def _covariance(self) -> np.ndarray:
+        """Covariance (k, k) of the errors along the combinations that are told."""
+        variances, directions = self._modes
+        kept = directions[:, self._identifiable]
+        inverse = (kept * variances[self._identifiable]) @ kept.T
+        robust = inverse @ self.spread @ inverse
+        # The larger of both: where the model is right they agree, but for chance.
+        factor = np.sqrt(np.maximum(1.0, np.diag(robust) / np.maximum(np.diag(inverse), 1e-300)))
+        return inverse * factor * factor[:, None]
+
+    @cached_property
+    def unidentifiable(self) -> tuple[Unidentifiable, ...]:
+        """Combinations that the log does not tell."""
+        rows = []
+        for variance, direction in zip(
+            self._modes[0][~self._identifiable], self._modes[1].T[~self._identifiable]
+        ):
+            largest = int(np.argmax(np.abs(direction)))
+            shares = direction / direction[largest]
+            named = {name: float(s) for name, s in zip(self.names, shares) if abs(s) > SHARE}
+            rows.append(Unidentifiable(named, float(np.sqrt(variance) * abs(direction[largest]))))
+        named = {name for row in rows for name in row.direction}
+        unclear = [name for name, clear in zip(self.names, self.clear) if not clear and name not in named]
+        return (*rows, *(Unidentifiable({name: 1.0}, np.inf) for name in unclear))
+
+    @cached_property
+    def standard_errors(self) -> np.ndarray:
+        """In parts of the numbers, (k,); infinite for those that belong to what is not told."""
+        hidden = ~self.clear | (
+            np.abs(self._modes[1][:, ~self._identifiable]).max(axis=1, initial=0.0) > SHARE
+        )
+        return np.where(hidden, np.inf, np.sqrt(np.diag(self._covariance)))
+
+    @cached_property
+    def correlations(self) -> np.ndarray:
+        """Of the errors, (k, k); NaN beside what is not told."""
+        size = np.where(np.isfinite(self.standard_errors), np.sqrt(np.diag(self._covariance)), np.nan)
+        return self._covariance / size / size[:, None]
+
+
+def long_run(scores: np.ndarray) -> np.ndarray:
+    """The covariance (k, k) of sums of correlated scores (N, k), with Bartlett's weights of the lags [newey1987]."""
+    count = len(scores)
+    total, lags = scores.T @ scores, int(4.0 * (count / 100.0) ** (2.0 / 9.0))
+    for lag in range(1, min(lags, count - 1) + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        total = total + (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    return total

@@ -1,0 +1,383 @@
+"""Columns of a log's file, by name: CSV, Parquet, MCAP.
+
+A file is looked at twice: first the names of its columns, by which a reader says what it needs, then the columns that
+are needed. Everything else in the file may be text, or missing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.robot.table import read_table
+from flexhinf.validation import extra_package, open_regular, value_text
+
+#: Largest file that is text, bytes, and most rows: an hour at 1 kHz.
+LARGEST, MOST_ROWS = 1_000_000_000, 5_000_000
+
+#: What stands for a missing value, in small letters.
+MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
+
+#: Most numbers of an array in a message: the joints of a robot, not the points of a cloud.
+MOST_ELEMENTS = 100
+
+#: The name under which the times of an MCAP file's messages are a column.
+LOG_TIME = "time"
+
+#: Seconds from 1970 to between 1973 and 2286, as a number of each unit: stamps of such a size are of that unit.
+_EPOCHS = {"ns": (1e17, 1e19), "us": (1e14, 1e16), "ms": (1e11, 1e13)}
+
+
+@dataclass(frozen=True)
+class FileColumns:
+    """The columns of a file before they are read.
+
+    `names`: as they are written, units included. `load`: the numbers (N, k) of some of them, by their places, after
+    the exact stamps of the time column; see `Loaded`.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    load: Callable[[int, Sequence[int]], Loaded]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Stamps and numbers of a file's rows.
+
+    `stamps`: since the first row (N,), in the file's own unit: differences are taken before anything is rounded.
+    `first`: the first stamp itself, rounded. `is_date`: whether stamps were dates, and count nanoseconds. `values`:
+    (N, k), NaN where a value is missing. `place`: where the row of a number is, for messages: "line 17".
+    """
+
+    stamps: np.ndarray
+    first: float
+    is_date: bool
+    values: np.ndarray
+    place: Callable[[int], str]
+
+    def unit(self) -> str:
+        """Unit of the stamps where the file states none: by the size of stamps since 1970, else seconds."""
+        if self.is_date:
+            return "ns"
+        return next((unit for unit, (low, high) in _EPOCHS.items() if low < abs(self.first) < high), "s")
+
+
+def file_columns(path: Path) -> FileColumns:
+    """The columns of a file, whose ending says what it is.
+
+    Raises InvalidInput: no such file, another ending, a package that is missing, or it cannot be read.
+    """
+    ending = path.suffix.lower()
+    refuse_if(
+        ending not in READERS,
+        "The format of the log is not known.",
+        f"expected a name that ends with {', '.join(READERS)}, got {value_text(str(path), 120)}",
+        "a CSV file with a header: log.csv",
+    )
+    try:
+        with open_regular(path):
+            pass
+    except (OSError, ValueError) as error:
+        raise InvalidInput(
+            f"There is no log {value_text(str(path), 120)} that can be read.",
+            f"expected a file with columns, got: {getattr(error, 'strerror', None) or error}",
+            "the path of a file that you may read",
+        ) from error
+    columns = READERS[ending](path)
+    refuse_if(
+        not columns.names,
+        f"{path.name} is empty.",
+        "expected a column of times, the inputs and what was measured, got no column",
+        "a header 'time,motor_torque,motor_position' and a row for each sample",
+    )
+    return columns
+
+
+# CSV ------------------------------------------------------------------------------------------------
+def _csv_columns(path: Path) -> FileColumns:
+    heading, rows = read_table(path, LARGEST, MOST_ROWS, "a log as CSV")
+
+    def load(time: int, places: Sequence[int]) -> Loaded:
+        lines, needed = [], (time, *places)
+        cells: list[list[str]] = [[] for _ in needed]
+        for line, row in rows:
+            lines.append(line)
+            for column, k in zip(cells, needed):
+                column.append(row[k])
+        names = [heading[k].strip() for k in needed]
+
+        def where(row: int) -> str:
+            return f"line {lines[row]}"
+
+        stamps, first, is_date = _stamps_of_text(path.name, names[0], cells[0], where)
+        values = [_numbers(path.name, name, column, where) for name, column in zip(names[1:], cells[1:])]
+        return Loaded(stamps, first, is_date, _stacked(values, len(lines)), where)
+
+    return FileColumns(path, tuple(heading), load)
+
+
+def _number(cell: str) -> float:
+    text = cell.strip()
+    if text.casefold() in MISSING:
+        return math.nan
+    number = float(text.replace("_", "x"))  # Python reads 1_000, nobody else does
+    if math.isinf(number):
+        raise ValueError(text)
+    return number
+
+
+def _numbers(file: str, name: str, cells: Sequence[str], where: Callable[[int], str]) -> np.ndarray:
+    try:
+        return np.array([_number(cell) for cell in cells], dtype=float)
+    except ValueError:
+        row = next(k for k, cell in enumerate(cells) if not _is_number(cell))
+        raise _no_number(file, name, where(row), cells[row]) from None
+
+
+def _is_number(cell: str) -> bool:
+    with contextlib.suppress(ValueError):
+        _number(cell)
+        return True
+    return False
+
+
+def _no_number(file: str, name: str, place: str, value: Any) -> InvalidInput:
+    comma = isinstance(value, str) and _is_number(value.replace(",", ".", 1))
+    return InvalidInput(
+        f"{file}, {place}: this is no number.",
+        f"expected a finite number, or nothing where it is missing, in the column {value_text(name, 60)}; got "
+        f"{value_text(value, 60)}",
+        f"a decimal point: {value.strip().replace(',', '.')}" if comma else "0.5, or an empty cell",
+    )
+
+
+def _stamps_of_text(
+    file: str, name: str, cells: Sequence[str], where: Callable[[int], str]
+) -> tuple[np.ndarray, float, bool]:
+    """Stamps since the first one (N,), the first one, and whether they are dates; decimals are subtracted exactly."""
+    if not cells:
+        return np.zeros(0), 0.0, False
+    if not _is_number(cells[0]) and _date(cells[0]) is not None:
+        dates = [_date(cell) for cell in cells]
+        wrong = next((k for k, date in enumerate(dates) if date is None), None)
+        if wrong is not None:
+            raise _no_stamp(file, name, where(wrong), cells[wrong])
+        return _stamps_of_numbers(np.array(dates, dtype="datetime64[ns]"))
+    stamps = list[Decimal]()
+    for row, cell in enumerate(cells):
+        try:
+            stamp = Decimal(cell.strip().replace("_", "x"))
+            if not stamp.is_finite() or not math.isfinite(float(stamp)):
+                raise InvalidOperation
+            stamps.append(stamp)
+        except InvalidOperation:
+            raise _no_stamp(file, name, where(row), cell) from None
+    return np.array([float(stamp - stamps[0]) for stamp in stamps]), float(stamps[0]), False
+
+
+def _date(cell: str) -> np.datetime64 | None:
+    text = cell.strip().removesuffix("Z").removesuffix("+00:00")
+    try:
+        return np.datetime64(text, "ns") if text[:4].isdigit() and "-" in text else None
+    except ValueError:
+        return None
+
+
+def _no_stamp(file: str, name: str, place: str, value: Any) -> InvalidInput:
+    return InvalidInput(
+        f"{file}, {place}: this is no time.",
+        f"expected a finite number in every row of the column {value_text(name, 60)}, or a date such as "
+        f"2026-01-31T12:00:00.5 in UTC in every row; got {value_text(value, 60)}",
+        "leave the row out",
+    )
+
+
+def _stacked(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
+    return np.column_stack(columns) if columns else np.zeros((rows, 0))
+
+
+# Parquet --------------------------------------------------------------------------------------------
+def _row(row: int) -> str:
+    return f"row {row + 1}"
+
+
+def _parquet_columns(path: Path) -> FileColumns:
+    parquet: Any = extra_package("pyarrow.parquet", "log", "A log in Parquet needs another package.")
+    with _foreign(path, "Parquet"):
+        names = tuple(parquet.read_schema(path).names)
+
+    def load(time: int, places: Sequence[int]) -> Loaded:
+        with _foreign(path, "Parquet"):
+            table = parquet.read_table(path, columns=[names[k] for k in (time, *places)])
+            arrays = [table.column(names[k]).to_numpy() for k in (time, *places)]
+        refuse_if(
+            len(table) > MOST_ROWS, f"{path.name} has too many rows.",
+            f"expected at most {MOST_ROWS}, got {len(table)}", "several files",
+        )  # fmt: skip
+        bad = _first(np.array([entry is None or entry != entry for entry in arrays[0]], dtype=bool))
+        if arrays[0].dtype.kind not in "iufM" or bad is not None:
+            raise _no_stamp(path.name, names[time], _row(bad or 0), arrays[0][bad or 0 : (bad or 0) + 1])
+        values = [
+            _finite_numbers(path.name, names[k], array) for k, array in zip(places, arrays[1:], strict=True)
+        ]
+        stamps = _stamps_of_numbers(arrays[0])
+        return Loaded(*stamps, _stacked(values, len(table)), _row)
+
+    return FileColumns(path, names, load)
+
+
+def _finite_numbers(file: str, name: str, array: np.ndarray) -> np.ndarray:
+    """A column of numbers as float64, NaN where one is missing; booleans are numbers, text and infinity are not."""
+    if array.dtype.kind == "O":  # booleans, integers or decimals of which some are missing, or no numbers
+        array = np.array([np.nan if entry is None else entry for entry in array], dtype=object)
+    try:
+        if array.dtype.kind not in "iufbO" or any(isinstance(entry, (str, bytes)) for entry in array[:1]):
+            raise ValueError(array.dtype)
+        numbers = array.astype(float)
+    except (TypeError, ValueError):
+        raise _no_number(file, name, _row(0), array[0] if len(array) else array.dtype) from None
+    bad = _first(np.isinf(numbers))
+    if bad is not None:
+        raise _no_number(file, name, _row(bad), float(numbers[bad]))
+    return numbers
+
+
+def _stamps_of_numbers(stamps: np.ndarray) -> tuple[np.ndarray, float, bool]:
+    """As `_stamps_of_text`; integers and dates are subtracted as integers, of which no digit is lost."""
+    if not len(stamps):
+        return np.zeros(0), 0.0, False
+    is_date = stamps.dtype.kind == "M"
+    numbers = stamps.astype("datetime64[ns]").astype(np.int64) if is_date else stamps
+    if numbers.dtype.kind in "iu":
+        first = int(numbers[0])
+        return (
+            np.array([int(stamp) - first for stamp in numbers.tolist()], dtype=float),
+            float(first),
+            is_date,
+        )
+    return numbers.astype(float) - float(numbers[0]), float(numbers[0]), is_date
+
+
+def _first(flags: np.ndarray) -> int | None:
+    return int(np.argmax(flags)) if flags.any() else None
+
+
+@contextlib.contextmanager
+def _foreign(path: Path, kind: str) -> Iterator[None]:
+    """Errors of another library about a file as ours."""
+    try:
+        yield
+    except (InvalidInput, MemoryError):
+        raise
+    except Exception as error:  # whatever a damaged file makes it raise
+        raise InvalidInput(
+            f"{path.name}: this is no {kind}, or it is damaged.",
+            f"expected a log as {kind}, got {type(error).__name__}: {error}",
+            "the file as it was written, or the log as CSV",
+        ) from error
+
+
+# MCAP -----------------------------------------------------------------------------------------------
+def _mcap_columns(path: Path) -> FileColumns:
+    """A column for each number of a topic's messages: ``topic/field``, ``joint_states/position/elbow``.
+
+    Messages in JSON, and those of ROS 2. In messages with arrays and as many names, as those of joints, the names stand
+    in the column's; else the places from 0 on. The times of the messages are the column `LOG_TIME`, in nanoseconds.
+    """
+    make_reader = extra_package("mcap.reader", "log", "A log in MCAP needs another package.").make_reader
+    columns: dict[str, tuple[list[int], list[float]]] = defaultdict(lambda: ([], []))
+    with _foreign(path, "MCAP"), path.open("rb") as file:
+        decoders: dict[int, Callable[[bytes], Any] | None] = {}
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.id not in decoders:
+                decoders[channel.id] = _decoder(channel.message_encoding, schema)
+            decode = decoders[channel.id]
+            for name, value in _fields(channel.topic.strip("/"), decode(message.data)) if decode else ():
+                times, values = columns[name]
+                times.append(message.log_time)
+                values.append(value)
+    names = tuple(columns)
+
+    def load(time: int, places: Sequence[int]) -> Loaded:
+        chosen = [columns[names[k - 1]] for k in places]
+        if time:
+            chosen.append(columns[names[time - 1]])
+        every = [np.array(times, dtype=np.int64) for times, _ in chosen]
+        stamps = np.unique(np.concatenate(every)) if every else np.zeros(0, dtype=np.int64)
+        table = np.full((len(stamps), len(chosen)), np.nan)
+        for k, (times, (_, values)) in enumerate(zip(every, chosen)):
+            again = np.diff(np.sort(times)) == 0
+            refuse_if(
+                again.any(), f"{path.name}: two messages of one topic have the same time.",
+                f"expected increasing times of {names[(*places, time)[k] - 1]!r}, got {int(again.sum())} repeated ones",
+                "a log with one message of a topic at a time",
+            )  # fmt: skip
+            table[np.searchsorted(stamps, times), k] = values
+        infinite = _first(np.asarray(np.isinf(table).any(axis=1)))
+        if infinite is not None:
+            raise _no_number(path.name, "of a message", _row(infinite), math.inf)
+        if not time:
+            return Loaded(*_stamps_of_numbers(stamps), table, _row)
+        known = np.isfinite(table[:, -1])
+        return Loaded(*_stamps_of_numbers(table[known, -1]), table[known, :-1], _row)
+
+    return FileColumns(path, (f"{LOG_TIME} [ns]", *names) if names else (), load)
+
+
+def _decoder(encoding: str, schema: Any) -> Callable[[bytes], Any] | None:
+    if encoding == "json":
+        return json.loads
+    if encoding == "cdr":
+        factory = extra_package("mcap_ros2.decoder", "log", "A log of ROS 2 needs another package.")
+        return factory.DecoderFactory().decoder_for(encoding, schema)
+    return None
+
+
+def _fields(name: str, message: Any) -> Iterator[tuple[str, float]]:
+    """Every number of a message, with the path to it."""
+    if isinstance(message, (bool, int, float)):
+        yield name, float(message)
+    elif _is_array(message):
+        if len(message) <= MOST_ELEMENTS:
+            for k, entry in enumerate(message):
+                yield from _fields(f"{name}/{k}", entry)
+    elif isinstance(message, Mapping) or hasattr(message, "__slots__"):
+        entries = (
+            message if isinstance(message, Mapping) else {k: getattr(message, k) for k in message.__slots__}
+        )
+        labels = entries.get("name")
+        labels = (
+            labels if isinstance(labels, list) and all(isinstance(label, str) for label in labels) else []
+        )
+        for key, entry in entries.items():
+            if labels and _is_array(entry) and len(entry) == len(labels):
+                for label, element in zip(labels, entry):
+                    yield from _fields(f"{name}/{key}/{label}", element)
+            else:
+                yield from _fields(f"{name}/{key}", entry)
+
+
+def _is_array(value: Any) -> bool:
+    return (
+        hasattr(value, "__len__")
+        and hasattr(value, "__getitem__")
+        and not isinstance(value, (str, bytes, Mapping))
+    )
+
+
+#: What reads the columns of a file, by its ending.
+READERS: dict[str, Callable[[Path], FileColumns]] = {
+    ".csv": _csv_columns, ".txt": _csv_columns, ".tsv": _csv_columns, ".parquet": _parquet_columns,
+    ".mcap": _mcap_columns,
+}  # fmt: skip

@@ -1,0 +1,222 @@
+"""What is sought in a log: numbers of a plant or robot, and levels of noises; as one vector, with its derivatives.
+
+The vector has the physical numbers first, by their logarithm where they must be positive, then the logarithms of
+standard deviations: of the measurement noise of each output, and of each disturbance, N·m·√s of a torque. The
+disturbances' part of R^v is G diag(σ²) Gᵀ per second, with G = ∂flow/∂d at the first state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexhinf.estimation import RecursiveFilter
+from flexhinf.plant import Plant
+from flexhinf.robot import Robot
+from flexhinf.robot.parameters import QUANTITIES, per_joint
+from flexhinf.validation import unknown_name
+
+#: Relative step of the differences by which a robot's numbers become those of its plant: products of few of them.
+STEP = 1e-5
+
+#: What a number of a robot needs of its plant, see `flexhinf.robot.elastic`.
+EXTRA_OF = {
+    "damping": "joint_damping", "spring_hardening": "spring_hardening", "backlash": "backlash",
+    "coulomb_friction": "coulomb_friction", "static_friction": "stribeck_friction",
+    "stribeck_velocity": "stribeck_friction", "inductance": "inductance",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Number:
+    """One physical number: `sign` is "positive", "not negative" or "any"."""
+
+    name: str
+    value: float
+    sign: str = "any"
+    unit: str = ""
+
+
+def quantity_of(robot: Robot, name: str) -> str:
+    """The quantity of one of a robot's numbers: its name without the joint's."""
+    joints = robot.joint_names
+    known = {per_joint(q, joint, len(joints)): q for q in QUANTITIES for joint in joints} | {
+        "gravity": "gravity"
+    }
+    return known[name]
+
+
+def robot_numbers(robot: Robot, names: Sequence[str]) -> list[Number]:
+    """Numbers of a robot by name; a quantity stands for those of all joints. Raises InvalidInput: unknown names."""
+    stated = {parameter.name: parameter for parameter in robot.parameters}
+    found: dict[str, Number] = {}
+    for name in names:
+        every = [per_joint(name, joint, len(robot.joint_names)) for joint in robot.joint_names]
+        chosen = [name] if name in stated else [label for label in every if label in stated]
+        if not chosen:
+            raise unknown_name(f"The robot {robot.name!r} states no number {name!r}.", name, sorted(stated))
+        for label in chosen:
+            quantity = quantity_of(robot, label)
+            found[label] = Number(label, stated[label].value, QUANTITIES[quantity].sign, stated[label].unit)
+    return list(found.values())
+
+
+def plant_numbers(plant: Plant, names: Sequence[str]) -> list[Number]:
+    """Numbers of a plant by name; ``name[2]`` is the second of an array, and ``name`` all of them.
+
+    A number that is positive is sought among the positive ones. Raises InvalidInput: unknown names.
+    """
+    values = plant.parameters.values
+    every = {
+        label: float(value)
+        for name, array in values.items()
+        for label, value in (
+            [(name, array)]
+            if array.ndim == 0
+            else [(f"{name}[{k + 1}]", v) for k, v in enumerate(array.ravel())]
+        )
+    }
+    found: dict[str, Number] = {}
+    for name in names:
+        chosen = [name] if name in every else [label for label in every if label.partition("[")[0] == name]
+        if not chosen:
+            raise unknown_name(f"The plant has no parameter {name!r}.", name, sorted(every))
+        for label in chosen:
+            sign = "positive" if every[label] > 0.0 else "any"
+            found[label] = Number(label, every[label], sign, plant.unit(label))
+    return list(found.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Noises:
+    """R^n = D C D with deviations D and correlations C, and R^v = Σ σᵢ² Bᵢ per second, and what D and σ are at first.
+
+    `correlations`: C (p, p). `deviations`: (p,). `bases`: B (c, n, n). `levels`: σ (c,). `names`: of the levels.
+    `sought`: whether D and σ are unknowns.
+    """
+
+    correlations: np.ndarray
+    deviations: np.ndarray
+    bases: np.ndarray
+    levels: np.ndarray
+    names: tuple[str, ...]
+    sought: bool
+
+    @staticmethod
+    def of(filter: RecursiveFilter, levels: np.ndarray | None, sought: bool) -> Noises:
+        """Those of a filter; with `levels` (c,) of its plant's disturbances (or states) instead of its R^v."""
+        plant, r = filter.plant, filter.measurement_noise
+        deviations = np.sqrt(np.diag(r))
+        bases, names = (filter.process_noise / filter.period)[None], ("process noise",)
+        if levels is not None:
+            spread = plant.linearise(filter.initial.mean)[2] if plant.disturbances else np.eye(plant.n)
+            bases = np.array([np.outer(column, column) for column in spread.T])
+            names = tuple(plant.disturbances or plant.states)
+        first = np.ones(1) if levels is None else levels
+        return Noises(r / deviations / deviations[:, None], deviations, bases, first, names, sought)
+
+    def matrices(self, deviations: np.ndarray, levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """R^v (n, n) per second, and R^n (p, p)."""
+        added = np.einsum("i,ijk->jk", np.square(levels), self.bases)
+        return added, self.correlations * deviations * deviations[:, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """What is sought, and the model's numbers as functions of it.
+
+    `plant`: the model; of a `robot`, its plant. `numbers`: the physical ones. `noises`: beside them.
+    """
+
+    plant: Plant
+    robot: Robot | None
+    numbers: Sequence[Number]
+    noises: Noises
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the unknowns; of a noise that of its signal, with "noise of " before it."""
+        beside = (*self.plant.outputs, *self.noises.names) if self.noises.sought else ()
+        return (*(number.name for number in self.numbers), *(f"noise of {name}" for name in beside))
+
+    @cached_property
+    def logarithmic(self) -> np.ndarray:
+        """Which unknowns are logarithms, (k,)."""
+        physical = [number.sign == "positive" for number in self.numbers]
+        return np.array([*physical, *[True] * (len(self.names) - len(physical))])
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """The unknowns (k,) at first."""
+        physical = [np.log(n.value) if n.sign == "positive" else n.value for n in self.numbers]
+        beside = [np.log(self.noises.deviations), np.log(self.noises.levels)] if self.noises.sought else []
+        return np.concatenate([physical, *beside])
+
+    def sizes(self, z: np.ndarray) -> np.ndarray:
+        """What a change of each unknown (k,) by a hundred per cent is: 1 for a logarithm."""
+        nominal = np.array([abs(n.value) for n in self.numbers] + [1.0] * (len(z) - len(self.numbers)))
+        return np.where(self.logarithmic, 1.0, np.maximum(np.maximum(np.abs(z), nominal), 1e-6))
+
+    def values(self, z: np.ndarray) -> dict[str, float]:
+        """The physical numbers by name."""
+        pairs = zip(self.numbers, z.tolist())
+        return {n.name: float(np.exp(value)) if n.sign == "positive" else value for n, value in pairs}
+
+    def noise_levels(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Standard deviations (p,) of the measurements, and levels (c,) of R^v."""
+        if not self.noises.sought:
+            return self.noises.deviations, self.noises.levels
+        beside, count = np.exp(z[len(self.numbers) :]), len(self.noises.deviations)
+        return beside[:count], beside[count:]
+
+    def inside(self, z: np.ndarray) -> np.ndarray:
+        """The unknowns with those that must not be negative at zero at least."""
+        lower = [0.0 if number.sign == "not negative" else -np.inf for number in self.numbers]
+        return np.maximum(z, [*lower, *[-np.inf] * (len(z) - len(lower))])
+
+    def free(self, z: np.ndarray, gradient: np.ndarray) -> np.ndarray:
+        """Places of the unknowns that a step may move: not those at a bound that the gradient (k,) points out of."""
+        held = [
+            k for k, n in enumerate(self.numbers) if n.sign == "not negative" and z[k] <= 0.0 > gradient[k]
+        ]
+        return np.setdiff1d(np.arange(len(z)), held)
+
+    def at(self, z: np.ndarray) -> Plant:
+        """The plant with these numbers."""
+        values = self.values(z)
+        if self.robot is not None:
+            return self.plant.with_parameters(**self._of_robot(values))
+        table: dict[str, Any] = {}
+        for label, value in values.items():
+            name, _, place = label.partition("[")
+            array = table.setdefault(name, np.array(self.plant.parameters.values[name], dtype=float))
+            array[() if not place else np.unravel_index(int(place[:-1]) - 1, array.shape)] = value
+        return self.plant.with_parameters(**table)
+
+    def _of_robot(self, values: Mapping[str, float]) -> dict[str, Any]:
+        assert self.robot is not None
+        changed = self.robot.plant_parameters({**self.robot.nominal, **values})
+        return self.plant.parameters.known(changed)
+
+    def model(self, z: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+        """(parameters (flat), R^v (n, n) per second, R^n (p, p)), and their derivatives (size, k), one below the
+        other."""
+        vector, count = self.at(z).parameters.vector(), len(self.numbers)
+        deviations, levels = self.noise_levels(z)
+        q, r = self.noises.matrices(deviations, levels)
+        columns = []
+        for k, number in enumerate(self.numbers):
+            step = STEP if number.sign == "positive" else STEP * max(abs(z[k]), abs(number.value), 1e-3)
+            ends = [self.at(z + sign * step * np.eye(len(z))[k]).parameters.vector() for sign in (-1.0, 1.0)]
+            columns.append(((ends[1] - ends[0]) / (2.0 * step), 0.0 * q, 0.0 * r))
+        for k in range(len(deviations) if len(z) > count else 0):
+            unit = np.eye(len(deviations))[k]
+            columns.append((0.0 * vector, 0.0 * q, r * (unit + unit[:, None])))
+        for level, base in zip(levels if len(z) > count else (), self.noises.bases):
+            columns.append((0.0 * vector, 2.0 * level**2 * base, 0.0 * r))
+        directions = np.array([np.concatenate([part.ravel() for part in column]) for column in columns]).T
+        return (vector, q, r), directions

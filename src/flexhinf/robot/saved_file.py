@@ -1,0 +1,89 @@
+"""`Robot.save`: a robot file with other numbers; its comments, its order and everything else stay as they are."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import tomlkit
+
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.files import write_file
+from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
+from flexhinf.validation import checked_path
+
+if TYPE_CHECKING:
+    from flexhinf.robot.robot import Robot
+
+#: A quantity's other key in the table of a link.
+OTHER_KEY = {"link_inertia": "axis_inertia"}
+
+
+def save_robot(robot: Robot, path: str | os.PathLike[str], like: str | os.PathLike[str] | None) -> None:
+    """See `Robot.save`."""
+    from flexhinf.robot.robot_file import load_robot
+
+    source = robot.file if like is None else checked_path("The robot file", like)
+    if source is None or source.suffix.lower() != ".toml":
+        raise InvalidInput(
+            f"There is no robot file that {robot.name!r} could be written like.",
+            f"expected a file that ends in .toml, got {source}",
+            'like="arm.toml", the file with its springs and motors',
+        )
+    stated = {parameter.name: parameter for parameter in load_robot(source).parameters}
+    document = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for parameter in robot.parameters:
+        before = stated.get(parameter.name)
+        if before is None and parameter.name.startswith("payload_"):
+            continue  # what it carries was stated beside the file
+        if before is None or _numbers(before) != _numbers(parameter):
+            _write(document, robot, parameter, source)
+    target = checked_path("The robot file", path)
+    for key in ("urdf", "mjcf"):
+        if key in document:
+            document[key] = os.path.relpath(source.parent / str(document[key]), target.parent)
+    text = tomlkit.dumps(document)
+    write_file(target, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
+
+
+def _numbers(parameter: Parameter) -> tuple[Any, ...]:
+    return parameter.value, parameter.interval
+
+
+def _places(document: Any, robot: Robot) -> Iterator[tuple[str, Any, str]]:
+    """Names of numbers that a file states by themselves, with the tables and keys where they stand."""
+    if "gravity" in document:
+        yield "gravity", document, "gravity"
+    payloads = [parameter.name for parameter in robot.parameters if parameter.name.startswith("payload_mass")]
+    if len(document.get("payload", ())) == len(payloads) == 1:
+        yield payloads[0], document["payload"][0], "mass"
+    for row in document.get("joint", ()):
+        for kind in ("link", "spring", "motor"):
+            table = row.get(kind, {})
+            for quantity in QUANTITIES:
+                for key in (quantity, OTHER_KEY.get(quantity, quantity)):
+                    if key in table and not isinstance(table[key], list):
+                        yield per_joint(quantity, str(row["name"]), len(robot.joint_names)), table, key
+
+
+def _write(document: Any, robot: Robot, parameter: Parameter, source: Path) -> None:
+    found = [(table, key) for name, table, key in _places(document, robot) if name == parameter.name]
+    value: Any = found[0][0][found[0][1]] if found else None
+    refuse_if(
+        not found or (isinstance(value, dict) and isinstance(value.get("value"), list)),
+        f"{source.name} states {parameter.name!r} in no table of its own.",
+        f"expected a number of a link, a spring or a motor, got {parameter.value:g}",
+        "a file that states it, or this number by hand",
+    )
+    table, key = found[0]
+    ends = parameter.range
+    entries = {"value": parameter.value, **({} if ends is None else {"range": list(ends)})}
+    if parameter.tolerance:
+        entries["tolerance"] = parameter.tolerance
+    item = tomlkit.inline_table()
+    item.update({**entries, "source": parameter.source})
+    if trivia := getattr(value, "trivia", None):
+        item.trivia.comment_ws, item.trivia.comment = trivia.comment_ws, trivia.comment
+    table[key] = item

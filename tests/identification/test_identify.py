@@ -1,0 +1,180 @@
+"""What a log tells of a model: true values inside intervals, what it cannot tell, the file that it writes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from tests.identification.simulated import PERIOD, TRUE, arm_log, linear_log, oscillator
+from tests.identification.test_likelihood import plain_likelihood, sought
+from tests.refusals import refused_with, unnamed
+
+import flexhinf as fh
+from flexhinf.identification.identify import searched
+
+WRONG = {"stiffness": 55.0, "damping": 0.3, "gain": 1.0}
+
+
+@pytest.fixture(scope="module")
+def arm():
+    robot = fh.load_robot("paper")
+    wrong = robot.with_values({"stiffness": 70.0, "friction": 0.2, "motor_inertia": 1.3})
+    return robot, wrong, arm_log(robot)
+
+
+@pytest.mark.oracle
+def test_the_estimates_are_those_of_another_optimiser():
+    log = linear_log(3)
+    found = fh.identify(oscillator(**WRONG), log, tuple(WRONG))
+    peer = minimize(
+        lambda z: -plain_likelihood(log, *np.exp(z)), np.log([*TRUE.values(), 0.01, 0.1]), method="Nelder-Mead",
+        options={"xatol": 1e-7, "fatol": 1e-9, "maxiter": 4000, "maxfev": 4000},
+    )  # fmt: skip
+    np.testing.assert_allclose(list(found.values.values()), np.exp(peer.x[:3]), rtol=2e-3)
+    likelihood, unknowns = sought(log, plant=oscillator(**WRONG))
+    most, evaluation, _ = searched(likelihood, unknowns, unknowns.start)
+    np.testing.assert_allclose(np.exp(most), np.exp(peer.x), rtol=2e-3)
+    assert evaluation.value == pytest.approx(-peer.fun, abs=1e-3)
+
+
+def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
+    levels = [
+        fh.identify(oscillator(), linear_log(40 + k, count=400), tuple(WRONG)).noise["load"]
+        for k in range(12)
+    ]
+    assert np.mean(levels) == pytest.approx(0.1, rel=0.1)
+
+
+def test_an_arm_s_numbers_are_found_from_wrong_ones(arm):
+    robot, wrong, log = arm
+    names = ("stiffness", "friction", "motor_inertia", "link_inertia")
+    found = fh.identify(wrong, log, names, measured=("link_position", "motor_position"))
+    assert not found.unidentifiable
+    for name in names:
+        low, high = found.intervals[name]
+        middle = robot.nominal[name]
+        assert low - (high - low) < middle < high + (high - low)
+        assert found.standard_errors[name] < 1e-3 * middle
+    assert found.noise["link_position"] == pytest.approx(1e-4, rel=0.1)
+    assert found.correlations.shape == (4, 4)
+    np.testing.assert_allclose(np.diag(found.correlations), 1.0)
+    better = fh.filter_log(found.filter(1e-3), log)
+    assert float(better.nis.mean()) == pytest.approx(2.0, rel=0.15)
+
+
+def test_what_the_log_cannot_tell_is_said(arm):
+    _, wrong, log = arm
+    found = fh.identify(
+        wrong, log, ("mass", "length", "stiffness"), measured=("link_position", "motor_position")
+    )
+    (untold,) = found.unidentifiable
+    assert set(untold.direction) == {"mass", "length"}
+    assert untold.direction["mass"] == pytest.approx(-untold.direction["length"], rel=1e-2)
+    assert np.isinf([found.standard_errors[name] for name in ("mass", "length")]).all()
+    assert np.isfinite(found.standard_errors["stiffness"])
+    assert unnamed(untold.text, "mass", "length") == []
+    assert np.isfinite(found.correlations[2, 2])
+    assert np.isnan(found.correlations[0, 2])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_robot_that_stands_tells_nothing_of_its_spring(seed):
+    robot = fh.load_robot("paper")
+    rng = np.random.default_rng(seed)
+    log = 1e-3 * np.arange(500), np.zeros(500), 1e-4 * rng.normal(size=500)
+    found = fh.identify(robot, log, ("stiffness", "motor_inertia"))
+    assert {name for untold in found.unidentifiable for name in untold.direction} == {
+        "stiffness",
+        "motor_inertia",
+    }
+    assert all(np.isinf(error) for error in found.standard_errors.values())
+
+
+def test_numbers_that_must_not_be_negative_are_not(arm):
+    robot, _, _ = arm
+    smooth = robot.with_values({"friction": 0.0})
+    log = arm_log(smooth, seed=4, count=1500)
+    found = fh.identify(robot, log, ("friction",), measured=("link_position", "motor_position"))
+    assert found.values["friction"] >= 0.0
+    assert found.intervals["friction"][0] == 0.0
+    assert found.intervals["friction"][1] < 1e-3
+
+
+def test_a_saved_robot_has_the_numbers_and_their_intervals(arm, tmp_path):
+    robot, wrong, log = arm
+    found = fh.identify(
+        wrong, log, ("stiffness", "friction", "motor_inertia"), measured=("link_position", "motor_position")
+    )
+    found.save(tmp_path / "arm.toml")
+    saved = fh.load_robot(tmp_path / "arm.toml")
+    for name in found.names:
+        low, high = saved[name].interval
+        assert low < saved[name].value < high
+        assert saved[name].value == pytest.approx(found.values[name], abs=found.standard_errors[name])
+        np.testing.assert_allclose((low, high), found.intervals[name], atol=found.standard_errors[name])
+    assert saved["mass"] == robot["mass"]
+    before = robot.file.read_text(encoding="utf-8").splitlines()
+    after = (tmp_path / "arm.toml").read_text(encoding="utf-8").splitlines()
+    assert sum(a != b for a, b in zip(before, after, strict=True)) == 3
+    assert after[0] == before[0]
+
+
+def test_what_is_not_told_stays_as_it_was_stated(arm, tmp_path):
+    _, wrong, log = arm
+    found = fh.identify(wrong, log, ("mass", "length"), measured=("link_position", "motor_position"))
+    found.save(tmp_path / "arm.toml")
+    saved = fh.load_robot(tmp_path / "arm.toml")
+    assert (saved["mass"], saved["length"]) == (wrong["mass"], wrong["length"])
+
+
+def test_noises_may_be_held():
+    log = linear_log(6)
+    filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, np.diag([0.0, 1e-4]), 1e-4, [0.0, 0.0], 1.0)
+    found = fh.identify(oscillator(**WRONG), log, ("stiffness",), filter=filter, noise=False)
+    assert found.noise["position"] == pytest.approx(0.01)
+    level = fh.identify(oscillator(**WRONG), log, tuple(WRONG), filter=filter)
+    assert level.noise["process noise"] == pytest.approx(1.0, rel=0.4)
+
+
+def test_one_of_an_array_is_named_by_its_place():
+    plant = fh.Plant(
+        lambda x, u, d, p: np.array([x[1], -p.k[0] * x[0] - p.k[1] * x[1] + u[0]]), lambda x, u, p: x[:1],
+        ("position", "velocity"), ("force",), parameters={"k": [30.0, 0.8]},
+    )  # fmt: skip
+    log = linear_log(7, gain=1.0, level=0.0)
+    found = fh.identify(plant, log, ("k[1]",))
+    assert found.values["k[1]"] == pytest.approx(40.0, rel=1e-2)
+    assert set(fh.identify(plant, log, ("k",)).values) == {"k[1]", "k[2]"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "anchors"),
+    [
+        ({"parameters": ("stifness",)}, ("stifness", "stiffness")),
+        ({"parameters": ()}, ("parameters",)),
+        ({"parameters": ("stiffness",), "measured": ("motor",)}, ("motor",)),
+        ({"parameters": ("stiffness",), "extras": ("rust",)}, ("rust",)),
+    ],
+)
+def test_what_is_unknown_is_refused(arm, arguments, anchors):
+    with refused_with(fh.InvalidInput, *anchors):
+        fh.identify(arm[0], arm[2], **arguments)
+
+
+def test_a_plant_has_no_sensors_to_choose_and_no_file():
+    log = linear_log(8)
+    with refused_with(fh.InvalidInput, "measured"):
+        fh.identify(oscillator(), log, ("stiffness",), measured=("position",))
+    with refused_with(fh.InvalidInput, "plant"):
+        fh.identify(oscillator(), log, ("stiffness",)).save("arm.toml")
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    inside = []
+    for seed in range(200):
+        found = fh.identify(oscillator(**WRONG), linear_log(1000 + seed), tuple(WRONG))
+        inside.append([low <= TRUE[name] <= high for name, (low, high) in found.intervals.items()])
+    shares = np.mean(inside, axis=0)
+    assert 0.92 <= shares.mean() <= 0.98, shares
+    assert shares.min() > 0.9

@@ -1,0 +1,432 @@
+"""Logs of files: every format gives the same numbers, units and digits are right, and what is wrong is named."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.refusals import refused_with
+
+import flexhinf as fh
+from flexhinf.errors import InvalidInput
+
+PLANT = fh.paper_arm().plant(("motor_position", "link_position"))
+N = 40
+RNG = np.random.default_rng(3)
+TIMES = np.cumsum(RNG.uniform(7e-3, 12e-3, N))
+VOLTS, MOTOR, LINK = RNG.normal(0, 9, N), RNG.normal(0, 1, N), RNG.normal(0, 1, N)
+
+
+def csv_text(columns: dict[str, Any], separator: str = ",") -> str:
+    rows = zip(*columns.values(), strict=True)
+    cells = (separator.join("" if value != value else f"{value:.17g}" for value in row) for row in rows)
+    return "\n".join([separator.join(columns), *cells]) + "\n"
+
+
+@pytest.fixture
+def log_of(tmp_path: Path) -> Callable[..., fh.Log]:
+    """The log of a text, for the paper's arm with encoders on the motor and on the link."""
+
+    def read(text: str, name: str = "log.csv", plant: fh.Plant = PLANT, **options: Any) -> fh.Log:
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return fh.read_log(tmp_path / name, plant, **options)
+
+    return read
+
+
+PLAIN = {"time": TIMES, "motor_voltage": VOLTS, "motor_position": MOTOR, "link_position": LINK}
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_plain_columns_are_taken_by_their_names(log_of: Callable[..., fh.Log], separator: str) -> None:
+    log = log_of("# a comment\n\n" + csv_text({**PLAIN, "mode": np.zeros(N)}, separator))
+    np.testing.assert_allclose(log.times, TIMES - TIMES[0], rtol=0, atol=1e-16)
+    np.testing.assert_array_equal(log.inputs[:, 0], VOLTS)
+    np.testing.assert_array_equal(log.outputs, np.column_stack([MOTOR, LINK]))
+    assert log.truth is None
+    assert log.source == "log.csv"
+    assert log.names["output"] == ("motor_position", "link_position")
+    assert len(log) == N
+    assert log.period == pytest.approx(np.median(np.diff(TIMES)), rel=1e-12)
+
+
+def test_columns_units_and_scales(log_of: Callable[..., fh.Log]) -> None:
+    """Each unit against a factor written here; a number stands for a unit of the sensor's own."""
+    columns = {
+        "stamp [ms]": 1e3 * TIMES, "u(mV)": 1e3 * VOLTS, "motor/pos": np.degrees(MOTOR), "counts": LINK / 1.5e-3,
+        "state.link_velocity [rpm]": 30.0 / math.pi * MOTOR, "note [deg]": MOTOR,
+    }  # fmt: skip
+    log = log_of(
+        csv_text(columns),
+        columns={"motor_voltage": "u", "motor_position": "motor/pos [deg]", "link_position": "counts"},
+        units={"counts": 1.5e-3},
+    )
+    np.testing.assert_allclose(log.times, TIMES - TIMES[0], rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(log.inputs[:, 0], VOLTS, rtol=1e-14)
+    np.testing.assert_allclose(log.outputs, np.column_stack([MOTOR, LINK]), rtol=1e-14)
+    np.testing.assert_allclose(log.truth[:, 1], MOTOR, rtol=1e-14)
+    assert np.isnan(log.truth[:, [0, 2, 3]]).all()
+    again = log_of(
+        csv_text(columns), time="stamp", units={"motor/pos": "deg"},
+        columns={"motor_voltage": "u [mV]", "motor_position": "motor/pos", "link_position": "counts [0.0015]"},
+    )  # fmt: skip
+    np.testing.assert_array_equal(again.outputs, log.outputs)
+
+
+def test_an_array_of_a_file_is_no_unit(log_of: Callable[..., fh.Log]) -> None:
+    text = csv_text({"t": TIMES, "motor_voltage": VOLTS, "position[0]": MOTOR, "position[1]": LINK})
+    log = log_of(text, columns={"motor_position": "position[0]", "link_position": "position[1]"})
+    np.testing.assert_array_equal(log.outputs, np.column_stack([MOTOR, LINK]))
+    with refused_with(InvalidInput, "position[0]", "position[1]", "motor_position"):
+        log_of(text, columns={"motor_position": "position", "link_position": "position[1]"})
+
+
+@pytest.mark.parametrize(
+    ("head", "stamp"),
+    [
+        ("time", "{s}.{ns:09d}"), ("time [s]", "{s}.{ns:09d}"), ("stamp", "{s}{ns:09d}"), ("t [ns]", "{s}{ns:09d}"),
+        ("time", "{date}.{ns:09d}"), ("time", "{date}.{ns:09d}Z"),
+    ],
+)  # fmt: skip
+def test_stamps_since_1970_keep_their_nanoseconds(
+    log_of: Callable[..., fh.Log], head: str, stamp: str
+) -> None:
+    steps = np.array([0, 7_000_001, 19_000_003, 31_000_009, 999_999_999])
+    rows = [f"{stamp.format(s=1530821160, ns=ns, date='2018-07-05T20:06:00')},1,2,3" for ns in steps]
+    log = log_of(f"{head},motor_voltage,motor_position,link_position\n" + "\n".join(rows))
+    np.testing.assert_allclose(log.times, 1e-9 * steps, rtol=1e-15)
+
+
+@pytest.mark.parametrize(("unit", "size"), [("us", 1e-6), ("ms", 1e-3)])
+def test_other_stamps_since_1970_are_known_by_their_size(
+    log_of: Callable[..., fh.Log], unit: str, size: float
+) -> None:
+    first = round(1530821160 / size)
+    rows = "".join(f"{first + k},1,2,3\n" for k in range(0, 50, 10))
+    log = log_of("time,motor_voltage,motor_position,link_position\n" + rows)
+    np.testing.assert_allclose(np.diff(log.times), 10 * size, rtol=1e-12)
+
+
+def test_sensors_slower_than_others_leave_cells_empty(log_of: Callable[..., fh.Log]) -> None:
+    link, motor = np.where(np.arange(N) % 5, np.nan, LINK), np.where(np.arange(N) % 2, np.nan, MOTOR)
+    log = log_of(csv_text({**PLAIN, "motor_position": motor, "link_position": link}))
+    np.testing.assert_array_equal(log.outputs, np.column_stack([motor, link]))
+    for word in ("nan", "NaN", "NA", "null", " None ", "-"):
+        row = "0,1,{},3\n1,1,2,3\n2,1,2,3\n"
+        assert np.isnan(
+            log_of("time,motor_voltage,motor_position,link_position\n" + row.format(word)).outputs[0, 0]
+        )
+
+
+def test_inputs_hold_where_that_is_stated(log_of: Callable[..., fh.Log]) -> None:
+    sparse = VOLTS.copy()
+    sparse[[0, 1, 5, 6, 20]] = np.nan
+    text = csv_text({**PLAIN, "motor_voltage": sparse})
+    with refused_with(InvalidInput, "line 2", "motor_voltage", 5, 40, "hold_inputs"):
+        log_of(text)
+    log = log_of(text, hold_inputs=True)
+    assert len(log) == N - 2
+    assert log.times[0] == 0.0
+    expected = VOLTS[2:].copy()
+    expected[[3, 4, 18]] = VOLTS[[4, 4, 19]]
+    np.testing.assert_array_equal(log.inputs[:, 0], expected)
+    np.testing.assert_allclose(log.times, TIMES[2:] - TIMES[2], rtol=1e-12)
+    with refused_with(InvalidInput, "motor_voltage", 40):
+        log_of(csv_text({**PLAIN, "motor_voltage": np.full(N, np.nan)}), hold_inputs=True)
+
+
+def test_a_run_of_our_own_is_read_without_any_option(tmp_path: Path) -> None:
+    """The file of a trajectory, and the log of a run, by their own names and units."""
+    arm = fh.paper_arm()
+    law = fh.linear_law(arm.problem(), gamma=math.inf)
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-9, 1e-8, np.zeros(4), 1e-6)
+    run = fh.Loop(arm.plant(), fh.Controller(law, ukf, 1e-3)).run(fh.Step(0.2), duration=0.05)
+    run.save(tmp_path / "run.csv")
+    log = fh.read_log(tmp_path / "run.csv", arm.plant())
+    np.testing.assert_array_equal(log.outputs, run.signals["output"])
+    np.testing.assert_array_equal(log.inputs, run.signals["input"])
+    np.testing.assert_array_equal(log.truth, run.signals["state"])
+    np.testing.assert_array_equal(log.times, run.time)
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "mcap"])
+def test_the_log_of_a_real_time_run_is_read_in_every_format(ending: str, tmp_path: Path) -> None:
+    for package in {"parquet": ("pyarrow",), "mcap": ("mcap", "zstandard")}.get(ending, ()):
+        pytest.importorskip(package)
+    arm = fh.paper_arm()
+    law = fh.linear_law(arm.problem(), gamma=math.inf)
+    ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-9, 1e-8, np.zeros(4), 1e-6)
+    loop = fh.Loop(arm.plant(), fh.Controller(law, ukf, 1e-3))
+    from flexhinf.export.realtime import write_log
+
+    pytest.importorskip("mujoco")
+    from flexhinf.robot import MuJoCoPlant
+
+    loop = fh.Loop(MuJoCoPlant(arm), loop.controller)
+    run = fh.run_realtime(loop, fh.Step(0.2), {}, 1e-3, 0.02, real_time=False)
+    path = write_log(run, tmp_path / f"run.{ending}")
+    log, signals = fh.read_log(path, arm.plant()), run.trajectory.signals
+    np.testing.assert_array_equal(log.outputs, signals["output"])
+    np.testing.assert_array_equal(log.inputs, signals["input"])
+    np.testing.assert_array_equal(log.truth, signals["state"])
+    np.testing.assert_allclose(log.times, run.trajectory.time, atol=1e-9)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("stamps", ["float", "int", "date"])
+def test_parquet_by_pandas(stamps: str, tmp_path: Path) -> None:
+    """Written by pandas: numbers, missing ones, integers of nanoseconds, dates, text in columns that nobody reads."""
+    pytest.importorskip("pyarrow")
+    pandas: Any = pytest.importorskip("pandas")
+    nano = np.round(1e9 * TIMES).astype(np.int64) + 1530821160 * 10**9
+    column = {"float": TIMES, "int": nano, "date": pandas.to_datetime(nano)}[stamps]
+    table = pandas.DataFrame(
+        {
+            "time": column, "motor_voltage": VOLTS, "motor_position [deg]": np.degrees(MOTOR),
+            "link_position": pandas.array(np.where(np.arange(N) % 3, None, 2), dtype="Int64"), "mode": ["a"] * N,
+        }
+    )  # fmt: skip
+    table.to_parquet(tmp_path / "log.parquet")
+    log = fh.read_log(tmp_path / "log.parquet", PLANT)
+    exact = TIMES - TIMES[0] if stamps == "float" else 1e-9 * (nano - nano[0])
+    np.testing.assert_allclose(log.times, exact, rtol=1e-14)
+    np.testing.assert_allclose(log.outputs[:, 0], MOTOR, rtol=1e-14)
+    np.testing.assert_array_equal(log.outputs[:, 1], np.where(np.arange(N) % 3, np.nan, 2.0))
+    for bad in ("mode",):
+        with refused_with(InvalidInput, "mode", "row 1"):
+            fh.read_log(tmp_path / "log.parquet", PLANT, columns={"link_position": bad})
+    with refused_with(InvalidInput, "mode"):
+        fh.read_log(tmp_path / "log.parquet", PLANT, time="mode")
+    (tmp_path / "log.parquet").write_bytes((tmp_path / "log.parquet").read_bytes()[:-20])
+    with refused_with(InvalidInput, "log.parquet", "Parquet"):
+        fh.read_log(tmp_path / "log.parquet", PLANT)
+
+
+JOINT_STATE = """std_msgs/Header header
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec"""
+
+
+@pytest.mark.oracle
+def test_mcap_of_ros_2_by_its_own_writer(tmp_path: Path) -> None:
+    """Joint states at one rate and a command in JSON at another: rows at all times, the input as it was held."""
+    for package in ("mcap", "zstandard"):
+        pytest.importorskip(package)
+    writing: Any = pytest.importorskip("mcap_ros2.writer")
+    began = 1530821160 * 10**9
+    stamps = began + np.arange(30) * 10_000_000
+    with (tmp_path / "bag.mcap").open("wb") as file:
+        writer = writing.Writer(file)
+        schema = writer.register_msgdef("sensor_msgs/JointState", JOINT_STATE)
+        command = writer.register_msgdef("std_msgs/Float64", "float64 data")
+        for k, stamp in enumerate(stamps.tolist()):
+            header = {"stamp": {"sec": stamp // 10**9, "nanosec": stamp % 10**9}, "frame_id": ""}
+            message = {"header": header, "name": ["elbow", "wrist"], "position": [MOTOR[k], 90.0 * LINK[k]]}
+            writer.write_message(
+                "/joint_states", schema, {**message, "velocity": [], "effort": []}, stamp, stamp
+            )
+            if k % 3 == 1:
+                writer.write_message("/command", command, {"data": VOLTS[k]}, stamp + 4_000_000, stamp)
+        writer.finish()
+    columns = {
+        "motor_position": "joint_states/position/elbow", "link_position": "joint_states/position/wrist [deg]",
+        "motor_voltage": "command/data",
+    }  # fmt: skip
+    with refused_with(InvalidInput, "motor_voltage", "hold_inputs"):
+        fh.read_log(tmp_path / "bag.mcap", PLANT, columns)
+    log = fh.read_log(tmp_path / "bag.mcap", PLANT, columns, hold_inputs=True)
+    rows = sorted([(int(s), 0, k) for k, s in enumerate(stamps)] + [
+        (int(s) + 4_000_000, 1, k) for k, s in enumerate(stamps) if k % 3 == 1
+    ])[2:]  # fmt: skip
+    np.testing.assert_allclose(log.times, [1e-9 * (s - rows[0][0]) for s, _, _ in rows], rtol=1e-13)
+    volts, current = [], math.nan
+    for _, commanded, k in rows:
+        current = VOLTS[k] if commanded else current
+        volts.append(current)
+    np.testing.assert_array_equal(log.inputs[:, 0], volts)
+    expected = [[math.nan] * 2 if c else [MOTOR[k], math.radians(90.0 * LINK[k])] for _, c, k in rows]
+    np.testing.assert_allclose(log.outputs, expected, rtol=1e-14)
+    with refused_with(InvalidInput, "joint_states/position/elbow", "joint_states/position/elbo"):
+        fh.read_log(tmp_path / "bag.mcap", PLANT, {**columns, "motor_position": "joint_states/position/elbo"})
+    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(50))
+    with refused_with(InvalidInput, "bag.mcap", "MCAP"):
+        fh.read_log(tmp_path / "bag.mcap", PLANT, columns)
+
+
+def test_mcap_in_json_with_two_messages_at_one_time(tmp_path: Path) -> None:
+    pytest.importorskip("zstandard")
+    writing: Any = pytest.importorskip("mcap.writer")
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = writing.Writer(file)
+        writer.start(profile="", library="")
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        channel = writer.register_channel("/arm", "json", schema)
+        for k in (0, 1, 1, 2):
+            message = {"motor_voltage": 1.0, "q": [k, 2.0], "text": "x"}
+            writer.add_message(channel, k * 10**7, json.dumps(message).encode(), k * 10**7)
+        writer.finish()
+    columns = {"motor_voltage": "arm/motor_voltage", "motor_position": "arm/q/0", "link_position": "arm/q/1"}
+    with refused_with(InvalidInput, "log.mcap", "same time", 1):
+        fh.read_log(tmp_path / "log.mcap", PLANT, columns)
+
+
+HEAD = "time,motor_voltage,motor_position,link_position\n"
+ROWS = "".join(f"{0.01 * k},1,2,3\n" for k in range(10))
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "anchors"),
+    [
+        ("", {}, ["log.csv", "empty"]),
+        (HEAD, {}, ["log.csv", "too few", 3, 0]),
+        (HEAD + "0,1,2,3\n0.1,1,2,3\n", {}, ["too few", 2]),
+        (HEAD + ROWS + "0.05,1,2,3\n", {}, ["line 12", "backwards", 0.05, 0.09]),
+        (HEAD + ROWS + "0.09,1,2,3\n", {}, ["line 12", "repeat", 0.09]),
+        (HEAD + ROWS + "11,1,2,3\n", {}, ["line 12", "gap", 1000, 0.01, "log[:10]"]),
+        (HEAD + ROWS + ",1,2,3\n", {}, ["line 12", "time"]),
+        (HEAD + ROWS + "inf,1,2,3\n", {}, ["line 12", "time", "inf"]),
+        (HEAD + ROWS + "0.2,1,fast,3\n", {}, ["line 12", "motor_position", "fast"]),
+        (HEAD + ROWS + "0.2,1,inf,3\n", {}, ["line 12", "motor_position", "inf"]),
+        (HEAD + ROWS + "0.2,1,1_0,3\n", {}, ["line 12", "motor_position", "1_0"]),
+        (HEAD + ROWS + "0.2,1,3\n", {}, ["line 12", 4, 3]),
+        (HEAD + ROWS + '0.2,1,"2,3\n', {}, ["line 12"]),
+        (HEAD.replace(",", ";") + ROWS.replace(",", ";") + "0.2;1;2,5;3\n", {}, ["line 12", "2,5", "2.5"]),
+        (HEAD + ROWS + "0.2,,2,3\n", {}, ["line 12", "motor_voltage", "every sample", "hold_inputs"]),
+        (HEAD.replace("motor_voltage", "volts") + ROWS, {}, ["input", "motor_voltage", "volts", "every sample"]),
+        (HEAD.replace("link_", "lnk_") + ROWS, {}, ["output", "link_position", "lnk_position", "measured"]),
+        (HEAD.replace("motor_position", "a").replace("link_position", "b") + ROWS, {}, ["output", "motor_position"]),
+        (HEAD.replace("time", "tme") + ROWS, {}, ["tme", "timestamp"]),
+        (HEAD + ROWS, {"time": "tiem"}, ["tiem", "time", "motor_voltage"]),
+        (HEAD + ROWS, {"columns": {"motor_position": "motr_position"}}, ["motr_position", "'motor_position'"]),
+        (HEAD + ROWS, {"columns": {"motor_positon": "motor_position"}}, ["motor_positon", "'motor_position'"]),
+        (HEAD + ROWS, {"columns": {"motor_position": 3}}, ["motor_position", 3]),
+        (HEAD + ROWS, {"columns": {"motor_position": "link_position"}}, ["link_position", "'motor_position'"]),
+        (HEAD + ROWS, {"columns": {"motor_position": "time"}}, ["time", "two signals"]),
+        (HEAD + ROWS, {"columns": dict.fromkeys(PLANT.outputs, "link_position")}, ["link_position", "two signals"]),
+        (HEAD + ROWS, {"columns": {"motor_position": "motor_position [mm]"}}, ["motor_position", "mm", "rad"]),
+        (HEAD + ROWS, {"columns": {"motor_position": "motor_position [degs]"}}, ["degs", "rad"]),
+        (HEAD + ROWS, {"columns": {"motor_position": "motor_position [DEGREE]"}}, ["DEGREE", "rad"]),
+        (HEAD + ROWS, {"columns": {"motor_position": "motor_position [0.0]"}}, ["0.0", "rad"]),
+        (HEAD.replace("link_position", "link_position [V]") + ROWS, {}, ["link_position", "V", "rad"]),
+        (HEAD.replace("time", "time [m]") + ROWS, {}, ["time", "m", "s"]),
+        (HEAD + ROWS, {"units": {"pos": "deg"}}, ["pos", "motor_position"]),
+        (HEAD + ROWS, {"units": {"motor_position": None}}, ["motor_position", "None"]),
+        (HEAD + ROWS, {"units": "deg"}, ["deg"]),
+        (HEAD + ROWS, {"columns": ["motor_position"]}, ["motor_position"]),
+        (HEAD.replace("\n", ",measured/link_position\n") + ROWS.replace("\n", ",4\n"), {}, ["two columns"]),
+        (HEAD.replace("\n", ",link_position\n") + ROWS.replace("\n", ",4\n"), {}, ["two columns", "link_position"]),
+        (HEAD + ROWS.replace(",3\n", ",\n"), {}, ["link_position", "no value", 10]),
+        (HEAD + ROWS + "0.2,1,1e31,3\n", {}, [1e30]),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named(
+    log_of: Callable[..., fh.Log], text: str, options: dict[str, Any], anchors: list[Any]
+) -> None:
+    with refused_with(InvalidInput, *anchors):
+        log_of(text, **options)
+
+
+def test_files_that_are_none(log_of: Callable[..., fh.Log], tmp_path: Path) -> None:
+    with refused_with(InvalidInput, "none.csv"):
+        fh.read_log(tmp_path / "none.csv", PLANT)
+    with refused_with(InvalidInput, tmp_path.name, ".csv", ".parquet", ".mcap"):
+        fh.read_log(tmp_path, PLANT)
+    (tmp_path / "folder.csv").mkdir()
+    with refused_with(InvalidInput, "folder.csv"):
+        fh.read_log(tmp_path / "folder.csv", PLANT)
+    with refused_with(InvalidInput, "log.xls", ".csv"):
+        log_of("", "log.xls")
+    with refused_with(InvalidInput, "UTF-8"):
+        (tmp_path / "log.csv").write_bytes(b"\xff\xfe\x00")
+        fh.read_log(tmp_path / "log.csv", PLANT)
+    bad: Any = None
+    with refused_with(InvalidInput, "Plant"):
+        fh.read_log(tmp_path / "log.csv", bad)
+    with refused_with(InvalidInput, "None"):
+        fh.read_log(bad, PLANT)
+
+
+def test_a_package_that_is_missing_is_named(
+    log_of: Callable[..., fh.Log], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    for ending, package in (("parquet", "pyarrow.parquet"), ("mcap", "mcap.reader")):
+        monkeypatch.setitem(sys.modules, package, None)
+        with refused_with(InvalidInput, package.split(".")[0], "pip install 'flexhinf[log]'"):
+            log_of("x", f"log.{ending}")
+
+
+def test_a_plant_without_units_takes_si_units(log_of: Callable[..., fh.Log]) -> None:
+    plant = fh.Plant(lambda x, u, d, p: u, lambda x, u, p: x, ("x",), ("u",), outputs=("x",))
+    text = csv_text({"time": TIMES, "u": VOLTS, "x [deg]": LINK})
+    with refused_with(InvalidInput, "deg", "x"):
+        log_of(text, plant=plant)
+    log = log_of(text, plant=plant, columns={"x": "x [2.5]"})
+    np.testing.assert_array_equal(log.outputs[:, 0], 2.5 * LINK)
+
+
+# Logs made of arrays ----------------------------------------------------------------------------------
+def test_a_log_of_arrays_is_checked_frozen_and_cut() -> None:
+    log = fh.Log(TIMES, VOLTS, np.column_stack([MOTOR, LINK]), truth=np.zeros((N, 4)))
+    assert log.inputs.shape == (N, 1)
+    assert not log.times.flags.writeable
+    part = log[10:20]
+    np.testing.assert_array_equal(part.times, TIMES[10:20])
+    assert part.truth.shape == (10, 4)
+    again = pickle.loads(pickle.dumps(log))
+    np.testing.assert_array_equal(again.outputs, log.outputs)
+    for anchors, change in (
+        (("inputs", 39), {"inputs": VOLTS[1:]}),
+        (("outputs", 3), {"outputs": np.zeros((N, 2, 3))}),
+        (("truth", 2), {"truth": np.zeros((2, 4))}),
+        (("inputs", "every sample"), {"inputs": np.where(np.arange(N) == 3, np.nan, VOLTS)}),
+        (("outputs", 1e30), {"outputs": np.where(np.arange(N) == 3, np.inf, VOLTS)}),
+        (("times", "nan"), {"times": np.where(np.arange(N) == 3, np.nan, TIMES)}),
+        (("sample 4", "repeat"), {"times": np.where(np.arange(N) == 3, TIMES[2], TIMES)}),
+        (("samples", 3), {"times": TIMES[:2]}),
+        (("samples", 3), {"times": "text"}),
+        (("outputs", "a"), {"names": {"output": ("a",)}}),
+    ):
+        with refused_with(InvalidInput, *anchors):
+            fh.Log(**{"times": TIMES, "inputs": VOLTS, "outputs": np.column_stack([MOTOR, LINK]), **change})
+    wrong: Any = 3
+    with refused_with(InvalidInput, "slice", "log[:1000]"):
+        log[wrong]
+
+
+def test_a_real_actuator() -> None:
+    """7.3 to 11.9 ms between samples, stamps since 1970 with all the digits of a double, columns by other names."""
+    folder = os.environ.get("FLEXHINF_DATA", "")
+    path = Path(folder) / "series_elastic_actuator_100hz.csv"
+    if not folder or not path.is_file():
+        pytest.skip("FLEXHINF_DATA names no folder with series_elastic_actuator_100hz.csv")
+    plant = fh.paper_arm().plant(("motor_position", "joint_torque"))
+    log = fh.read_log(
+        path, plant, {"motor_voltage": "voltage", "motor_position": "motor_position [0.01]", "joint_torque": "effort"},
+        "receive_time",
+    )  # fmt: skip
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    np.testing.assert_allclose(log.times, table["receive_time"] - table["receive_time"][0], rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(
+        log.outputs, np.column_stack([0.01 * table["motor_position"], table["effort"]])
+    )
+    assert 7.2e-3 < np.diff(log.times).min() < np.diff(log.times).max() < 12e-3
+    assert log.truth is None
