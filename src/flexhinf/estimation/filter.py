@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cached_property
@@ -11,7 +12,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput, NumericalFailure
+from flexhinf.errors import InvalidInput
+from flexhinf.estimation.diagnosis import CLOSE, CURES, Diagnosis, lost_digits
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
 from flexhinf.plant import Estimator, Gaussian, Plant, chosen, eight_stages, known, rk4_stages, sub_steps
 from flexhinf.plant.protocols import use_default_form
@@ -30,6 +32,9 @@ from flexhinf.validation import (
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
 MODEL_STEP = {4: 0.25, 8: 1.25}
+
+#: Entries of `RecursiveFilter.diagnosis` that are kept.
+LONGEST_DIAGNOSIS = 1000
 
 Form = Literal["square_root", "covariance"]
 
@@ -362,13 +367,12 @@ class RecursiveFilter(Estimator):
         ------
         InvalidInput
             If u does not fit the plant.
-        NumericalFailure
-            If the result is not finite; the belief stays as it was.
         """
         self._u = self._vector(u, self.plant.inputs, "input")
         with np.errstate(all="ignore"):  # checked below
             belief = self.time_update(self._belief, self._u, self._parameters, self.process_noise)
         self._accept(belief)
+        self._step += 1
 
     def correct(self, y: Any) -> None:
         """Measurement update with y (p,); sets `log_likelihood` of this measurement, of the elements that are there.
@@ -379,12 +383,10 @@ class RecursiveFilter(Estimator):
         ------
         InvalidInput
             If y does not fit the plant.
-        NumericalFailure
-            If the result is not finite, or its covariance not semidefinite; the belief stays as it was, and `predict`
-            goes on from there.
         """
         y = self._measurement(y)
-        there = np.count_nonzero(np.isfinite(y))
+        flags, prior = np.isfinite(y), self._belief
+        there = np.count_nonzero(flags)
         if not there:
             self.log_likelihood = 0.0
             return
@@ -392,7 +394,14 @@ class RecursiveFilter(Estimator):
             belief, innovation, spread = self.innovate(
                 self._belief, y, self._u, self._parameters, self.measurement_noise
             )
-            self._accept(belief)
+            if not self._accept(belief):
+                self.log_likelihood = float("nan")
+                return
+            if self.form == "square_root":
+                slope = self.measured(prior.mean, self._u, self.plant.parameters.flat(self._parameters))[1]
+                noise = self.measurement_noise[np.ix_(flags, flags)]
+                if not lost_digits(prior.root, slope[flags], noise, innovation[flags]) <= CLOSE:
+                    self._record("digits")
             factor = cholesky(np.asarray(spread, dtype=float))
             white = solve_lower(factor, np.asarray(innovation, dtype=float))
             constant = there * np.log(2.0 * np.pi)
@@ -404,6 +413,16 @@ class RecursiveFilter(Estimator):
         self._belief: Any = self.initial
         self._u = np.zeros(len(self.plant.inputs))
         self.log_likelihood = float("nan")
+        self._step, self._diagnosis = 0, ()
+
+    @property
+    def diagnosis(self) -> tuple[Diagnosis, ...]:
+        """What was wrong since `reset`, up to the first 1000 entries; empty while all is well."""
+        return self._diagnosis
+
+    def _record(self, kind: str) -> None:
+        if len(self._diagnosis) < LONGEST_DIAGNOSIS:
+            self._diagnosis = (*self._diagnosis, Diagnosis(kind, self._step, CURES[kind]))
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
         return checked_array(
@@ -427,19 +446,19 @@ class RecursiveFilter(Estimator):
             "one number per name, NaN for an element that is missing",
         )
 
-    def _accept(self, belief: Any) -> None:
-        """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""
+    def _accept(self, belief: Any) -> bool:
+        """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it.
+
+        Any other leaves the last one, and an entry in `diagnosis`; the first of them is a warning, too.
+        """
         finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
         rooted = self.form == "square_root"
-        if not finite or not (
-            rooted or np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float))))
-        ):
-            raise NumericalFailure(
-                "The covariance of the estimate is not semidefinite."
-                if finite
-                else "The estimate is not finite: its covariance is not semidefinite, or the model diverged.",
-                f"last finite mean {np.array2string(self.mean, precision=4)}",
-                "another measurement or `predict`, then a larger process noise, a shorter period, or a smaller initial "
-                "covariance",
-            )
-        self._belief = belief
+        if finite and (rooted or np.all(np.isfinite(cholesky(np.asarray(belief.covariance, dtype=float))))):
+            self._belief = belief
+            return True
+        kind = "indefinite" if finite else "not finite"
+        if kind not in {entry.kind for entry in self._diagnosis}:
+            about = f"Sample {self._step} made the estimate {kind}, so it was left out: {CURES[kind]}."
+            warnings.warn(about, stacklevel=3)
+        self._record(kind)
+        return False
