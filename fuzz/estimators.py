@@ -11,6 +11,7 @@ of the attempts go through a compiled `Controller`.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -82,7 +83,7 @@ def run(attempts: int, seed: int) -> Tally:
         rng = np.random.default_rng([seed, attempt])
         how = f"seed {seed}, attempt {attempt}"
         try:
-            with np.errstate(all="ignore"):
+            with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
                 fault = one(rng)
         except Exception as error:
             tally.raised(error, how)
@@ -185,15 +186,19 @@ def alone(rng: np.random.Generator, estimator: Any) -> str:
     p = len(estimator.plant.outputs)
     for _ in range(SAMPLES):
         for update, value in ((estimator.correct, sample(rng, p)), (estimator.predict, sample(rng, 1))):
-            before = estimator.mean, estimator.covariance
+            before, entries = (estimator.mean, estimator.covariance), len(estimator.diagnosis)
+            refused = False
             try:
                 if value is not None:
                     update(value)
+            except NumericalFailure as error:
+                return f"{type(estimator).__name__}.{update.__name__}({value!r}) raised {error}"
             except FlexhinfError:
-                if not all(
-                    np.array_equal(x, y) for x, y in zip(before, (estimator.mean, estimator.covariance))
-                ):
-                    return f"{type(estimator).__name__}.{update.__name__} was refused and changed the belief"
+                refused = True
+            refused |= bool({entry.kind for entry in estimator.diagnosis[entries:]} - {"digits"})
+            after = estimator.mean, estimator.covariance
+            if refused and not all(np.array_equal(x, y) for x, y in zip(before, after)):
+                return f"{type(estimator).__name__}.{update.__name__} was refused and changed the belief"
             fault = belief_fault(estimator)
             if fault:
                 return f"{type(estimator).__name__}.{update.__name__}({value!r}): {fault}"

@@ -21,6 +21,7 @@ from flexhinf.codegen.program import (
     OuterSum,
     Polynomial,
     Program,
+    Residual,
     Step,
     Sweep,
     When,
@@ -131,6 +132,8 @@ class BoundWalk:
             return self._cholesky(step)
         if isinstance(step, Householder):
             return self._householder(step)
+        if isinstance(step, Residual):
+            return self._residual(step)
         if isinstance(step, Copy):
             source, target = self._view(step.source), self._view(step.target)
 
@@ -258,6 +261,17 @@ class BoundWalk:
             target(turns)[:] = householder(source(turns).reshape(step.shape), step.count).ravel()
 
         return reflect
+
+    def _residual(self, step: Residual) -> Walk:
+        from flexhinf.scalars import residual
+
+        rows, slope, target = (self._view(piece) for piece in (step.rows, step.slope, step.target))
+
+        def subtract(turns: tuple[int, ...]) -> None:
+            table, matrix = rows(turns).reshape(step.count, -1), slope(turns).reshape(step.shape)
+            target(turns)[:] = residual(table, matrix).ravel()
+
+        return subtract
 
     def _normal(self, step: Normal) -> Walk:
         step_number, key, target = (self._view(piece) for piece in (step.step, step.key, step.target))

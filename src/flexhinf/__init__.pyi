@@ -20,10 +20,12 @@ from .errors import (
     NumericalFailure as NumericalFailure,
 )
 from .estimation import (
+    Diagnosis as Diagnosis,
     ExtendedKalmanFilter as ExtendedKalmanFilter,
     ModalFilter as ModalFilter,
     OutputInjectionObserver as OutputInjectionObserver,
     UnscentedKalmanFilter as UnscentedKalmanFilter,
+    diagnose as diagnose,
 )
 from .export import (
     CompiledController as CompiledController,

@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from fractions import Fraction
 
 import casadi
 import numpy as np
@@ -21,6 +22,7 @@ from flexhinf.codegen import (
     OuterSum,
     Program,
     Repeat,
+    Residual,
     Slice,
     Sweep,
     compile_program,
@@ -319,6 +321,42 @@ def test_reflections_make_a_triangle_of_the_same_squares(make, m, k, count, lane
             np.testing.assert_array_equal(alone[:, 0], found.ravel())
 
 
+def subtracted(s: int, p: int, n: int) -> Program:
+    """e − C x − v of s rows that follow C in one buffer."""
+    size = s * (2 * p + n)
+    step = Residual(Slice("a", p * n, size), Slice("a", 0, p * n), Slice("y", 0, s * p), (p, n))
+    return Program("subtracted", (Buffer("a", p * n + size, "in"), Buffer("y", s * p, "out")), (step,))
+
+
+@pytest.mark.oracle
+@LANES
+@pytest.mark.parametrize("make", [compile_program, interpret])
+@pytest.mark.parametrize(("s", "p", "n"), [(1, 1, 1), (1, 3, 2), (5, 1, 4), (9, 2, 6), (29, 7, 28)])
+def test_a_residual_has_the_digits_of_exact_arithmetic(make, s, p, n, lanes, tmp_path):
+    rng = np.random.default_rng(s)
+    slope = rng.normal(size=(lanes, p, n)) * 10.0 ** rng.uniform(-8.0, 8.0, (lanes, 1, n))
+    x, v = rng.normal(size=(lanes, s, n)), 1e-12 * rng.normal(size=(lanes, s, p))
+    rows = np.concatenate([x @ slope.transpose(0, 2, 1), x, v], axis=2)  # what is left is rounding
+    given = np.concatenate([slope.reshape(lanes, -1), rows.reshape(lanes, -1)], axis=1)
+    y, alone, program = np.full((s * p, lanes), np.nan), np.empty((s * p, 1)), subtracted(s, p, n)
+    assert make(program, lanes).run({"a": given.T.copy(), "y": y}).fine
+    compiled = in_c(program, tmp_path) if make is compile_program and lanes == 1 else None
+    for c, row, numbers, found in zip(slope, rows, given, y.T):
+        exact = [
+            Fraction(e[i]) - sum(Fraction(a) * Fraction(b) for a, b in zip(c[i], e[p : p + n])) - Fraction(e[p + n + i])
+            for e in row for i in range(p)
+        ]  # fmt: skip
+        size = np.abs(row[:, p : p + n]) @ np.abs(c.T)
+        np.testing.assert_array_less(
+            np.abs(found - np.array(exact, float)), 1e-30 * size.ravel() + 1e-15 * np.abs(found)
+        )
+        if make is compile_program:
+            compile_program(program).run({"a": numbers.reshape(-1, 1).copy(), "y": alone})
+            np.testing.assert_array_equal(alone[:, 0], found)
+        if compiled is not None:
+            np.testing.assert_array_equal(compiled(numbers), found)
+
+
 def test_reflections_in_place_are_those_apart():
     table, program = np.random.default_rng(0).normal(size=(6, 3)), reflected(6, 3, 3)
     y, here = np.empty((18, 1)), table.reshape(-1, 1).copy()
@@ -411,6 +449,12 @@ REFUSED = {
     "a factor of what is not square": lambda: Cholesky(Slice("a", 0, 8), Slice("b", 0, 8)),
     "reflections of another size": lambda: Householder(Slice("a", 0, 8), Slice("b", 0, 6), (2, 3), 1),
     "reflections over a part": lambda: Householder(Slice("a", 0, 6), Slice("a", 3, 6), (2, 3), 1),
+    "a residual of other rows": lambda: Residual(
+        Slice("a", 0, 9), Slice("b", 0, 2), Slice("c", 0, 2), (1, 2)
+    ),
+    "a residual over its rows": lambda: Residual(
+        Slice("a", 0, 8), Slice("b", 0, 2), Slice("a", 7, 2), (1, 2)
+    ),
     "more reflections than rows": lambda: Householder(Slice("a", 0, 6), Slice("b", 0, 6), (2, 3), 3),
     "a factor over its matrix": lambda: Cholesky(Slice("a", 0, 9), Slice("a", 1, 9)),
 }

@@ -1,11 +1,24 @@
 from __future__ import annotations
 
+from itertools import permutations
+
+import mpmath
 import numpy as np
 import pytest
 import scipy.linalg
 from hypothesis import given, strategies as st
 
-from flexhinf.scalars import cholesky, coefficients, gram, jets, solve_lower, solve_lower_transposed, trace
+from flexhinf.scalars import (
+    cholesky,
+    coefficients,
+    gram,
+    householder,
+    jets,
+    residual,
+    solve_lower,
+    solve_lower_transposed,
+    trace,
+)
 
 
 def positive_definite(n: int, seed: int) -> np.ndarray:
@@ -136,3 +149,24 @@ def test_gram_is_the_weighted_sum():
     expected = sum(w * np.outer(a, b) for w, a, b in zip(weights, columns.T, other.T, strict=True))
     np.testing.assert_allclose(gram(columns, weights, other), expected, rtol=1e-13)
     np.testing.assert_allclose(on_symbols(gram, columns, weights), result.ravel(), rtol=1e-13)
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("order", list(permutations(range(4))))
+def test_reflections_keep_the_digits_of_small_rows_in_any_order(order):
+    """Rows of 1e-9 to 1e9; noise, in the last row, is all that is known of one direction."""
+    table = np.array([[1e9, 2e9, 3e9], [1.0, -2.0, 0.5], [3e-9, 1e-9, 5e-9], [1e-3, 4e-3, -2e-3]])
+    with mpmath.workdps(60):
+        exact = mpmath.qr(mpmath.matrix(table.tolist()), mode="skinny")[1]
+        expected = np.abs(np.array(exact.tolist(), dtype=float))
+    found = householder(table[list(order)], 3)
+    np.testing.assert_array_equal(np.tril(found, -1), 0.0)
+    np.testing.assert_allclose(np.abs(found[:3]), expected, rtol=1e-13)
+
+
+def test_reflections_and_residuals_on_symbols_equal_the_floats():
+    rng = np.random.default_rng(3)
+    table, rows, slope = rng.normal(size=(5, 3)), rng.normal(size=(2, 7)), rng.normal(size=(2, 3))
+    reflected = on_symbols(lambda t: householder(t, 2), table)
+    np.testing.assert_allclose(reflected, householder(table, 2).ravel(), atol=1e-14)
+    np.testing.assert_allclose(on_symbols(residual, rows, slope), residual(rows, slope).ravel(), atol=1e-14)

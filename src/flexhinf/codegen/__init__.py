@@ -28,6 +28,7 @@ from flexhinf.codegen.program import (
     Polynomial as Polynomial,
     Program as Program,
     Repeat as Repeat,
+    Residual as Residual,
     Sweep as Sweep,
     When as When,
 )

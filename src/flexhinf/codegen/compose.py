@@ -27,6 +27,7 @@ from flexhinf.codegen.program import (
     OuterSum,
     Polynomial,
     Repeat,
+    Residual,
     Step,
     Sweep,
     When,
@@ -102,6 +103,12 @@ class Direct:
         from flexhinf.scalars import householder
 
         return householder(rows, count)
+
+    def residual(self, rows: Any, slope: Any) -> Any:
+        """e − C x − v of rows (e, x, v) in twice the digits, see `flexhinf.scalars.residual`."""
+        from flexhinf.scalars import residual
+
+        return residual(rows, slope)
 
     def stacked(self, *matrices: Any) -> Any:
         """Matrices of one width, one below the other."""
@@ -247,6 +254,13 @@ class Composer:
         rows = self._ordered(rows, "C")
         target = self.work(rows.shape)
         self.body.append(Householder(rows.place, target.place, (rows.shape[0], rows.shape[1]), count))
+        return target
+
+    def residual(self, rows: Block, slope: Block) -> Block:
+        """As `Direct.residual`."""
+        rows, slope = self._ordered(rows, "C"), self._ordered(slope, "C")
+        target = self.work((len(rows), len(slope)))
+        self.body.append(Residual(rows.place, slope.place, target.place, (slope.shape[0], slope.shape[1])))
         return target
 
     def stacked(self, *matrices: Block) -> Block:

@@ -393,3 +393,37 @@ class Householder:
                 "two slices of its size, one or apart, and at most as many reflections as rows and columns",
                 self,
             )
+
+
+@dataclass(frozen=True)
+class Residual:
+    """e − C x − v of rows (e, x, v) in twice the digits, rounded once, as `flexhinf.scalars.residual`.
+
+    `rows`: (s, p + n + p) in C order. `slope`: C (p, n), likewise. `target`: (s, p), apart from both. `shape`: (p, n).
+    Raises InvalidInput: slices of another size, or a target that overlaps what is read.
+    """
+
+    rows: Slice
+    slope: Slice
+    target: Slice
+    shape: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        p, n = self.shape
+        fits = (
+            min(p, n) >= 1
+            and self.slope.size == p * n
+            and self.rows.size == self.count * (2 * p + n)
+            and self.target.size == self.count * p
+        )
+        if not fits or any(overlap(piece, self.target) for piece in (self.rows, self.slope)):
+            raise misfit(
+                "A residual does not fit its rows.",
+                "rows (s, 2p + n), a slope (p, n), and apart from them a target (s, p)",
+                self,
+            )
+
+    @property
+    def count(self) -> int:
+        """s, the number of rows."""
+        return self.target.size // self.shape[0]

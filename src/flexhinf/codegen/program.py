@@ -20,6 +20,7 @@ from flexhinf.codegen.memory import (
     Householder,
     OuterSum,
     Polynomial,
+    Residual,
     Slice,
     check_function,
     check_identifier,
@@ -230,7 +231,7 @@ def leaves(body: Sequence[Any]) -> Iterator[Any]:
 
 
 Simple: TypeAlias = (
-    Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Householder | Copy | Normal | Guard
+    Call | Map | Sweep | OuterSum | Polynomial | Cholesky | Householder | Residual | Copy | Normal | Guard
 )
 Step: TypeAlias = Simple | Repeat | When
 
@@ -256,6 +257,7 @@ _PIECES: dict[type, tuple[tuple[str, ...], tuple[str, ...]]] = {
     Polynomial: (("point", "table"), ("target",)),
     Cholesky: (("source",), ("target",)),
     Householder: (("source",), ("target",)),
+    Residual: (("rows", "slope"), ("target",)),
     Copy: (("source",), ("target",)),
     Normal: (("step", "key"), ("target",)),
     Guard: (("source",), ()),

@@ -1,5 +1,6 @@
 """Estimators: the states a law needs, from the signals a robot has."""
 
+from flexhinf.estimation.diagnosis import Diagnosis, diagnose
 from flexhinf.estimation.filter import MODEL_STEP, RecursiveFilter
 from flexhinf.estimation.kalman import ExtendedKalmanFilter, SigmaPoints, UnscentedKalmanFilter
 from flexhinf.estimation.modal import ModalFilter
@@ -17,12 +18,14 @@ __all__ = [
     "MODEL_STEP",
     "ConstantGainBelief",
     "ConstantGainFilter",
+    "Diagnosis",
     "ExtendedKalmanFilter",
     "ModalFilter",
     "OutputInjectionObserver",
     "RecursiveFilter",
     "SigmaPoints",
     "UnscentedKalmanFilter",
+    "diagnose",
     "linear_model",
     "stationary_covariance",
     "stationary_gain",

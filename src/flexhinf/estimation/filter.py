@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import cached_property
 from statistics import NormalDist
 from typing import Any, Literal, NamedTuple, get_args
@@ -12,9 +11,10 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.bounds import check_inside, checked_bounds
 from flexhinf.estimation.delays import LateOutputs
+from flexhinf.estimation.shell import Shell
 from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
 from flexhinf.plant import (
     Estimator,
@@ -29,8 +29,8 @@ from flexhinf.plant import (
     sub_steps,
 )
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed, where
-from flexhinf.scalars.trace import elementary
+from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed, trace, where
+from flexhinf.scalars.trace import elementary, linear
 from flexhinf.validation import (
     checked_array,
     checked_kind,
@@ -45,6 +45,7 @@ from flexhinf.validation import (
 #: Largest step times fastest mode in the estimator's model, of Runge–Kutta steps with so many stages. A mode errs by at
 #: most 0.25⁴/120 = 3.3e-5 of its phase, or 1.25⁸/9! = 1.6e-5, far inside the regions of stability (2.78 and 3.39).
 MODEL_STEP = {4: 0.25, 8: 1.25}
+
 
 Form = Literal["square_root", "covariance"]
 
@@ -196,17 +197,12 @@ def _seen(column: Any, flags: Any) -> Any:
     return np.concatenate([masked(flags, column[:p]), column[p:]])
 
 
-def _counted(counts: dict[str, int], **more: int) -> dict[str, int]:
-    """Counts and more of them; another dictionary, as copies of a filter share the first one."""
-    return {name: count + more.get(name, 0) for name, count in counts.items()}
-
-
 def applied(vector: Any, matrix: Any) -> Any:
     """A matrix times a vector."""
     return matrix @ vector
 
 
-class RecursiveFilter(Estimator):
+class RecursiveFilter(Shell, Estimator):
     """An estimator of a plant's state from sampled measurements.
 
     NaN in a measurement means that this sensor gave nothing: the others are used, as by the filter whose output has
@@ -390,13 +386,14 @@ class RecursiveFilter(Estimator):
         gate = self.gated(run, belief, lambda: (run.columns(applied, root, c), weights), measurement_noise)
         innovation, c, noise, counts = self.admitted(run, y, expected, c, measurement_noise, still, gate)
         if carries_root:
-            corrected, *spread = linear_correction(run, belief, still, c, innovation, noise)
+            from_origin = run.call(self._from_origin, y, u, p) if self._straight else None
+            corrected, spread = linear_correction(run, belief, innovation, c, noise, from_origin)
         else:
             seen = run.columns(applied, root, c)
-            corrected, *spread = correction(
+            corrected, innovation, spread = correction(
                 run, (belief.mean, root), (still, seen), weights, innovation, noise
             )
-        return belief._replace(**corrected._asdict(), **counts), *spread
+        return belief._replace(**corrected._asdict(), **counts), innovation, spread
 
     def gated(
         self, run: Any, belief: Any, seen: Callable[[], tuple[Any, Any]], noise: Any
@@ -435,6 +432,22 @@ class RecursiveFilter(Estimator):
         for i, flag in enumerate(flags):
             left[i, i] = chosen(flag, noise[i, i], 1.0)
         return flags, y - expected - masked(flags, shift), left, *counts
+
+    @cached_property
+    def linear_output(self) -> bool:
+        """Whether H is linear in x, whatever the input and the parameters."""
+        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
+        return linear(trace(self.output, *sizes))
+
+    @cached_property
+    def _straight(self) -> bool:
+        """Whether y − H(0) is what the correction is linear in: no element is judged or turned before."""
+        return self.linear_output and self.gate is None and not self.plant.angle_places(self.plant.outputs)
+
+    def _from_origin(self, y: Any, u: Any, p: Any) -> Any:
+        """y − H(0), zero for elements of y that are missing."""
+        origin = self.output(np.zeros(self.plant.n), u, p)
+        return chosen(known(y), y, origin) - origin
 
     # Text and composed form stand apart: a subclass that changes the text is composed of it (`use_default_form`).
     def time_update_on(self, run: Any, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
@@ -481,123 +494,3 @@ class RecursiveFilter(Estimator):
     def output(self, x: Any, u: Any, p: Any) -> Any:
         """H of Eq. (9); p is the vector of parameters."""
         return self.plant.evaluate_output(x, u, p)
-
-    # The shell ------------------------------------------------------------------------------------
-    @property
-    def mean(self) -> np.ndarray:
-        """Estimate x̂, (n,)."""
-        return np.array(self._belief.mean, dtype=float)
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance P, (n, n)."""
-        return np.array(self._belief.covariance, dtype=float)
-
-    @property
-    def rejected(self) -> np.ndarray:
-        """How often each element of a measurement was rejected by the gate since the start, (p,) of int."""
-        counts = np.zeros(len(self.plant.outputs)) if self.gate is None else self._belief.rejected
-        return np.array(counts, dtype=int)
-
-    @property
-    def repairs(self) -> dict[str, int]:
-        """What `correct` and `predict` went on in spite of since the start, and how often.
-
-        "skipped": samples where nothing was measured. "missing", "rejected": elements of other samples. "singular":
-        pivots of covariances that were zero to rounding, and taken for zero; rows of deviations need no such thing.
-        """
-        return {**self._repairs, "rejected": int(self.rejected.sum())}
-
-    def predict(self, u: Any) -> None:
-        """Time update with the input u (m,) held over the period.
-
-        Raises
-        ------
-        InvalidInput
-            If u does not fit the plant.
-        NumericalFailure
-            If the result is not finite; the belief stays as it was.
-        """
-        self._u = self._vector(u, self.plant.inputs, "input")
-        with np.errstate(all="ignore"):  # checked below
-            belief = self.time_update(self._belief, self._u, self._parameters, self.process_noise)
-        self._accept(belief)
-
-    def correct(self, y: Any) -> None:
-        """Measurement update with y (p,); sets `log_likelihood` of this measurement, of the elements that are used.
-
-        NaN, None and masked elements are missing ones. Where all are, nothing changes.
-
-        Raises
-        ------
-        InvalidInput
-            If y does not fit the plant.
-        NumericalFailure
-            If the result is not finite, or its covariance not semidefinite; the belief stays as it was, and `predict`
-            goes on from there.
-        """
-        y = self._measurement(y)
-        there = np.count_nonzero(np.isfinite(y))
-        if not there:
-            self.log_likelihood, self._repairs = 0.0, _counted(self._repairs, skipped=1)
-            return
-        with np.errstate(all="ignore"):  # checked below
-            belief, innovation, spread = self.innovate(
-                self._belief, y, self._u, self._parameters, self.measurement_noise
-            )
-            before = self.rejected.sum()
-            self._accept(belief)
-            self._repairs = _counted(self._repairs, missing=int(len(y) - there))
-            there -= self.rejected.sum() - before
-            factor = cholesky(np.asarray(spread, dtype=float))
-            white = solve_lower(factor, np.asarray(innovation, dtype=float))
-            constant = there * np.log(2.0 * np.pi)
-            likelihood = -0.5 * (white @ white + constant) - np.log(np.diag(factor)).sum()
-        self.log_likelihood = float(likelihood)
-
-    def reset(self) -> None:
-        """Back to the belief before the first measurement."""
-        self._belief: Any = self.initial
-        self._u = np.zeros(len(self.plant.inputs))
-        self._repairs: dict[str, int] = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
-        self.log_likelihood = float("nan")
-
-    def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
-        return checked_array(
-            f"The {what} given to the estimator does not fit its plant.",
-            value,
-            (len(names),),
-            f"{len(names)} finite numbers for {list(names)}",
-            f"one number per name {hint}".rstrip(),
-        )
-
-    def _measurement(self, y: Any) -> np.ndarray:
-        names, array = self.plant.outputs, np.full(len(self.plant.outputs), np.nan)
-        with suppress(ValueError):
-            array = array if y is None else real_array(y, strict=True)
-            array = array[None] if array.ndim == 0 and len(names) == 1 else array
-            if array.shape == (len(names),) and not np.isinf(array).any():
-                return array
-        raise InvalidInput(
-            "The measurement given to the estimator does not fit its plant.",
-            f"expected {len(names)} numbers for {list(names)}, finite or NaN, got {value_text(y)}",
-            "one number per name, NaN for an element that is missing",
-        )
-
-    def _accept(self, belief: Any) -> None:
-        """Take over a belief that is finite and whose covariance has a Cholesky factor: every update begins with it."""
-        finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
-        p = np.zeros((0, 0)) if self.form == "square_root" else np.asarray(belief.covariance, dtype=float)
-        pivots = np.diag(cholesky(p))
-        if not finite or not np.all(np.isfinite(pivots)):
-            raise NumericalFailure(
-                "The covariance of the estimate is not semidefinite."
-                if finite
-                else "The estimate is not finite: its covariance is not semidefinite, or the model diverged.",
-                f"last finite mean {np.array2string(self.mean, precision=4)}",
-                "another measurement or `predict`, then a larger process noise, a shorter period, or a smaller initial "
-                "covariance",
-            )
-        self._belief = belief
-        singular = int(np.count_nonzero((pivots == 0.0) & (np.diag(p) > 0.0)))
-        self._repairs = _counted(self._repairs, singular=singular)

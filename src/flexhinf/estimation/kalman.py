@@ -25,7 +25,6 @@ from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_r
 from flexhinf.plant import Plant, Sensor, turned
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
-from flexhinf.scalars.trace import linear
 from flexhinf.validation import read_only, real_number
 
 
@@ -302,12 +301,6 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def wrapped(self) -> list[int]:
         """Places of the states that are angles and may be wrapped between two samples: those of a map."""
         return self.plant.angle_places(self.plant.states) if self.plant.sampled else []
-
-    @cached_property
-    def linear_output(self) -> bool:
-        """Whether H is linear in x, whatever the input and the parameters."""
-        sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
-        return linear(trace(self.output, *sizes))
 
     def points(self, run: Any, mean: Any, root: Any) -> Any:
         """Sigma points inside the bounds, (n, 2n + 1)."""

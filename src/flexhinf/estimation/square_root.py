@@ -9,8 +9,8 @@ indefinite. Two arrays are reduced to triangles by Householder's reflections (`f
     [ W_q              ]      [ W_r    0   W_r ]   →    [ 0   X     N   ]
 
 X is the new W, and the mean moves by K_xᵀ g with Sᵀ g = y − C x̂ [kailath2000]. Noise stands last: what is summed last
-should be small. y = C x + v holds for the estimates of x and v, and 0 = C x + ν for each row (x, ν) that is left; what
-rounding leaves of that goes through the gains once more.
+should be small. y = C x + v holds for the estimates of x and v, and z = C x + v for each row (z, x, v) that is left;
+what rounding leaves of that, found in twice the digits (`flexhinf.scalars.residual`), goes through the gains once more.
 
 A deviation moves by difference arithmetic (`flexhinf.scalars.differences`), not as the difference of two points.
 """
@@ -88,21 +88,25 @@ class Pairs:
 
 
 def linear_correction(
-    run: Any, belief: RootGaussian, expected: Any, slope: Any, y: Any, noise: Any
-) -> tuple[RootGaussian, Any, Any]:
-    """x(k|k), the innovation and its covariance, for an output that is linear about the mean.
+    run: Any, belief: RootGaussian, innovation: Any, slope: Any, noise: Any, from_origin: Any = None
+) -> tuple[RootGaussian, Any]:
+    """x(k|k) and the covariance of the innovation, for an output that is linear about the mean.
 
-    `expected`: (p,), the output at the mean. `slope`: C (p, n). `y`, `noise`: (p,) and (p, p), measurement and R^n.
+    `innovation`: (p,). `slope`: C (p, n). `noise`: R^n (p, p). `from_origin`: (p,), y − H(0), where H is linear
+    everywhere: the innovation is that less C x̂, and its rounding is found, too.
     """
-    p = len(y)
+    p, mean = len(innovation), belief.mean
     seen, noises = (
         run.columns(_seen, belief.root.T, slope),
         run.columns(_noise, run.cholesky(noise), belief.mean),
     )
     reduced = run.householder(run.stacked(seen.T, noises.T), p)
-    gains, left = reduced[:p], reduced[p:]
-    mean, innovation, spread = run.call(_moved, gains, y, expected, belief.mean, slope)
-    return RootGaussian(mean, run.columns(_left, left.T, gains, slope).T), innovation, spread
+    gains = reduced[:p]
+    first, spread = run.call(_moved, gains, innovation, *(() if from_origin is None else (from_origin, mean)))
+    rows = run.stacked(first, reduced[p:])
+    rows = run.columns(_refined, (rows.T, run.residual(rows, slope).T), gains).T
+    moved = run.call(_first, rows) if from_origin is not None else run.call(_added, rows, mean)
+    return RootGaussian(moved, rows[1:]), spread
 
 
 def correction_of_rows(
@@ -150,27 +154,29 @@ def solved(gains: Any, error: Any) -> Any:
     return np.array(found)
 
 
-def _refined(gains: Any, error: Any, slope: Any) -> tuple[Any, Any]:
-    """Moves of x and v by what y − C x̂ is, and again by what that leaves of it."""
-    p, n = slope.shape
-    g = solved(gains, error)
-    x, v = g @ gains[:, p : p + n], g @ gains[:, p + n :]
-    g = solved(gains, error - slope @ x - v)
-    return x + g @ gains[:, p : p + n], v + g @ gains[:, p + n :]
+def _moved(gains: Any, innovation: Any, from_origin: Any = None, mean: Any = 0.0) -> tuple[Any, Any]:
+    """A row (e, x, v) for which e = C x + v should hold, x the move of the mean or that and the mean; P_yy."""
+    p = len(innovation)
+    g = solved(gains, innovation)
+    x, v = g @ gains[:, p:-p], g @ gains[:, -p:]
+    row = np.concatenate([innovation if from_origin is None else from_origin, mean + x, v])
+    return row.reshape(1, len(row)), gains[:, :p].T @ gains[:, :p]
 
 
-def _moved(gains: Any, y: Any, expected: Any, mean: Any, slope: Any) -> tuple[Any, Any, Any]:
-    innovation, factor = y - expected, gains[:, : len(y)]
-    return mean + _refined(gains, innovation, slope)[0], innovation, factor.T @ factor
+def _refined(row: Any, missing: Any, gains: Any) -> Any:
+    """x of a row (e, x, v), once e = C x + v holds."""
+    p = len(missing)
+    return row[p:-p] + solved(gains, missing) @ gains[:, p:-p]
+
+
+def _first(rows: Any) -> Any:
+    return rows[0]
+
+
+def _added(rows: Any, mean: Any) -> Any:
+    return mean + rows[0]
 
 
 def _gained(gains: Any, innovation: Any, mean: Any) -> tuple[Any, Any]:
     p = len(innovation)
     return mean + solved(gains, innovation) @ gains[:, p:], gains[:, :p].T @ gains[:, :p]
-
-
-def _left(row: Any, gains: Any, slope: Any) -> Any:
-    """x of a row (0, x, ν) that is left, once 0 = C x + ν holds."""
-    p, n = slope.shape
-    x, v = row[p : p + n], row[p + n :]
-    return x + solved(gains, -(slope @ x) - v) @ gains[:, p : p + n]

@@ -21,7 +21,18 @@ from typing import Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen import Call, Cholesky, Householder, Map, OuterSum, Polynomial, Repeat, Sweep, When
+from flexhinf.codegen import (
+    Call,
+    Cholesky,
+    Householder,
+    Map,
+    OuterSum,
+    Polynomial,
+    Repeat,
+    Residual,
+    Sweep,
+    When,
+)
 from flexhinf.codegen.c import Real, Translator, constant
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
@@ -513,6 +524,8 @@ def _operations(step: Step) -> int:
             return step.rows * step.columns
         case Householder():
             return 2 * step.count * step.source.size
+        case Residual():
+            return 10 * step.target.size * step.shape[1]
     return step.order**3 // 3 if isinstance(step, Cholesky) else 0
 
 

@@ -18,6 +18,7 @@ from flexhinf.scalars.symbol import (
     masked as masked,
     maximum as maximum,
     minimum as minimum,
+    residual as residual,
     sign as sign,
     solve_definite as solve_definite,
     solve_lower as solve_lower,

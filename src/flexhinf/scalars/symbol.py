@@ -242,26 +242,95 @@ def cholesky(matrix: np.ndarray) -> np.ndarray:
 SMALLEST = 1e-290
 
 
+#: 2²⁷ + 1: times a float, half of its bits.
+SPLIT = 134217729.0
+
+
 def householder(rows: np.ndarray, count: int) -> np.ndarray:
     """Q T for an orthogonal Q that makes the first `count` columns of T (m, k) zero below the diagonal.
 
-    The rows that result have the same TᵀT. A column t, from the diagonal on, becomes −norm, 0, …, 0 by
-    T − v (vᵀT) / (norm v₁) with v = t + norm e₁ [golub2013]. Rows whose numbers are small should stand last.
+    The rows that result have the same TᵀT. Row c of T is turned towards the rows t below it, with t_i their numbers in
+    column c, until these are zero:
+
+        r = (T_c, Σ tᵢ Tᵢ) (t_c, 1) / N,   Tᵢ − tᵢ y,   y = (Σ tᵢ Tᵢ / (N + t_c) + T_c) / N,   N² = t_c² + Σ tᵢ²,
+
+    a reflection [golub2013] and a change of sign, so that rows that are nearly a triangle change little. First row c
+    and that with the largest number in column c change places, if that is more than twice the number of row c:
+    rounding then changes each row by parts of that row, however small [powell1969].
     """
     table = np.array(rows)
+    wide = table.dtype if table.dtype == object else np.longdouble  # for sums of products
     for c in range(count):
-        v = table[c:, c].copy()
-        square = v @ v
-        empty = square <= SMALLEST
-        with np.errstate(divide="ignore", invalid="ignore"):
-            norm = np.sqrt(square) * where(v[0] < 0.0, -1.0, 1.0)
-            v[0] = v[0] + norm
-            factor = where(empty, 0.0, 1.0 / (norm * v[0]))
-        others = table[c:, c + 1 :]
-        table[c:, c + 1 :] = others - np.outer(v, (v @ others) * factor)
-        table[c, c] = where(empty, table[c, c], -norm)
-        table[c + 1 :, c] = where(empty, table[c + 1 :, c], 0.0)
+        chosen = _largest(table[c:, c])
+        pivot = where(chosen[:, None], table[c:], 0.0).sum(axis=0)
+        table[c:] = where(chosen[:, None], table[c], table[c:])
+        table[c] = pivot
+        diagonal, t = table[c, c], table[c + 1 :, c].copy()
+        square = t @ t
+        whole = diagonal * diagonal + square
+        empty = whole <= SMALLEST
+        norm = where(empty, 1.0, np.sqrt(whole) * where(diagonal < 0.0, -1.0, 1.0))
+        part = where(empty, 0.0, 1.0 / (norm + diagonal))
+        inverse = where(empty, 0.0, 1.0 / norm)
+        first, others = table[c, c + 1 :].copy(), table[c + 1 :, c + 1 :]
+        total = (t.astype(wide) @ others.astype(wide)).astype(table.dtype)
+        table[c, c + 1 :] = first + (total - square * part * first) * inverse
+        table[c + 1 :, c + 1 :] = others - np.outer(t, (total * part + first) * inverse)
+        table[c, c] = where(empty, diagonal, norm)
+        table[c + 1 :, c] = where(empty, t, 0.0)
     return table
+
+
+def _largest(column: np.ndarray) -> np.ndarray:
+    """Flags, of which one is set: that of the first number of the largest magnitude; the first counts twice."""
+    best, place = 2.0 * absolute(column[0]), 0
+    for k, size in enumerate(absolute(column[1:]), 1):
+        larger = size > best
+        best, place = where(larger, size, best), where(larger, k, place)
+    return np.array([place == k for k in range(len(column))])
+
+
+def residual(rows: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """e − C x − v (s, p) of rows (e, x, v), in twice the digits of floats, rounded once.
+
+    Sums and products of floats are carried with their rounding errors, which are floats [dekker1971]. Symbols are
+    summed as they are: they simplify what finds those errors.
+
+    Parameters
+    ----------
+    rows : (s, p + n + p) array
+    slope : (p, n) array
+    """
+    p, n = np.shape(slope)
+    e, x, v = rows[:, :p], rows[:, p : p + n], rows[:, p + n :]
+    if _empty_like(rows, slope).dtype == object:
+        return e - x @ np.transpose(slope) - v
+    with np.errstate(all="ignore"):
+        high, low = _two_sum(e, -v)
+        for j in range(n):
+            product, error = _two_product(np.outer(x[:, j], np.ones(p)), slope[:, j])
+            high, lost = _two_sum(high, -product)
+            low = (low - error) + lost
+        return np.where(np.isfinite(low), high + low, high)
+
+
+def _two_sum(a: Any, b: Any) -> tuple[Any, Any]:
+    """a + b, rounded, and what rounding took."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
+def _two_product(a: Any, b: Any) -> tuple[Any, Any]:
+    """a b likewise: halves of 26 bits have exact products."""
+    product, ((a1, a2), (b1, b2)) = a * b, (_halves(x) for x in (a, b))
+    return product, ((a1 * b1 - product) + a1 * b2 + a2 * b1) + a2 * b2
+
+
+def _halves(a: Any) -> tuple[Any, Any]:
+    shifted = SPLIT * a
+    first = shifted - (shifted - a)
+    return first, a - first
 
 
 def solve_lower(factor: np.ndarray, right: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 from flexhinf.codegen.emit.opcodes import COSINE, HALF_PI, REACH, ROUNDER, SINE
 from flexhinf.errors import InvalidInput
 from flexhinf.polynomial import basis
-from flexhinf.scalars.symbol import SMALLEST
+from flexhinf.scalars.symbol import SMALLEST, SPLIT
 
 
 class Real:
@@ -226,28 +226,74 @@ def householder(name: str, real: Real) -> str:
         target[i] = source[i];
     }}
     for (int c = 0; c < count; ++c) {{
-        {{R}} part[4] = {{{{0}}}};
-        for (int i = c; i < m; ++i) {{
+        int top = c;
+        {{R}} best = {{fabs}}(target[c * k + c]), part[4] = {{{{0}}}};
+        best += best;
+        for (int i = c + 1; i < m; ++i) {{
+            const {{R}} size = {{fabs}}(target[i * k + c]);
+            if (size > best) {{
+                best = size;
+                top = i;
+            }}
+        }}
+        for (int j = c; j < k; ++j) {{
+            const {{R}} moved = target[top * k + j];
+            target[top * k + j] = target[c * k + j];
+            target[c * k + j] = moved;
+        }}
+        for (int i = c + 1; i < m; ++i) {{
             part[i % 4] = FMA(target[i * k + c], target[i * k + c], part[i % 4]);
         }}
-        const {{R}} square = (part[0] + part[1]) + (part[2] + part[3]);
-        const {{R}} diagonal = target[c * k + c];
-        const {{R}} size = {{sqrt}}(square);
+        const {{R}} diagonal = target[c * k + c], square = (part[0] + part[1]) + (part[2] + part[3]);
+        const {{R}} whole = FMA(diagonal, diagonal, square), size = {{sqrt}}(whole);
         const {{R}} norm = (diagonal < {{0}}) ? -size : size;
-        const {{R}} head = diagonal + norm;
-        const {{R}} factor = (square <= {smallest}) ? {{0}} : {{1}} / (norm * head);
+        const {{R}} share = (whole <= {smallest}) ? {{0}} : {{1}} / (norm + diagonal);
+        const {{R}} inverse = (whole <= {smallest}) ? {{0}} : {{1}} / norm;
+        const {{R}} less = -(square * share);
         for (int j = c + 1; j < k; ++j) {{
             {{R}} sum[4] = {{{{0}}}};
-            for (int i = c; i < m; ++i) {{
-                sum[i % 4] = FMA((i == c) ? head : target[i * k + c], target[i * k + j], sum[i % 4]);
+            for (int i = c + 1; i < m; ++i) {{
+                sum[i % 4] = FMA(target[i * k + c], target[i * k + j], sum[i % 4]);
             }}
-            const {{R}} all = ((sum[0] + sum[1]) + (sum[2] + sum[3])) * factor;
-            for (int i = c; i < m; ++i) {{
-                target[i * k + j] = FMA((i == c) ? -head : -target[i * k + c], all, target[i * k + j]);
+            const {{R}} all = (sum[0] + sum[1]) + (sum[2] + sum[3]), first = target[c * k + j];
+            const {{R}} turned = -(FMA(all, share, first) * inverse);
+            target[c * k + j] = FMA(FMA(less, first, all), inverse, first);
+            for (int i = c + 1; i < m; ++i) {{
+                target[i * k + j] = FMA(target[i * k + c], turned, target[i * k + j]);
             }}
         }}
-        for (int i = c; i < m && square > {smallest}; ++i) {{
-            target[i * k + c] = (i == c) ? -norm : {{0}};
+        for (int i = c; i < m && !(whole <= {smallest}); ++i) {{
+            target[i * k + c] = (i == c) ? norm : {{0}};
+        }}
+    }}
+}}"""
+
+
+def residual(name: str, real: Real) -> str:
+    """e − C x − v with the rounding of sums and products; see `flexhinf.codegen.program.Residual`."""
+    split = constant(SPLIT if real.name == "double" else 4097.0, real)
+    return f"""static void {name}(const {{R}} *rows, const {{R}} *slope, {{R}} *target, int count, int p, int n)
+{{
+    for (int q = 0; q < count; ++q, rows += n + 2 * p) {{
+        for (int i = 0; i < p; ++i) {{
+            {{R}} high = rows[i], low = {{0}}, other = -rows[p + n + i];
+            for (int j = 0; j <= n; ++j) {{
+                const {{R}} sum = high + other, part = sum - high;
+                low += (high - (sum - part)) + (other - part);
+                high = sum;
+                if (j < n) {{
+                    const {{R}} x = rows[p + j], c = slope[i * n + j];
+                    other = -(c * x);
+#ifdef FUSED
+                    low -= FMA(c, x, other);
+#else
+                    const {{R}} xs = {split} * x, cs = {split} * c;
+                    const {{R}} x1 = xs - (xs - x), c1 = cs - (cs - c);
+                    low -= ((c1 * x1 + other) + c1 * (x - x1) + (c - c1) * x1) + (c - c1) * (x - x1);
+#endif
+                }}
+            }}
+            target[q * p + i] = (low - low == {{0}}) ? high + low : high;
         }}
     }}
 }}"""

@@ -37,6 +37,7 @@ from flexhinf.codegen.program import (
     Polynomial,
     Program,
     Repeat,
+    Residual,
     Step,
     Sweep,
     Unsupported,
@@ -303,6 +304,10 @@ class Translator:
                 name = self._helper("reflect", algebra.householder, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
                 yield f"{name}({', '.join(places)}, {step.shape[0]}, {step.shape[1]}, {step.count});"
+            elif isinstance(step, Residual):
+                name = self._helper("residual", algebra.residual, self.real)
+                places = [self._at(piece, loops) for piece in (step.rows, step.slope, step.target)]
+                yield f"{name}({', '.join(places)}, {step.count}, {step.shape[0]}, {step.shape[1]});"
             elif isinstance(step, Copy):
                 source, target = self._at(step.source, loops), self._at(step.target, loops)
                 size = step.source.size * max(1, self._columns)

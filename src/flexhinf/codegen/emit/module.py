@@ -54,6 +54,7 @@ from flexhinf.codegen.program import (
     Polynomial,
     Program,
     Repeat,
+    Residual,
     Step,
     Sweep,
     When,
@@ -185,7 +186,7 @@ class _Emitter:
         self._writers: dict[type, Callable[[Any, tuple[str, ...]], None]] = {
             Repeat: self._repeat, When: self._when, Call: self._call, Map: self._map, Sweep: self._sweep,
             OuterSum: self._outer_sum, Polynomial: self._polynomial, Cholesky: self._cholesky, Copy: self._copy,
-            Householder: self._householder,
+            Householder: self._householder, Residual: self._residual,
             Normal: self._normal, Guard: self._guard,
         }  # fmt: skip
         self.scratch = ""  # memory for the columns that a Sweep has in hand
@@ -398,6 +399,11 @@ class _Emitter:
     def _householder(self, step: Householder, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
         Algebra(self.writer, self.fused).householder(source, target, step.shape, step.count)
+
+    def _residual(self, step: Residual, turns: tuple[str, ...]) -> None:
+        rows, slope = self._operand(step.rows, turns), self._operand(step.slope, turns)
+        target = self._address(step.target, turns)
+        Algebra(self.writer, self.fused).residual(rows, slope, target, step.count, step.shape)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer

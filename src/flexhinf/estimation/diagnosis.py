@@ -1,0 +1,220 @@
+"""What a filter says of answers that cannot be trusted: entries of a kind, a sample and a cure.
+
+Some linear filters have no answer in floats: moving the last bit of a covariance or of a parameter moves the estimate
+by many standard deviations. No algorithm gets those right. Two signs tell them from the others:
+
+- online, at each correction of the square-root form: eps/ρ max(1, |ν|), with ρ the smallest pivot of the innovation's
+  factor in parts of Σ |c_j| σ_j + √r, what it was made of, and ν the innovation in standard deviations: rounding of W
+  moves the mean by so many of them;
+- offline, `diagnose`: recorded samples are filtered again with the last bits of one input moved.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from flexhinf.errors import refuse_if
+from flexhinf.estimation.square_root import RootGaussian, root_rows
+from flexhinf.scalars import cholesky
+from flexhinf.validation import checked_kind, real_array, value_text
+
+EPS = float(np.finfo(float).eps)
+
+#: Standard deviations, and parts of variances, by which an estimate may err; errors of a mean below 1e-9 of itself
+#: count as none.
+CLOSE = 1e-3
+
+#: The first three are found while a filter runs, at the first two the last belief stays; the others are inputs whose
+#: last bits decide.
+CURES = {
+    "not finite": "a shorter period, a smaller initial covariance, or a model that does not diverge",
+    "indefinite": 'form="square_root", or a larger process noise',
+    "digits": "a larger measurement noise, a smaller initial covariance, or a gate for outliers",
+    "initial covariance": "an initial covariance without zero eigenvalues, or without noise in its last digits",
+    "process noise": "a process noise in every direction that is not known exactly",
+    "measurement noise": "a larger measurement noise",
+    "parameters": "fewer states, units in which they are alike, or outputs that see all of them",
+    "measurements": "a larger measurement noise, or a gate for outliers",
+}
+
+
+class Diagnosis(NamedTuple):
+    """Something that is wrong with an estimate: a key of `CURES`, the sample (0 is the first), and what to try."""
+
+    kind: str
+    step: int
+    cure: str
+
+
+def lost_digits(root: Any, slope: Any, noise: Any, innovation: Any) -> float:
+    """Standard deviations by which rounding of W may move the mean: see the module.
+
+    `root`: W (n, n) before the correction. `slope`: C (p, n). `noise`: R^n. `innovation`: (p,).
+    """
+    factor: Any = np.linalg.qr(np.concatenate([root @ slope.T, cholesky(noise).T]), mode="r")
+    pivots = np.abs(np.diag(factor))
+    scale = np.abs(slope) @ np.sqrt((root * root).sum(axis=0)) + np.sqrt(np.diag(noise))
+    if not np.all(pivots > 0.0):
+        return np.inf
+    deviations = np.abs(np.linalg.solve(factor.T, innovation))
+    return float(EPS / np.min(pivots / scale) * max(1.0, deviations.max()))
+
+
+def diagnose(
+    estimator: Any, measurements: Any = None, inputs: Any = None, seed: int = 0
+) -> tuple[Diagnosis, ...]:
+    """Whether the inputs of a filter determine its answer, from recorded samples.
+
+    The samples are filtered from the initial belief, again with up to four units of the last place added to or taken
+    from each number of one input after the other, and with what is singular to rounding made definite by as much. An
+    input that moves a mean by more than 1e-3 standard deviations, or a variance by more than 1e-3 of itself, does not
+    determine the answer in floats, whatever the algorithm.
+
+    Parameters
+    ----------
+    estimator : UnscentedKalmanFilter or ExtendedKalmanFilter
+        It is not changed.
+    measurements : (N, p) array, optional
+        Without, the entries that the filter has collected by itself.
+    inputs : (N, m) array, optional
+        Held over the period after each measurement; zero by default.
+    seed : int
+        Of the moved bits.
+
+    Returns
+    -------
+    tuple of Diagnosis
+        Empty where nothing is wrong; what the filter found by itself first, then inputs that decide, each with the
+        first sample at which they do.
+
+    Raises
+    ------
+    InvalidInput
+        If the estimator has no Gaussian belief, or samples do not fit its plant.
+    """
+    from flexhinf.estimation.filter import RecursiveFilter
+
+    checked_kind(
+        "Only a filter can be diagnosed.", estimator, RecursiveFilter, "a filter", "diagnose(ukf, y, u)"
+    )
+    if measurements is None:
+        return estimator.diagnosis
+    plant = estimator.plant
+    y = _samples("measurements", measurements, len(plant.outputs))
+    u = _samples(
+        "inputs", np.zeros((len(y), len(plant.inputs))) if inputs is None else inputs, len(plant.inputs)
+    )
+    refuse_if(
+        len(y) != len(u), "Measurements and inputs have different lengths.",
+        f"expected {len(y)} inputs, got {len(u)}", "an input for each measurement",
+    )  # fmt: skip
+    means, variances, found = _replayed(estimator, y, u)
+    entries, rng = list(found), np.random.default_rng(seed)
+    for kind, move in MOVES.items():
+        for definite in (False, True):
+            other, seen = copy.copy(estimator), y
+            other.reset()
+            seen = move(other, y, rng, definite)
+            if seen is None:
+                continue
+            step = _first_apart(means, variances, *_replayed(other, seen, u, start=False)[:2])
+            if step is not None:
+                entries.append(Diagnosis(kind, step, CURES[kind]))
+                break
+    return tuple(entries)
+
+
+def _samples(what: str, values: Any, size: int) -> np.ndarray:
+    array = real_array(values)
+    refuse_if(
+        array.ndim != 2 or array.shape[1] != size or not len(array), f"The {what} do not fit the plant.",
+        f"expected shape (N, {size}), got {value_text(values) if array.ndim == 0 else array.shape}",
+        "one row per sample",
+    )  # fmt: skip
+    return array
+
+
+def _replayed(estimator: Any, y: np.ndarray, u: np.ndarray, start: bool = True) -> tuple[Any, Any, Any]:
+    """Means and variances (N, n) after the corrections, and what the filter found."""
+    if start:
+        estimator = copy.copy(estimator)
+        estimator.reset()
+    means, variances = [], []
+    for measured, held in zip(y, u, strict=True):
+        if not np.isnan(measured).all():
+            estimator.correct(measured)
+        belief = estimator._belief
+        means.append(estimator.mean)
+        rooted = isinstance(belief, RootGaussian)
+        variances.append((belief.root**2).sum(axis=0) if rooted else np.diag(estimator.covariance))
+        estimator.predict(held)
+    return np.array(means), np.array(variances), estimator.diagnosis
+
+
+def _first_apart(means: Any, variances: Any, others: Any, spreads: Any) -> int | None:
+    size = np.sqrt(np.maximum(np.minimum(variances, spreads), 1e-300))
+    apart = np.abs(means - others)
+    far = (apart > CLOSE * size) & (apart > 1e-9 * np.abs(means))
+    far |= np.abs(variances - spreads) > CLOSE * np.minimum(variances, spreads)
+    steps = np.flatnonzero(far.any(axis=1))
+    return int(steps[0]) if len(steps) else None
+
+
+def _nudged(array: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    units = rng.integers(1, 5, array.shape) * rng.choice([-1.0, 1.0], array.shape)
+    return array + units * np.spacing(array) * (array != 0.0)
+
+
+def _moved_covariance(matrix: np.ndarray, rng: np.random.Generator, definite: bool) -> np.ndarray | None:
+    """With other last bits, or with as much added to its diagonal where it is singular to rounding; None elsewhere."""
+    if definite:
+        n = len(matrix)
+        singular = (root_rows(matrix) ** 2).sum(axis=1).min() == 0.0 and np.any(matrix)
+        return matrix + 4.0 * n * EPS * np.diag(np.diag(matrix)) if singular else None
+    moved = np.tril(_nudged(matrix, rng))
+    return moved + np.tril(moved, -1).T
+
+
+def _move_start(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+    moved = _moved_covariance(estimator._start, rng, definite)
+    if moved is None:
+        return None
+    estimator._start = moved
+    estimator.initial = estimator._belief = estimator.initial_at(estimator.mean)
+    return y
+
+
+def _move_noise(name: str) -> Callable[..., Any]:
+    def move(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+        moved = _moved_covariance(getattr(estimator, name), rng, definite)
+        if moved is None:
+            return None
+        setattr(estimator, name, moved)
+        return y
+
+    return move
+
+
+def _move_parameters(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+    parameters = estimator.plant.parameters
+    if definite or not parameters.size:
+        return None
+    estimator._parameters = parameters.named(_nudged(parameters.vector(), rng))
+    return y
+
+
+def _move_measurements(estimator: Any, y: Any, rng: Any, definite: bool) -> Any:
+    return None if definite else _nudged(y, rng)
+
+
+MOVES: dict[str, Callable[..., Any]] = {
+    "initial covariance": _move_start,
+    "process noise": _move_noise("process_noise"),
+    "measurement noise": _move_noise("measurement_noise"),
+    "parameters": _move_parameters,
+    "measurements": _move_measurements,
+}
