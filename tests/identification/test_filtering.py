@@ -48,6 +48,19 @@ def test_a_log_is_filtered_as_its_samples_one_by_one(kind, form, measured):
     assert data.attrs["log_likelihood"] == pytest.approx(total, rel=1e-10)
 
 
+def test_what_a_gate_rejects_is_not_in_the_likelihood():
+    filter = fh.ExtendedKalmanFilter(oscillator(), PERIOD, 1e-4, 1e-3, [0.1, 0.0], 1.0, gate=0.99)
+    u, y = samples(60)
+    y[30] = 50.0
+    data = fh.filter_log(filter, (PERIOD * np.arange(60), u, y))
+    for k in range(60):
+        filter.correct(y[k])
+        assert data.log_likelihood.values[k] == pytest.approx(filter.log_likelihood, rel=1e-9, abs=1e-9)
+        filter.predict(u[k])
+    assert filter.rejected.sum() >= 1
+    assert data.measured.values[30] == 0
+
+
 @pytest.mark.oracle
 def test_irregular_times_and_gaps_are_those_of_the_exact_linear_filter():
     rng = np.random.default_rng(3)

@@ -59,6 +59,7 @@ def test_the_likelihood_is_that_of_the_filtered_log():
     plant = robot.plant(("link_position", "motor_position"))
     rng = np.random.default_rng(5)
     log = 1e-3 * np.arange(200), rng.normal(size=(200, 1)), 1e-3 * rng.normal(size=(200, 2))
+    log[2][::3, 1] = np.nan
     filter = default_filter(plant, *log)
     unknowns = Unknowns(plant, None, plant_numbers(plant, ["stiffness"]), Noises.of(filter, None, False))
     likelihood = Likelihood(filter, rows_of(*log, filter.period), 1)

@@ -177,6 +177,10 @@ def dataset(
     measured, empty = present.sum(axis=1), np.logical_not(present.any(axis=1))
     spreads = passed["spreads"].reshape(len(times), *(len(plant.outputs),) * 2)
     facts = np.where(empty[:, None], 0.0, passed["facts"])
+    counts = getattr(beliefs, "rejected", np.zeros((len(times), 0))).sum(axis=1)
+    measured = measured - np.diff(counts, prepend=0.0).astype(
+        int
+    )  # those of a gate are not in the innovation
     likelihoods = log_likelihoods(facts, measured)
     deviations = np.sqrt(np.maximum(np.diagonal(spreads, axis1=1, axis2=2), 0.0))
     columns = {
