@@ -83,6 +83,9 @@ TAKERS: dict[str, Callable[[Any], Any]] = {
 @pytest.mark.parametrize("taker", list(TAKERS))
 @pytest.mark.parametrize("value", STRANGE, ids=lambda value: type(value).__name__)
 def test_what_is_no_number_or_name_is_refused_by_a_typed_error(taker: str, value: Any) -> None:
+    if taker == "measurement" and (value is None or value is np.ma.masked or value is math.nan):
+        TAKERS[taker](value)  # a missing element
+        return
     with pytest.raises(InvalidInput) as caught:
         TAKERS[taker](value)
     assert len(str(caught.value)) < 1500

@@ -70,7 +70,7 @@ def test_a_masked_number_is_refused_wherever_arrays_are_taken(masked: object) ->
         lambda: robot.with_values({"mass": masked}),
         lambda: fh.Step(masked, at=0.0),
         lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, masked, 1e-6, np.zeros(4), 1e-4),
-        lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4).correct(masked),
+        lambda: fh.UnscentedKalmanFilter(robot.plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4).predict(masked),
     ):
         with pytest.raises(FlexhinfError):
             refused()

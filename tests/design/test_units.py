@@ -46,6 +46,7 @@ def test_a_bandwidth_is_in_rad_per_second_unless_it_says_hertz(value: Any, meant
 TURN = 2.0 * math.pi
 WHOLE = {
     "s": (1, 1.0), "ms": (1000, 1.0), "us": (1_000_000, 1.0), "µs": (1_000_000, 1.0), "μs": (1_000_000, 1.0),
+    "ns": (1_000_000_000, 1.0),
     "rad": (1, 1.0), "mrad": (1000, 1.0), "deg": (360, TURN), "°": (360, TURN), "m": (1, 1.0), "mm": (1000, 1.0),
     "rad/s": (1, 1.0), "deg/s": (360, TURN), "°/s": (360, TURN), "rpm": (60, TURN), "Hz": (1, TURN),
     "m/s": (1, 1.0), "mm/s": (1000, 1.0), "N·m": (1, 1.0), "Nm": (1, 1.0), "N*m": (1, 1.0), "N": (1, 1.0),

@@ -240,6 +240,9 @@ def settled(
         beside = beside - change[size - n :] @ np.concatenate([found, y]) / loop.period
     held = np.clip(held, controller.limits.lower, controller.limits.upper)
     memory = controller.initial_memory(None if estimator is None else x + found[: len(x)], held)
-    for name, value in {"integral": found[size - n :], "position": at, "started": 1.0}.items():
+    settled_parts = {"integral": found[size - n :], "position": at, "started": 1.0}
+    if controller.mode.has_offset:
+        settled_parts["offset_known"] = 1.0
+    for name, value in settled_parts.items():
         memory[controller.memory.places[name]] = value
     return state, held, memory

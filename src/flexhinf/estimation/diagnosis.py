@@ -20,7 +20,7 @@ import numpy as np
 from flexhinf.errors import refuse_if
 from flexhinf.estimation.square_root import RootGaussian, root_rows
 from flexhinf.scalars import cholesky
-from flexhinf.validation import checked_kind, real_array, value_text
+from flexhinf.validation import real_array, value_text
 
 EPS = float(np.finfo(float).eps)
 
@@ -96,11 +96,10 @@ def diagnose(
     InvalidInput
         If the estimator has no Gaussian belief, or samples do not fit its plant.
     """
-    from flexhinf.estimation.filter import RecursiveFilter
-
-    checked_kind(
-        "Only a filter can be diagnosed.", estimator, RecursiveFilter, "a filter", "diagnose(ukf, y, u)"
-    )
+    refuse_if(
+        not hasattr(estimator, "diagnosis"), "Only a Kalman filter can be diagnosed.",
+        f"expected an unscented or an extended one, got {value_text(estimator)}", "diagnose(ukf, y, u)",
+    )  # fmt: skip
     if measurements is None:
         return estimator.diagnosis
     plant = estimator.plant

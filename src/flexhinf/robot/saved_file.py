@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tomlkit
 
@@ -14,21 +14,18 @@ from flexhinf.files import write_file
 from flexhinf.robot.parameters import QUANTITIES, Parameter, per_joint
 from flexhinf.validation import checked_path
 
-if TYPE_CHECKING:
-    from flexhinf.robot.robot import Robot
-
 #: A quantity's other key in the table of a link.
 OTHER_KEY = {"link_inertia": "axis_inertia"}
 
 
-def save_robot(robot: Robot, path: str | os.PathLike[str], like: str | os.PathLike[str] | None) -> None:
+def save_robot(robot: Any, path: str | os.PathLike[str], like: str | os.PathLike[str] | None) -> None:
     """See `Robot.save`."""
     target = checked_path("The robot file", path)
     text = robot_text(robot, target.parent, like)
     write_file(target, "robot file", lambda name: Path(name).write_text(text, encoding="utf-8"))
 
 
-def robot_text(robot: Robot, folder: Path, like: str | os.PathLike[str] | None = None) -> str:
+def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = None) -> str:
     """The text of the robot's file (or of the file `like`) with its numbers, for a place in a folder."""
     source = robot.file if like is None else checked_path("The robot file", like)
     if source is None or source.suffix.lower() != ".toml":
@@ -53,7 +50,7 @@ def _numbers(parameter: Parameter) -> tuple[Any, ...]:
     return parameter.value, parameter.interval
 
 
-def _places(document: Any, robot: Robot) -> Iterator[tuple[str, Any, str]]:
+def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
     """Names of numbers that a file states by themselves, with the tables and keys where they stand."""
     if "gravity" in document:
         yield "gravity", document, "gravity"
@@ -69,7 +66,7 @@ def _places(document: Any, robot: Robot) -> Iterator[tuple[str, Any, str]]:
                         yield per_joint(quantity, str(row["name"]), len(robot.joint_names)), table, key
 
 
-def _write(document: Any, robot: Robot, parameter: Parameter, source: Path) -> None:
+def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> None:
     found = [(table, key) for name, table, key in _places(document, robot) if name == parameter.name]
     value: Any = found[0][0][found[0][1]] if found else None
     refuse_if(
