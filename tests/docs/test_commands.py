@@ -29,7 +29,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LANGUAGES = {"sh", "python", "toml", "xml", "csv", "c", "text"}
-LONG = {"design", "compare", "paper", "campaign"}
+LONG = {"design", "compare", "paper", "campaign", "estimate", "identify"}
 
 _FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"^(?:#|<!--) file: (\S+)")

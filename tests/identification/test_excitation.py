@@ -51,6 +51,7 @@ def test_what_it_promises_is_what_a_log_of_it_gives(proposed):
         assert abs(found.values[name] - robot.nominal[name]) < 4.0 * promised
 
 
+@pytest.mark.slow
 def test_a_robot_with_wrong_numbers_is_identified_by_the_motion_of_its_wrong_model():
     robot = fh.load_robot("paper")
     wrong = robot.with_values({"stiffness": 70.0, "friction": 0.15})

@@ -22,6 +22,7 @@ def arm():
     return robot, wrong, arm_log(robot)
 
 
+@pytest.mark.slow
 @pytest.mark.oracle
 def test_the_estimates_are_those_of_another_optimiser():
     log = linear_log(3)
@@ -37,6 +38,7 @@ def test_the_estimates_are_those_of_another_optimiser():
     assert evaluation.value == pytest.approx(-peer.fun, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_levels_are_those_of_the_truth_though_numbers_are_sought_beside():
     levels = [
         fh.identify(oscillator(), linear_log(40 + k, count=400), tuple(WRONG)).noise["load"]
