@@ -341,12 +341,13 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
 
 
-def compile_program(program: Program, lanes: int = 1) -> Kernel:
+def compile_program(program: Program, lanes: int = 1, fused: bool | None = None) -> Kernel:
     """Compile a program for this processor.
 
-    `lanes`: W ≥ 1 runs at once, in the lanes of vector registers; 8 suits most processors. Raises InvalidInput: lanes
-    that are not a positive integer. Raises Unsupported: an operation without machine code, or a machine on which LLVM
-    does not work.
+    `lanes`: W ≥ 1 runs at once, in the lanes of vector registers; 8 suits most processors. `fused`: Round a product and
+    the sum that uses it once, or twice; None for once where this processor has an instruction for it. Raises
+    InvalidInput: lanes that are not a positive integer. Raises Unsupported: an operation without machine code, or a
+    machine on which LLVM does not work.
 
     The bits of a result depend neither on W nor on the optimisation: products are fused into sums by our own
     rule, no operation may be reordered, and sin and cos are the same sequence of operations for any W.
@@ -359,6 +360,7 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
             from flexhinf.codegen import machine
 
             host = machine.host()
+            once = host.fused if fused is None else fused
 
             def load(code: bytes) -> Kernel:
                 library, _, image = code.partition(b"\n")
@@ -368,12 +370,12 @@ def compile_program(program: Program, lanes: int = 1) -> Kernel:
                 """The C functions that are needed, on a line, and the object code."""
                 from flexhinf.codegen.emit import emit_module
 
-                module = emit_module(program, lanes, host.fused)
+                module = emit_module(program, lanes, once)
                 head = json.dumps(module.library).encode() + b"\n"
                 return head + machine.assemble(str(module), machine.level(module.operations))
 
             target = (host.triple, host.cpu, host.features, host.version)
-            parts = (fingerprint(program), str(lanes), *target, emitter_digest(), version("flexhinf"))
+            parts = (fingerprint(program), f"{lanes} {once}", *target, emitter_digest(), version("flexhinf"))
             return cached(parts, make, load)
     except (ImportError, OSError, RuntimeError) as reason:
         raise Unsupported(

@@ -98,8 +98,11 @@ class Direct:
 
         return cholesky(matrix)
 
-    def householder(self, rows: Any, count: int) -> Any:
-        """Rows with the same TᵀT, the first columns zero below the diagonal, see `flexhinf.scalars.householder`."""
+    def householder(self, rows: Any, count: int, triangle: int = 0) -> Any:
+        """Rows with the same TᵀT, the first columns zero below the diagonal, see `flexhinf.scalars.householder`.
+
+        `triangle`: So many of the last rows are upper triangular, 0 or at least `count`.
+        """
         from flexhinf.scalars import householder
 
         return householder(rows, count)
@@ -159,7 +162,7 @@ class Composer:
         filled = [result.place for result in results if result.size]
         inputs = [array.place for array in arrays if isinstance(array, Block) and array.size]
         if filled:
-            self.body.append(Call(traced, tuple(inputs), tuple(filled)))
+            self.body.append(Call(traced, tuple(inputs), tuple(filled), _about(function)))
         return tuple(results) if several else results[0]
 
     @contextmanager
@@ -206,7 +209,7 @@ class Composer:
             *(matrix.columns for matrix in matrices),
             *(array.place for array in held if isinstance(array, Block) and array.size),
         )
-        self.body.append(Map(traced, inputs, tuple(result.columns for result in results)))
+        self.body.append(Map(traced, inputs, tuple(result.columns for result in results), _about(function)))
         return results if several else results[0]
 
     def sweep(self, stages: Callable[..., Any], matrix: Block, *held: Any) -> Block:
@@ -249,11 +252,12 @@ class Composer:
         self.body.append(Cholesky(matrix.place, factor.place))
         return factor
 
-    def householder(self, rows: Block, count: int) -> Block:
+    def householder(self, rows: Block, count: int, triangle: int = 0) -> Block:
         """As `Direct.householder`."""
         rows = self._ordered(rows, "C")
         target = self.work(rows.shape)
-        self.body.append(Householder(rows.place, target.place, (rows.shape[0], rows.shape[1]), count))
+        shape = (rows.shape[0], rows.shape[1])
+        self.body.append(Householder(rows.place, target.place, shape, count, triangle))
         return target
 
     def residual(self, rows: Block, slope: Block) -> Block:
@@ -332,7 +336,7 @@ class Composer:
             seen.extend(result.shape for result in results)
             return tuple(result for result in results if result.size)
 
-        name = "".join(filter(str.isalpha, getattr(function, "__name__", ""))) or "piece"
+        name = "".join(filter(str.isalpha, getattr(_plain(function), "__name__", ""))) or "piece"
         self._pieces[key] = (drop_empty(trace(on_symbols, *lying, name=name)), seen, several)
         self._kept.extend((function, *arrays))  # so that no other function or constant gets their place
         return self._pieces[key]
@@ -346,42 +350,73 @@ class _ColumnComposer(Composer):
     def __init__(self, outside: Composer) -> None:
         super().__init__()
         self._outside = outside
-        self._parts: dict[Hashable, tuple[Any, tuple[Slice, ...]]] = {}
+        self._divisions: dict[Hashable, tuple[Any, Any, tuple[bool, ...]]] = {}
+        self._parts: dict[Hashable, tuple[tuple[Slice, ...], list[Block]]] = {}
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> Any:
         """As `Direct.call`: one traced piece, or two."""
+        from flexhinf.scalars import divide
+
         blocks = [array for array in arrays if isinstance(array, Block) and array.size]
         moving = tuple(block.place.buffer == COLUMN for block in blocks)
         if not any(moving):
             return self._outside.call(function, *arrays)
         traced, shapes, several = self._traced(function, arrays, [None] * len(arrays))
-        held = tuple(block.place for block, moves in zip(blocks, moving) if not moves)
-        key = (traced.__hash__(), moving, held)
-        if key not in self._parts:
-            self._parts[key] = self._divided(traced, moving, held)
-        later, more = self._parts[key]
-        results = [self.work(shape) for shape in shapes]
-        inputs = (*(block.place for block in blocks), *more)
-        self.body.append(Call(later, inputs, tuple(result.place for result in results if result.size)))
+        key = (traced.__hash__(), moving)
+        if key not in self._divisions:
+            self._divisions[key] = divide(traced, moving)
+        _, later, moves = self._divisions[key]
+        filled = [shape for shape in shapes if prod(shape)]
+        more, still = self._before(
+            key,
+            tuple(block.place for block, moves in zip(blocks, moving) if not moves),
+            [shape for shape, m in zip(filled, moves) if not m],
+        )
+        moved = [self.work(shape) for shape, m in zip(filled, moves) if m]
+        if later is not None:
+            inputs = (*(block.place for block in blocks), *more)
+            self.body.append(Call(later, inputs, tuple(result.place for result in moved), _about(function)))
+        kinds, places = {True: iter(moved), False: iter(still)}, iter(moves)
+        results = [next(kinds[next(places)]) if prod(shape) else self.work(shape) for shape in shapes]
         return tuple(results) if several else results[0]
 
-    def _divided(
-        self, traced: Any, moving: tuple[bool, ...], held: tuple[Slice, ...]
-    ) -> tuple[Any, tuple[Slice, ...]]:
-        """The function to call for every column, and the slices of the numbers that are computed once outside."""
-        from flexhinf.scalars import divide
-
-        before, later = divide(traced, moving)
+    def _before(
+        self, key: Hashable, held: tuple[Slice, ...], shapes: list[tuple[int, ...]]
+    ) -> tuple[tuple[Slice, ...], list[Block]]:
+        """Where the numbers are that are computed once outside, and the results that do not move, of these shapes."""
+        before = self._divisions[key][0]
         if before is None:
-            return later, ()
-        values = self._outside.work((before.size1_out(0),)).place
-        self._outside.body.append(Call(before, held, (values,)))
-        return later, (values,)
+            return (), []
+        if (key, held) not in self._parts:
+            column = (
+                (self._outside.work((before.size1_out(0),)).place,) if before.n_out() > len(shapes) else ()
+            )
+            still = [self._outside.work(shape) for shape in shapes]
+            self._outside.body.append(Call(before, held, (*column, *(block.place for block in still))))
+            self._parts[key, held] = column, still
+        return self._parts[key, held]
+
+
+def _plain(function: Any) -> Any:
+    """The function inside of partial ones."""
+    while isinstance(function, partial):
+        function = function.func
+    return function
+
+
+def _about(function: Any) -> str:
+    """What a function of ours says of itself."""
+    plain = _plain(function)
+    written = plain if hasattr(plain, "__name__") else type(plain).__call__
+    package = str(getattr(written, "__module__", "")).partition(".")[0]
+    return (written.__doc__ or "") if package == __name__.partition(".")[0] else ""
 
 
 def _constants(array: Any) -> Any:
+    """Constants."""
     return array
 
 
 def _same(column: Any) -> Any:
+    """A copy in another order."""
     return column

@@ -377,16 +377,20 @@ class Householder:
     """Reflections of the rows of a matrix, as `flexhinf.scalars.householder`.
 
     `source`, `target`: (m, k) in C order; the same place, or apart. `shape`: (m, k). `count`: Reflections, at most m
-    and k. Raises InvalidInput: slices of another size, or that overlap in part; another number of reflections.
+    and k. `triangle`: So many of the last rows are upper triangular, 0 or as many as reflections or more: what is zero
+    below them is left out. Raises InvalidInput: slices of another size, or that overlap in part; another number of
+    reflections, or of such rows.
     """
 
     source: Slice
     target: Slice
     shape: tuple[int, int]
     count: int
+    triangle: int = 0
 
     def __post_init__(self) -> None:
         fits = prod(self.shape) == self.source.size == self.target.size and 1 <= self.count <= min(self.shape)
+        fits = fits and (self.triangle == 0 or self.count <= self.triangle <= self.shape[0])
         if not fits or (self.source != self.target and overlap(self.source, self.target)):
             raise misfit(
                 "Reflections do not fit their matrix.",

@@ -40,12 +40,13 @@ class Call:
     """Evaluate a traced function; all inputs are read before any output is written, so in-place is safe.
 
     `function`: An SX function whose arguments and results are dense. `inputs`, `outputs`: One per argument and per
-    result, of the same number of elements.
+    result, of the same number of elements. `about`: What it computes, for a comment in exported C.
     """
 
     function: casadi.Function
     inputs: tuple[Slice, ...]
     outputs: tuple[Slice, ...]
+    about: str = ""
 
     def __post_init__(self) -> None:
         check_function(self.function, self.inputs, self.outputs)
@@ -63,6 +64,7 @@ class Map:
     function: casadi.Function
     inputs: tuple[Slice | Columns, ...]
     outputs: tuple[Columns, ...]
+    about: str = ""
 
     def __post_init__(self) -> None:
         check_function(self.function, self.inputs, self.outputs)

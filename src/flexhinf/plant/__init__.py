@@ -13,6 +13,7 @@ from flexhinf.plant.plant import (
 )
 from flexhinf.plant.polynomial_plant import PolynomialPlant
 from flexhinf.plant.protocols import (
+    CLOSE,
     INTEGRAL,
     BlackBox,
     Estimator,
@@ -21,11 +22,13 @@ from flexhinf.plant.protocols import (
     ProblemLaw,
     chosen,
     known,
+    rcond_limit,
     turned,
 )
 from flexhinf.plant.sensors import Sensor, SensorTable
 
 __all__ = [
+    "CLOSE",
     "INTEGRAL",
     "BlackBox",
     "Estimator",
@@ -49,6 +52,7 @@ __all__ = [
     "linear_plant",
     "plant_from_control",
     "python_control",
+    "rcond_limit",
     "rk4_stages",
     "rk4_step",
     "sub_steps",

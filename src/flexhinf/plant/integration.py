@@ -68,10 +68,11 @@ def eight_stages(run: Any, flow: Callable[..., Any], x: Any, step: float, *held:
 
 
 @dataclass(frozen=True)
-class _Ahead:  # x + Σ hᵢ kᵢ; equal ones are one function
+class _Ahead:  # equal ones are one function
     steps: tuple[float, ...]
 
     def __call__(self, x: Any, *rates: Any) -> Any:
+        """x + Σ hᵢ kᵢ: a stage of Runge-Kutta."""
         for step, rate in zip(self.steps, rates):
             x = x + step * np.asarray(rate)
         return x
@@ -82,6 +83,7 @@ class _Whole:
     step: float
 
     def __call__(self, x: Any, k1: Any, k2: Any, k3: Any, k4: Any) -> Any:
+        """x + h/6 (k1 + 2 k2 + 2 k3 + k4): a step of Runge-Kutta."""
         return x + self.step / 6 * (np.asarray(k1) + 2 * (np.asarray(k2) + np.asarray(k3)) + np.asarray(k4))
 
 

@@ -141,7 +141,7 @@ def python_control() -> Any:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Summarised):
-    """A system with named states, inputs, disturbances and parameters: what a `Plant` is before it has an objective.
+    """Physics with named states, inputs, disturbances and parameters: a robot, or anything else.
 
     Parameters
     ----------
@@ -152,7 +152,8 @@ class Model(Summarised):
     output : callable
         ``output(x, u, p)`` → y, the measured signals, shape (p,).
     states, inputs, disturbances : sequence of str
-        Names, in the order of x, u and d.
+        Names, in the order of x, u and d. A plant without inputs (a target that is tracked) has ``inputs=()``:
+        estimators take it, laws and loops refuse it.
     parameters : mapping of str to float
         Nominal values, SI units.
     outputs : sequence of str, optional
@@ -181,6 +182,20 @@ class Model(Summarised):
 
     Raises InvalidInput: if names repeat, if a parameter is not finite, or if `flow` or `output` does not run on
     symbols of these shapes.
+
+    Examples
+    --------
+    A pendulum whose angle is measured:
+
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> plant = fh.Plant(
+    ...     lambda x, u, d, p: np.array([x[1], -p.gravity * np.sin(x[0]) + u[0] + d[0]]),
+    ...     lambda x, u, p: x[:1],
+    ...     ("angle", "rate"), ("torque",), ("push",), {"gravity": 9.81}, outputs=("angle",),
+    ... )
+    >>> plant.derivative([np.pi / 2, 0.0], [0.0])
+    array([ 0.  , -9.81])
     """
 
     flow: Callable[..., Any]
@@ -219,8 +234,7 @@ class Model(Summarised):
         for name, unit in self.units.items():
             checked_text(f"the unit of {value_text(name)}", unit)
         refuse_if(
-            not self.states or not self.inputs, "A plant needs at least one state and one input.",
-            f"got {len(self.states)} states and {len(self.inputs)} inputs", "states=(...), inputs=(...)",
+            not self.states, "A plant needs a state.", "expected at least one name, got none", "states=(...)",
         )  # fmt: skip
         distinct("Of states and inputs, the name", (*self.states, *self.inputs))
         refuse_if(
@@ -546,6 +560,15 @@ class Model(Summarised):
             f"A map has no {what}.",
             "expected a plant in continuous time, flow(x, u, d, p) = ẋ, got one with sampled=True",
             "the plant in continuous time; a map is for estimators and as the true plant of a Loop",
+        )
+
+    def check_driven(self, what: str) -> None:
+        """Refuse a plant without inputs, for which there is no such thing as `what`."""
+        refuse_if(
+            not self.inputs,
+            f"A plant without inputs has no {what}.",
+            "expected at least one input, got inputs=()",
+            "inputs=(...); a plant without inputs is for estimators",
         )
 
     def fastest_mode(self, x: Any = None, u: Any = None) -> float:

@@ -31,6 +31,13 @@ class Penalty:
         R2 of Eq. (4): the penalty on the input is uᵀ R2 u. The paper has R2 = 10.
 
     Raises InvalidInput: if R2 is not symmetric positive definite, or a weight is negative or not finite.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> penalty = fh.Penalty({"link_position": 60.0, "link_position_integral": 300.0}, effort=10.0)
+    >>> fh.paper_arm().problem(penalty).state_names[-1]
+    'link_position_integral'
     """
 
     states: Mapping[str, float] | Sequence[float] | Callable[..., Any] | np.ndarray

@@ -33,7 +33,7 @@ from flexhinf.validation import (
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plant(Model):
-    """Physics with named states, inputs, disturbances and parameters; see `Model` for the arguments."""
+    """Physics with named states, inputs, disturbances and parameters: a robot, or anything else."""
 
     def with_objective(
         self,
@@ -98,6 +98,9 @@ class Plant(Model):
         return augmented_plant(self, parameters, disturbances, offsets)
 
 
+Plant.__doc__ = Model.__doc__  # with all arguments, for help(flexhinf.Plant)
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class GeneralisedPlant(Summarised):
     """A plant with integrals of the tracking error, a penalty and disturbance channels.
@@ -123,6 +126,13 @@ class GeneralisedPlant(Summarised):
 
     Raises InvalidInput, NumericalFailure: if names do not fit, nothing disturbs, or the operating point is not an
     equilibrium.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> problem = fh.paper_arm().problem()
+    >>> problem.state_names
+    ('link_position', 'link_velocity', 'motor_position', 'motor_velocity', 'link_position_integral')
     """
 
     plant: Plant
@@ -136,6 +146,7 @@ class GeneralisedPlant(Summarised):
     def __post_init__(self) -> None:
         checked_kind("A problem needs a plant.", self.plant, Plant, "a flexhinf.Plant", "robot.plant()")
         self.plant.check_continuous("problem of Eq. (3)")
+        self.plant.check_driven("problem of Eq. (3)")
         checked_kind(
             "A problem needs a penalty.",
             self.penalty,

@@ -228,6 +228,17 @@ class PolynomialPlant(Summarised):
 
     Raises InvalidInput: wrong shapes, non-finite numbers, R2 not positive definite, f or h not zero at the
     operating point.
+
+    Examples
+    --------
+    Van der Pol's oscillator, ẍ = (1 − x²)ẋ − x + u + d:
+
+    >>> import flexhinf as fh
+    >>> f = {(0, 1): (1.0, 1.0), (1, 0): (0.0, -1.0), (2, 1): (0.0, -1.0)}
+    >>> column = [[0.0], [1.0]]
+    >>> plant = fh.PolynomialPlant(f, column, column, {(1, 0): (1.0,)}, 1.0)
+    >>> fh.smallest_gamma(plant) > 1.0
+    True
     """
 
     f_parts: dict[int, np.ndarray]

@@ -53,6 +53,27 @@ class Law(Numbered):
     A subclass writes `law_data` and `evaluate_law` and has four attributes (or properties); everything else has a
     default. `state_names` are states of the plant, then one integral ``NAME_integral`` per tracked state; the operating
     point is x* (n,), integrals included, and u* (m,).
+
+    Examples
+    --------
+    u = −k x of a cart, with its gain as data:
+
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> class Proportional(fh.Law):
+    ...     state_names, input_names = ("position", "speed"), ("force",)
+    ...     operating_point, operating_input = np.zeros(2), np.zeros(1)
+    ...     law_data = np.array([4.0, 2.0])
+    ...
+    ...     def evaluate_law(self, x, data):
+    ...         return np.array([-(data @ x)])
+    >>> plant = fh.Plant(
+    ...     lambda x, u, d, p: np.array([x[1], u[0]]), lambda x, u, p: x, ("position", "speed"), ("force",),
+    ...     outputs=("position", "speed"),
+    ... )
+    >>> run = fh.Loop(plant, fh.Controller(Proportional(), None, 1e-2)).run(initial_state=[1.0, 0.0])
+    >>> bool(abs(run.data.position[-1]) < 1e-3)
+    True
     """
 
     state_names: tuple[str, ...]
@@ -168,8 +189,26 @@ def turned(signals: Any, about: Any, places: Sequence[int]) -> Any:
     return signals
 
 
+#: Standard deviations, and parts of variances, by which rounding may move an estimate that is not in doubt.
+CLOSE = 1e-3
+
+
+def rcond_limit(eps: float) -> float:
+    """Reciprocal condition of a correction below which the estimate is in doubt, in numbers with the unit roundoff
+    2 `eps`: rounding then moves it by more than `CLOSE` standard deviations."""
+    return eps / CLOSE
+
+
 class Gaussian(NamedTuple):
-    """A belief about the state: mean (n,) and covariance (n, n), of numbers or of any element."""
+    """A belief about the state: mean (n,) and covariance (n, n), of numbers or of any element.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> belief = fh.Gaussian([0.0, 1.0], [[0.1, 0.0], [0.0, 0.2]])
+    >>> belief.mean
+    [0.0, 1.0]
+    """
 
     mean: Any
     covariance: Any
@@ -180,7 +219,33 @@ class Estimator(Numbered):
 
     A subclass writes `initial_at`, `time_update` and `measurement_update`, and has five attributes. The period between
     two samples is in s; process and measurement noise are R^v (n, n) and R^n (p, p); `initial` is x(0|−1), or a named
-    tuple that begins with the mean.
+    tuple that begins with the mean. Where that has a part `rcond` (1,), the reciprocal condition of the last correction
+    (see `rcond_limit`), a controller says and counts when its estimate is in doubt.
+
+    Examples
+    --------
+    An estimator that believes what it measures, of a plant whose only state is measured:
+
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> class Believer(fh.Estimator):
+    ...     def __init__(self, plant, period):
+    ...         self.plant, self.period = plant, period
+    ...         self.process_noise, self.measurement_noise = np.eye(1), np.eye(1)
+    ...         self.initial = fh.Gaussian(np.zeros(1), np.eye(1))
+    ...
+    ...     def initial_at(self, mean):
+    ...         return fh.Gaussian(mean, self.initial.covariance)
+    ...
+    ...     def time_update(self, belief, u, p, process_noise):
+    ...         return belief
+    ...
+    ...     def measurement_update(self, belief, y, u, p, measurement_noise):
+    ...         return fh.Gaussian(y, measurement_noise)
+    >>> plant = fh.Plant(lambda x, u, d, p: u, lambda x, u, p: x, ("x",), ("u",), outputs=("x",))
+    >>> believer = Believer(plant, 1e-2)
+    >>> believer.measurement_update(believer.initial, [0.3], [0.0], None, np.eye(1)).mean
+    [0.3]
     """
 
     plant: Plant
@@ -287,6 +352,26 @@ class BlackBox(abc.ABC):
     A subclass writes `reset`, `step` and `output`. It may also have names, so that disturbances are commanded and the
     true state is recorded: channels of the disturbance, what `state` returns, units, groups (see `flexhinf.Plant`) and
     limits, the range of a state, by name.
+
+    Examples
+    --------
+    A motor whose speed follows its input with a lag of a second:
+
+    >>> import flexhinf as fh
+    >>> class Motor(fh.BlackBox):
+    ...     def reset(self, initial_state):
+    ...         self.speed = 0.0
+    ...
+    ...     def step(self, u, disturbance, period):
+    ...         self.speed += period * (u[0] - self.speed)
+    ...
+    ...     def output(self):
+    ...         return [self.speed]
+    >>> motor = Motor()
+    >>> motor.reset(None)
+    >>> motor.step([1.0], [], 0.1)
+    >>> motor.output()
+    [0.1]
     """
 
     disturbances: tuple[str, ...] = ()

@@ -7,8 +7,10 @@ an operation has no rule here, both values are computed and subtracted.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 
 import casadi as ca
 
@@ -17,10 +19,16 @@ from flexhinf.scalars.trace import LINEAR, built, walk
 
 @dataclass
 class _Pair:
-    """A number, and its difference; None where it does not move."""
+    """A number, and its difference; None where it does not move.
+
+    `terms`: Of a product, two that add up to the difference, where nothing but one sum uses it. `doubled`: whether the
+    number of x + d is used somewhere.
+    """
 
     value: ca.SX
     moves: ca.SX | None = None
+    terms: tuple[ca.SX, ca.SX] | None = None
+    doubled: bool = False
 
     @property
     def difference(self) -> ca.SX:
@@ -29,13 +37,36 @@ class _Pair:
     @property
     def moved(self) -> ca.SX:
         """The number of x + d."""
+        self.doubled = True
         return self.value if self.moves is None else self.value + self.moves
+
+
+def _terms(a: _Pair, b: _Pair) -> tuple[ca.SX, ca.SX]:
+    """Two terms of the difference of a product, with as few numbers of x + d as can be."""
+    if a.doubled and not b.doubled:
+        a, b = b, a
+    return a.value * b.difference, a.difference * b.moved
 
 
 def _product(a: _Pair, b: _Pair) -> ca.SX:
     if b.moves is None:
         return a.difference * b.value
-    return a.value * b.difference + a.difference * b.moved
+    if a.moves is None:
+        return a.value * b.difference
+    first, second = _terms(a, b)
+    return first + second
+
+
+def _sum(code: int, a: _Pair, b: _Pair) -> ca.SX:
+    """Of a sum or a difference: the terms of a product are added one after the other, as each is fused into its sum."""
+    minus = code == ca.OP_SUB
+    if b.terms is not None:
+        first, second = b.terms
+        return (a.difference - first) - second if minus else (a.difference + first) + second
+    if a.terms is not None:
+        first, second = a.terms
+        return (first - b.difference if minus else first + b.difference) + second
+    return built(code, [a.difference, b.difference])
 
 
 def _quotient(a: _Pair, b: _Pair) -> ca.SX:
@@ -102,10 +133,18 @@ def difference(function: ca.Function) -> ca.Function:
     def leaf(which: int, element: int) -> _Pair:
         return _Pair(arguments[which][element], None if which else deviation[element])
 
+    uses, order = _uses(function), count()
+
     def operation(code: int, operands: list[_Pair]) -> _Pair:
+        once = uses[next(order)] == 1
         value = built(code, [operand.value for operand in operands])
         if all(operand.moves is None for operand in operands):
             return _Pair(value)
+        if code in (ca.OP_ADD, ca.OP_SUB):
+            return _Pair(value, _sum(code, *operands))
+        if code == ca.OP_MUL and once and all(operand.moves is not None for operand in operands):
+            terms = _terms(*operands)
+            return _Pair(value, terms[0] + terms[1], terms)
         if code in LINEAR:
             return _Pair(value, built(code, [operand.difference for operand in operands]))
         if code in RULES:
@@ -116,3 +155,16 @@ def difference(function: ca.Function) -> ca.Function:
         result[element] = pair.difference
     inputs = [arguments[0], deviation, *arguments[1:]]
     return ca.Function(f"{function.name()}_difference", inputs, [ca.densify(result)], {"cse": True})
+
+
+def _uses(function: ca.Function) -> Counter[int]:
+    """How often the result of each operation is used."""
+    uses, order = Counter[int](), count()
+
+    def operation(code: int, operands: list[int]) -> int:
+        uses.update(operands)
+        return next(order)
+
+    for _, _, value in walk(function, lambda which, element: -1, lambda constant: -1, operation):
+        uses[value] += 1
+    return uses

@@ -1,4 +1,4 @@
-"""Eigenvalues and eigenvectors of a symmetric matrix on any element, by a fixed number of operations.
+"""Eigenvalues and eigenvectors of a symmetric matrix on any element, by a fixed number of operations; damping of poles.
 
 Jacobi's method: a rotation in the plane of two rows makes their common entry zero, and a sweep rotates in every plane
 once [golub2013]. Sweeps converge quadratically, from clustered eigenvalues too. The planes of a round share no row, so
@@ -13,6 +13,17 @@ from typing import Any
 import numpy as np
 
 from flexhinf.scalars.symbol import absolute, where
+
+#: Smaller damping ratios are rounding of the eigenvalues and count as 0: the error bound ε‖A‖κ/|λ| of the solver
+#: (κ: condition of the eigenvalue) is at most 8e-10 over the vibrations of all robots that come with flexhinf.
+UNDAMPED = 1e-9
+
+
+def damping_ratio(poles: np.ndarray) -> np.ndarray:
+    """−Re s/|s| of poles s (K,), 1/s; 0 at s = 0, and where the ratio is smaller than the eigenvalues' rounding."""
+    sizes = np.abs(poles)
+    ratios = np.divide(-np.real(poles), sizes, out=np.zeros(np.shape(sizes)), where=sizes > 0.0)
+    return np.where(np.abs(ratios) < UNDAMPED, 0.0, ratios)
 
 
 def eigensystem(matrix: Any, run: Any) -> tuple[Any, Any]:

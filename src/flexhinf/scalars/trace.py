@@ -262,14 +262,17 @@ def drop_empty(function: ca.Function) -> ca.Function:
     return function if whole else ca.Function(function.name(), kept, function.call(arguments), {"cse": True})
 
 
-def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function | None, ca.Function]:
+def divide(
+    function: ca.Function, moving: Sequence[bool]
+) -> tuple[ca.Function | None, ca.Function | None, tuple[bool, ...]]:
     """Divide a function in two: the part without the `moving` arguments, and the rest.
 
     Quotients by what is computed before are products with its reciprocal, which is computed before too.
 
-    `function`: As `trace` makes it. `moving`: Which arguments the rest alone may read. Returns `before`, Of the other
-    arguments: a column of numbers. None where there is nothing to compute. Returns `rest`, Of all arguments, and of
-    that column if there is one: the results of the function.
+    `function`: As `trace` makes it. `moving`: Which arguments the rest alone may read. Returns `before`, of the other
+    arguments: a column of numbers (it may be empty), and the results that do not move; None where there is nothing to
+    compute. Returns `rest`, of all arguments, and of that column if it is not empty: the other results; None where
+    there are none. Returns which results move.
     """
     arguments = [ca.SX.sym(function.name_in(k), function.size1_in(k)) for k in range(function.n_in())]
     results = [ca.SX.zeros(function.size1_out(k)) for k in range(function.n_out())]
@@ -294,19 +297,25 @@ def divide(function: ca.Function, moving: Sequence[bool]) -> tuple[ca.Function |
             code, symbols[1] = ca.OP_MUL, operands[1].reciprocal(named)
         return _Value(built(code, symbols), True, False)
 
-    for result, element, value in walk(
-        function,
-        lambda k, element: _Value(arguments[k][element], moving[k], True),
-        lambda constant: _Value(ca.SX(constant), False, True),
-        operation,
-    ):
-        results[result][element] = outside(value)
-    if not before:
-        return None, function
+    values = list(
+        walk(
+            function,
+            lambda k, element: _Value(arguments[k][element], moving[k], True),
+            lambda constant: _Value(ca.SX(constant), False, True),
+            operation,
+        )
+    )
+    moves = tuple(any(v.moves for k, _, v in values if k == result) for result in range(len(results)))
+    for result, element, value in values:
+        results[result][element] = outside(value) if moves[result] else value.sx
+    still, moved = (
+        [ca.densify(r) for r, m in zip(results, moves) if m is wanted] for wanted in (False, True)
+    )
     fixed = [argument for argument, moves in zip(arguments, moving, strict=True) if not moves]
-    once = ca.Function("before", fixed, [ca.densify(ca.vertcat(*before))], {"cse": True})
-    divided = ca.Function(function.name(), [*arguments, ca.vertcat(*names)], list(map(ca.densify, results)))
-    return once, divided
+    column = [ca.densify(ca.vertcat(*before))] if before else []
+    once = ca.Function("before", fixed, [*column, *still], {"cse": True}) if before or still else None
+    later = [*arguments, *([ca.vertcat(*names)] if before else [])]
+    return once, ca.Function(function.name(), later, moved) if moved else None, moves
 
 
 @dataclass

@@ -1,10 +1,8 @@
 """The dense linear algebra of programs as C functions of their sizes: sums of outer products, Cholesky factors.
 
-Sine and cosine without the library: the same bits on every machine with a fused multiply-add, and in vectors.
-
-With it, the operations are those of `flexhinf.codegen.emit.opcodes`, so that machine code and C agree to the last
-bit. Without, π/2 is a sum of parts of 33 bits: r = x − k·π/2 with k below 2²⁰, so that every product with k is exact.
-Arguments beyond, and those that are not finite, go to the library.
+Sine and cosine without the library: the same bits on every machine, and in vectors. The operations are those of
+`flexhinf.codegen.emit.opcodes`, with fused multiply-adds (FUSED) and without, so that machine code and C agree to the
+last bit. Arguments beyond the reach, and those that are not finite, go to the library.
 """
 
 from __future__ import annotations
@@ -51,6 +49,21 @@ def constant(value: float, real: Real) -> str:
     if "." not in text and "e" not in text:
         text += ".0"
     return text + real.suffix
+
+
+#: How characters of units, names and formulas are written in ASCII.
+ASCII = str.maketrans({
+    "·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-", "±": "+-", "×": "x", "→": "->",
+    "≤": "<=", "≥": ">=", "ᵀ": "^T", "⁻": "^-", "¹": "1", "ᵢ": "_i", "Σ": "sum", "√": "sqrt ", "∂": "d", "½": "1/2",
+    "γ": "gamma", "θ": "theta", "σ": "sigma", "Δ": "delta", "ν": "nu", "…": "...", "\u0302": "",
+    "ẋ": "dx/dt", "⁺": "^+", "ₖ": "_k",
+})  # fmt: skip
+
+
+def comment(text: str) -> str:
+    """A text made safe for a comment of one line: printable ASCII that neither ends nor continues it."""
+    plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
+    return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
 
 
 #: A pivot below so many times what it is made of, times n, counts as zero: 45 units of the last place.
@@ -217,19 +230,20 @@ def cholesky(name: str, real: Real) -> str:
 def householder(name: str, real: Real) -> str:
     """Reflections that make the first columns zero below the diagonal; see `flexhinf.codegen.program.Householder`.
 
-    Sums over rows are four, of every fourth row.
+    Sums over rows are four, of every fourth row; rows that are zero in a column are left out.
     """
     smallest = constant(SMALLEST if real.name == "double" else 1e-36, real)
-    return f"""static void {name}(const {{R}} *source, {{R}} *target, int m, int k, int count)
+    return f"""static void {name}(const {{R}} *source, {{R}} *target, int m, int k, int count, int triangle)
 {{
     for (int i = 0; i < m * k; ++i) {{
         target[i] = source[i];
     }}
     for (int c = 0; c < count; ++c) {{
+        const int rows = (triangle > 0) ? m - triangle + c + 1 : m;
         int top = c;
         {{R}} best = {{fabs}}(target[c * k + c]), part[4] = {{{{0}}}};
         best += best;
-        for (int i = c + 1; i < m; ++i) {{
+        for (int i = c + 1; i < rows; ++i) {{
             const {{R}} size = {{fabs}}(target[i * k + c]);
             if (size > best) {{
                 best = size;
@@ -241,7 +255,7 @@ def householder(name: str, real: Real) -> str:
             target[top * k + j] = target[c * k + j];
             target[c * k + j] = moved;
         }}
-        for (int i = c + 1; i < m; ++i) {{
+        for (int i = c + 1; i < rows; ++i) {{
             part[i % 4] = FMA(target[i * k + c], target[i * k + c], part[i % 4]);
         }}
         const {{R}} diagonal = target[c * k + c], square = (part[0] + part[1]) + (part[2] + part[3]);
@@ -252,17 +266,17 @@ def householder(name: str, real: Real) -> str:
         const {{R}} less = -(square * share);
         for (int j = c + 1; j < k; ++j) {{
             {{R}} sum[4] = {{{{0}}}};
-            for (int i = c + 1; i < m; ++i) {{
+            for (int i = c + 1; i < rows; ++i) {{
                 sum[i % 4] = FMA(target[i * k + c], target[i * k + j], sum[i % 4]);
             }}
             const {{R}} all = (sum[0] + sum[1]) + (sum[2] + sum[3]), first = target[c * k + j];
             const {{R}} turned = -(FMA(all, share, first) * inverse);
             target[c * k + j] = FMA(FMA(less, first, all), inverse, first);
-            for (int i = c + 1; i < m; ++i) {{
+            for (int i = c + 1; i < rows; ++i) {{
                 target[i * k + j] = FMA(target[i * k + c], turned, target[i * k + j]);
             }}
         }}
-        for (int i = c; i < m && !(whole <= {smallest}); ++i) {{
+        for (int i = c; i < rows && !(whole <= {smallest}); ++i) {{
             target[i * k + c] = (i == c) ? norm : {{0}};
         }}
     }}
@@ -299,8 +313,8 @@ def residual(name: str, real: Real) -> str:
 }}"""
 
 
-#: Whether all of some numbers are finite.
-FINITE = """static int {name}(const {R} *numbers, int count)
+FINITE = """/* Whether all of some numbers are finite. */
+static int {name}(const {R} *numbers, int count)
 {
     for (int i = 0; i < count; ++i) {
         if (!isfinite(numbers[i])) {
@@ -310,8 +324,8 @@ FINITE = """static int {name}(const {R} *numbers, int count)
     return 1;
 }"""
 
-#: Copy numbers from one place to another; the places may overlap.
-COPY = """static void {name}(const {R} *source, {R} *target, int count)
+COPY = """/* Copy numbers from one place to another; the places may overlap. */
+static void {name}(const {R} *source, {R} *target, int count)
 {
     if (source < target) {
         for (int i = count - 1; i >= 0; --i) {
@@ -357,22 +371,15 @@ def columns(name: str, read: bool, lanes: int) -> str:
 }}"""
 
 
-#: π/2 for products that are rounded, and the largest |x| for it.
-SHORT_HALF_PI = (
-    float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"),
-)  # fmt: skip
-SHORT_REACH = 1e6
-
-
 def function(name: str, cosine: bool, real: Real) -> str:
     """``name(x)``: sin or cos; of the type double."""
     lines = "\n".join(f"    {line}" for line in _statements(real, "x", {cosine: "return"}))
     return f"""static {{R}} {name}({{R}} x)
 {{
 #ifdef FUSED
-    const {{R}} reach = {constant(REACH, real)};
+    const {{R}} reach = {constant(REACH[True], real)};
 #else
-    const {{R}} reach = {constant(SHORT_REACH, real)};
+    const {{R}} reach = {constant(REACH[False], real)};
 #endif
     if (!({{fabs}}(x) <= reach)) {{
         return {"cos" if cosine else "sin"}(x);
@@ -388,7 +395,7 @@ def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> st
     lines = "\n".join(f"        {line}" for line in statements)
     far = "\n".join(f"            {place}[l] = {ones[cosine]}(x[l]);" for cosine, place in results.items())
     arguments = ", ".join(
-        ["const {R} *restrict x", *(f"{{R}} *restrict {place}" for place in results.values())]
+        ["const {R} *RESTRICT x", *(f"{{R}} *RESTRICT {place}" for place in results.values())]
     )
     return f"""static void {name}({arguments})
 {{
@@ -397,7 +404,7 @@ def row_function(name: str, ones: dict[bool, str], real: Real, lanes: int) -> st
 {lines}
     }}
     for (int l = 0; l < {lanes}; ++l) {{
-        far += !({{fabs}}(x[l]) <= {SHORT_REACH!r});
+        far += !({{fabs}}(x[l]) <= {REACH[False]!r});
     }}
     if (far > 0) {{
         for (int l = 0; l < {lanes}; ++l) {{
@@ -422,7 +429,7 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
             text = f"FMA({text}, z, {number(coefficient)})"
         return text
 
-    def remainder(parts: tuple[float, float, float]) -> str:
+    def remainder(parts: tuple[float, ...]) -> str:
         text = "size"
         for part in parts:
             text = f"FMA(-k, {number(part)}, {text})"
@@ -441,9 +448,9 @@ def _statements(real: Real, x: str, results: dict[bool, str]) -> list[str]:
         f"const {{R}} k = FMA(size, {number(2.0 / math.pi)}, {rounder}) - {rounder};",
         f"const {{R}} m = k - {number(4.0)} * (((k * {number(0.25)} - {number(0.375)}) + {rounder}) - {rounder});",
         "#ifdef FUSED",
-        f"const {{R}} r = {remainder(HALF_PI)};",
+        f"const {{R}} r = {remainder(HALF_PI[True])};",
         "#else",
-        f"const {{R}} r = {remainder(SHORT_HALF_PI)};",
+        f"const {{R}} r = {remainder(HALF_PI[False])};",
         "#endif",
         "const {R} z = r * r;",
         f"const {{R}} s = FMA({horner(SINE)}, z * r, r);",

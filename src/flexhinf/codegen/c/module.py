@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any
 
 import casadi
 
 from flexhinf.codegen.c import algebra
-from flexhinf.codegen.c.algebra import Real, constant
+from flexhinf.codegen.c.algebra import Real, comment, constant
 from flexhinf.codegen.emit.opcodes import (
     LIBRARY,
     MULTIPLY_ADD,
@@ -88,7 +89,18 @@ OPERATIONS: dict[int, str] = {
 CALLS = {*LIBRARY, *SINES, casadi.OP_SQRT}
 
 
+#: Places that nothing else reaches; C++ has no word of its own for them.
+RESTRICT = """#ifdef __cplusplus
+#define RESTRICT __restrict
+#else
+#define RESTRICT restrict
+#endif
+"""
+
 INDENT = "    "
+
+#: The argument of a program with memory for the columns in hand.
+ROOM = "columns"
 
 
 def block(head: str, lines: Iterable[str]) -> list[str]:
@@ -235,23 +247,29 @@ class Translator:
 
     `prefix`: An identifier; every function's name begins so. `lanes`: Columns of a matrix that a function is evaluated
     for at once, side by side, where there are so many. `functions`: Name to text, in an order in which C can read it.
+    `calls_library`: Whether a function calls one of the C library whose bits are not the same everywhere.
+    `room`: Numbers of memory for columns in hand that the programs need of the caller, so that none is on the stack.
     """
 
     def __init__(self, prefix: str, real: Real, lanes: int = 1) -> None:
         self.prefix, self.real, self.lanes = prefix, real, lanes
         self.functions: dict[str, str] = {}
         self._names: dict[tuple[Any, ...], str] = {}
+        self.calls_library = False
+        self.room = 0
+        self._taken = 0  # of the room, by what is written now
         self._columns = 0  # of a sweep, side by side; none outside of one
         self._spread: dict[Slice, str] = {}  # names of what all of them share, copied to every lane
 
     def __str__(self) -> str:
-        return "\n\n".join(self.functions.values()) + "\n"
+        text = "\n\n".join(self.functions.values()) + "\n"
+        return f"{RESTRICT}\n{text}" if "RESTRICT" in text else text
 
     def add(self, program: Program, name: str) -> str:
         """Add ``static int NAME(buffers…)``, which returns the code of the guard that failed, or 0.
 
         Every buffer is a pointer in the order of the program, work buffers included: the caller gives them, and they
-        are not cleared.
+        are not cleared. Where there is `room`, it is the last of them.
 
         Raises Unsupported: A step or an operation for which there is no C here.
         """
@@ -260,7 +278,7 @@ class Translator:
         arguments = [
             f"{'const ' if buffer.role == 'in' else ''}{self.real.name} *{buffer.name}"
             for buffer in program.buffers
-        ]
+        ] + [f"{self.real.name} *RESTRICT {ROOM}"] * (self.room > 0)
         self.functions[full] = "\n".join(block(f"static int {full}({', '.join(arguments)})\n{{", body))
         return full
 
@@ -281,13 +299,13 @@ class Translator:
                     if any(overlap(read, written) for read in step.inputs for written in step.outputs):
                         raise _unsupported("a sweep in which a result takes the place of an argument")
                     moving = tuple(piece.buffer == COLUMN or piece in self._spread for piece in step.inputs)
-                name = self._function(step.function, max(1, self._columns), moving)
+                name = self._function(step.function, max(1, self._columns), moving, step.about)
                 places = [self._at(piece, loops) for piece in (*step.inputs, *step.outputs)]
                 yield f"{name}({', '.join(places)});"
-            elif isinstance(step, Map):
-                yield from self._map(step, loops)
-            elif isinstance(step, Sweep):
-                yield from self._sweep(step, loops)
+            elif isinstance(step, Map | Sweep):
+                taken = self._taken
+                yield from self._map(step, loops) if isinstance(step, Map) else self._sweep(step, loops)
+                self._taken = taken  # what it had is free again
             elif isinstance(step, OuterSum):
                 yield self._outer_sum(step, loops)
             elif isinstance(step, Polynomial):
@@ -303,7 +321,8 @@ class Translator:
             elif isinstance(step, Householder):
                 name = self._helper("reflect", algebra.householder, self.real)
                 places = self._at(step.source, loops), self._at(step.target, loops)
-                yield f"{name}({', '.join(places)}, {step.shape[0]}, {step.shape[1]}, {step.count});"
+                sizes = *step.shape, step.count, step.triangle
+                yield f"{name}({', '.join([*places, *map(str, sizes)])});"
             elif isinstance(step, Residual):
                 name = self._helper("residual", algebra.residual, self.real)
                 places = [self._at(piece, loops) for piece in (step.rows, step.slope, step.target)]
@@ -320,6 +339,12 @@ class Translator:
                 yield from block(f"if (!{finite}) {{", [f"return {step.code};"])
             else:
                 raise _unsupported("random numbers, which belong to a simulation")
+
+    def _take(self, name: str, size: int) -> str:
+        """The declaration of so many numbers of the room, until what took them gives them back."""
+        place, self._taken = self._taken, self._taken + size
+        self.room = max(self.room, self._taken)
+        return f"{self.real.name} *const {name} = {ROOM}{f' + {place}' if place else ''};"
 
     def _at(self, piece: Slice, loops: Sequence[str]) -> str:
         if piece.buffer == COLUMN:
@@ -355,11 +380,11 @@ class Translator:
         )
         starts = [self._at(whole(piece), loops) for piece in (*step.inputs, *step.outputs)]
         if self.lanes > 1 and simple and apart and not codes & CALLS:  # numbers become numbers one by one
-            yield f"{self._function(step.function, 0, moving)}({', '.join(starts)}, {step.count});"
+            yield f"{self._function(step.function, 0, moving, step.about)}({', '.join(starts)}, {step.count});"
             return
         pieces, read = [*step.inputs, *step.outputs], len(step.inputs)
         lanes = self.lanes if step.count >= self.lanes else 1
-        name = self._function(step.function, lanes, moving if lanes > 1 else ())
+        name = self._function(step.function, lanes, moving if lanes > 1 else (), step.about)
         left = f"const int left = ({step.count} - c < {lanes}) ? {step.count} - c : {lanes};"
         declared, gather, scatter, places = [left] if lanes > 1 else [], [], [], []
         for k, (piece, start) in enumerate(zip(pieces, starts, strict=True)):
@@ -372,7 +397,7 @@ class Translator:
                 places.append(column)
                 continue
             places.append(place)
-            declared.append(f"{self.real.name} {place}[{piece.size * lanes}];")
+            declared.append(self._take(place, piece.size * lanes))
             (gather if k < read else scatter).append(self._move(piece, start, place, lanes, "left", k < read))
         lines = [*declared, *gather, f"{name}({', '.join(places)});", *scatter]
         yield from block(f"for (int c = 0; c < {step.count}; c += {lanes}) {{", lines)
@@ -382,20 +407,21 @@ class Translator:
 
         What all columns share is copied to every lane once: a compiler does so in every call, and keeps it in memory.
         """
-        first = 0
+        first, taken = 0, self._taken
         while first < step.count:
+            self._taken = taken
             left = step.count - first
             lanes = self.lanes if left >= self.lanes or left > 2 else 1
             end = step.count - left % lanes if left >= lanes else step.count
             number = str(min(left, lanes))
-            lines = [f"{self.real.name} column[{step.size * lanes}];"]
-            lines += self._moves(step.inputs, loops, lanes, number, True)
             spread = _shared(step.body) if lanes > 1 else {}
+            copies = [self._take(name, piece.size * lanes) for piece, name in spread.items()]
+            lines = [self._take("column", step.size * lanes)]
+            lines += self._moves(step.inputs, loops, lanes, number, True)
             self._columns, self._spread = lanes, spread
             lines += self._body(step.body, loops)
             self._columns, self._spread = 0, {}
             lines += self._moves(step.outputs, loops, lanes, number, False)
-            copies = [f"{self.real.name} {name}[{piece.size * lanes}];" for piece, name in spread.items()]
             for piece, name in spread.items():
                 copy = f"{name}[{lanes} * i + l] = ({self._at(piece, loops)})[i];"
                 copies += loop("i", piece.size, loop("l", lanes, [copy]))
@@ -428,14 +454,17 @@ class Translator:
         """Add a traced function without a program; the name of the C function, whose empty arguments are left out."""
         return self._function(drop_empty(function))
 
-    def _function(self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = ()) -> str:
+    def _function(
+        self, function: casadi.Function, lanes: int = 1, moving: tuple[bool, ...] = (), about: str = ""
+    ) -> str:
         """Name of a ``static void name(in₀, …, out₀, …)``, which is written at its first use.
 
         `lanes`: 0 for any number of them, which is then the last argument ``count``: of a function without library
         calls, and with one element in every moving argument and result. For more than one, element e of a moving
         argument or of a result is the row ``[e * lanes + lane]``, and no result may lie where an argument does. For
         one, every store comes after every load, so that results may take the place of arguments. `moving`: Which
-        arguments differ from lane to lane. Raises Unsupported: an operation that is not in the table.
+        arguments differ from lane to lane. `about`: A comment above it. Raises Unsupported: an operation that is not
+        in the table.
         """
         key = (function.serialize(), lanes, moving)
         if key in self._names:
@@ -443,13 +472,14 @@ class Translator:
         name, real, count = f"{self.prefix}_{function.name()}{len(self._names)}", self.real, function.n_in()
         flow = read_dataflow(function, OPERATIONS, fused=True)
         codes = {code for code, *_ in instructions(function)}
+        self.calls_library |= not codes.isdisjoint(LIBRARY)
         # A build of floats calls the library's sine and cosine.
         own = [code for code in SINES if code in codes and real.name == "double"]
         calls = {
             code: self._helper(SINES[code], algebra.function, code == casadi.OP_COS, real) for code in own
         }
         writer = _Function(flow, real, lanes, moving or (False,) * count, calls, self._row)
-        restrict = "restrict " if lanes != 1 else ""
+        restrict = "RESTRICT " if lanes != 1 else ""
         arguments = [
             *(f"const {real.name} *{restrict}in{k}" for k in range(count)),
             *(f"{real.name} *{restrict}out{k}" for k in range(function.n_out())),
@@ -458,7 +488,8 @@ class Translator:
         used = {op.arguments[0] for op in flow.operations.values() if op.code == casadi.OP_INPUT}
         unused = [f"(void)in{k};" for k in range(count) if k not in used]
         lines = [*(writer.single() if lanes == 1 else writer.several()), *unused]
-        self.functions[name] = "\n".join(block(f"static void {name}({', '.join(arguments)})\n{{", lines))
+        text = "\n".join(block(f"static void {name}({', '.join(arguments)})\n{{", lines))
+        self.functions[name] = _headed(about, text)
         self._names[key] = name
         return name
 
@@ -476,8 +507,16 @@ class Translator:
                 ("{fabs}", f"fabs{real.suffix}"), ("{sqrt}", f"sqrt{real.suffix}"),
             ):  # fmt: skip
                 text = text.replace(mark, meant)
-            self.functions[name] = text
+            self.functions[name] = text if isinstance(make, str) else _headed(make.__doc__ or "", text)
         return name
+
+
+def _headed(about: str, text: str) -> str:
+    """A function of C under a comment: the first sentence of a docstring, without what it refers to."""
+    sentence = " ".join(about.split("\n\n")[0].split()).partition(". ")[0]
+    sentence = sentence.partition("; see ")[0].partition(", see ")[0].rstrip(".")
+    lines = wrap(comment(sentence).replace("`", ""), 114)
+    return f"/* {(chr(10) + ' * ').join(lines)} */\n{text}" if lines else text
 
 
 def _shared(body: Sequence[Step]) -> dict[Slice, str]:

@@ -1,4 +1,4 @@
-"""Dense linear algebra in loops: sums of outer products, Cholesky factors, and reflections.
+"""Dense linear algebra in loops: sums of outer products, Cholesky factors, and polynomials.
 
 In a kernel for a single run neighbouring columns travel in the lanes of one vector; in a kernel of several lanes
 an element is one number of every lane. Every number is computed by the same operations in either case.
@@ -13,7 +13,6 @@ from itertools import chain
 
 from flexhinf.codegen.emit.opcodes import Lanes, Writer
 from flexhinf.polynomial import basis
-from flexhinf.scalars.symbol import SMALLEST, SPLIT
 
 #: Rows and columns of a sum that share what is loaded: 16 sums and what they are made of fill 24 of 32 registers in
 #: lanes; in a kernel for a single run eight rows of eight columns in a vector each.
@@ -21,9 +20,6 @@ TILE, WIDE = 4, 8
 
 #: Polynomials that are summed in one pass: in registers in lanes, in one vector in a kernel for a single run.
 TOGETHER = 8
-
-#: So many reflections are written one after the other, others in a loop.
-SHORT = 8
 
 PIVOT_TOLERANCE = 1e-14  # as flexhinf.scalars.symbol, which says what it means
 
@@ -38,10 +34,9 @@ class Operand:
 
 @dataclass(frozen=True)
 class Algebra:
-    """Emits the loops. `fused`: The target has a fused multiply-add."""
+    """Emits the loops."""
 
     writer: Writer
-    fused: bool
 
     @property
     def _single(self) -> bool:
@@ -205,210 +200,15 @@ class Algebra:
             self._store(work, place, value, together)
             ratio = wide.real("fmul", value, inverse)
             square, before = wide.real("fmul", ratio, ratio), self._load(Operand(moved), column, together)
-            self._store(moved, column, self.multiply_add(wide, square, rounding, before), together)
+            self._store(moved, column, wide.multiply_add(square, rounding, before), together)
         with writer.loop(end, writer.let(f"add nsw i64 {j}, 1")) as k:
             spread = self._spread(writer.real("fneg", self._load(rows, self._at(j, pitch, k), 1)), together)
             with writer.loop(blocks, writer.let(f"udiv i64 {k}, {together}")) as q:
                 column = writer.let(f"mul nsw i64 {q}, {together}")
                 value = self._load(rows, self._at(j, pitch, column), together)
                 place = self._at(k, pitch, column)
-                total = self.multiply_add(wide, spread, value, self._load(rows, place, together))
+                total = wide.multiply_add(spread, value, self._load(rows, place, together))
                 self._store(work, place, total, together)
-
-    # Rows with the same TᵀT ---------------------------------------------------------------------------
-    def householder(self, source: Operand, target: str, shape: tuple[int, int], count: int) -> None:
-        """See `flexhinf.codegen.program.Householder`: one column after the other, of rows in groups of four."""
-        writer, (m, k) = self.writer, shape
-        together = (WIDE if k > TILE else TILE) if self._single else 1
-        pitch, height = -(-k // together) * together, -(-m // TILE) * TILE
-        work = writer.allocate(f"[{height * pitch} x {writer.lanes.element}]")
-        v = writer.allocate(f"[{height} x {writer.lanes.element}]")
-        zero = writer.lanes.constant(0.0)
-        with writer.loop(str(m)) as i:
-            with writer.loop(str(k)) as j:
-                self._store(work, self._at(i, pitch, j), self._load(source, self._at(i, k, j), 1), 1)
-            with writer.loop(str(pitch), str(k)) as j:
-                self._store(work, self._at(i, pitch, j), zero, 1)
-        with writer.loop(str(height * pitch), str(m * pitch)) as i:
-            self._store(work, i, zero, 1)
-        sizes = height, pitch, together
-        if count <= SHORT:
-            for c in range(count):
-                self._reflect(work, v, sizes, str(c))
-        else:
-            with writer.loop(str(count)) as c:
-                self._reflect(work, v, sizes, c)
-        with writer.loop(str(m)) as i, writer.loop(str(k)) as j:
-            self._store(target, self._at(i, k, j), self._load(Operand(work), self._at(i, pitch, j), 1), 1)
-
-    def _reflect(self, work: str, v: str, sizes: tuple[int, int, int], c: str) -> None:
-        """Zero column c below the diagonal, see `flexhinf.scalars.householder`; v is zero down to row c."""
-        (height, pitch, together), writer, rows = sizes, self.writer, Operand(work)
-        wide, zero, end = self._wide(together), writer.lanes.constant(0.0), str(height // TILE)
-        group, block = (writer.let(f"udiv i64 {c}, {size}") for size in (TILE, together))
-
-        def members(q: str) -> list[str]:
-            first = writer.let(f"mul nsw i64 {q}, {TILE}")
-            return [self._ahead(first, a) for a in range(TILE)]
-
-        def summed(parts: list[str], wide: Writer) -> str:
-            pairs = [wide.real("fadd", *parts[a : a + 2]) for a in (0, 2)]
-            return wide.real("fadd", *pairs)
-
-        with writer.loop(end, group) as q:
-            for i in members(q):
-                value = self._load(rows, self._at(i, pitch, c), 1)
-                above = writer.splat(writer.let(f"icmp slt i64 {i}, {c}"), "i1")
-                self._store(v, i, writer.select(above, zero, value), 1)
-        largest = self._largest(v, c, str(height))
-        diagonal = self._exchange(v, (height, 1, 1), c, largest, "0")
-        self._store(v, c, zero, 1)
-        places = [self._place(zero, 1) for _ in range(TILE)]
-        with writer.loop(end, group) as q:
-            for i, place in zip(members(q), places):
-                value = self._load(Operand(v), i, 1)
-                self._add_to(place, value, value, 1)
-        square = summed([self._loaded(place, 1) for place in places], writer)
-        whole = self.multiply_add(writer, diagonal, diagonal, square)
-        empty = writer.compare("ole", whole, writer.lanes.constant(SMALLEST))
-        size = writer.intrinsic("sqrt", whole)
-        norm = writer.select(writer.compare("olt", diagonal, zero), writer.real("fneg", size), size)
-        part, inverse = (
-            writer.select(empty, zero, writer.real("fdiv", writer.lanes.constant(1.0), number))
-            for number in (writer.real("fadd", norm, diagonal), norm)
-        )
-        less = self._spread(writer.real("fneg", writer.real("fmul", square, part)), together)
-        part, inverse = (self._spread(number, together) for number in (part, inverse))
-        with writer.loop(str(pitch // together), block) as b:
-            column = writer.let(f"mul nsw i64 {b}, {together}")
-            first = self._exchange(work, sizes, c, largest, column)
-            sums = [self._place(wide.lanes.constant(0.0), together) for _ in range(TILE)]
-            with writer.loop(end, group) as q:
-                for i, place in zip(members(q), sums):
-                    factor = self._spread(self._load(Operand(v), i, 1), together)
-                    number = self._load(rows, self._at(i, pitch, column), together)
-                    self._add_to(place, factor, number, together)
-            total = summed([self._loaded(place, together) for place in sums], wide)
-            moved = self.multiply_add(wide, less, first, total)
-            self._store(
-                work, self._at(c, pitch, column), self.multiply_add(wide, moved, inverse, first), together
-            )
-            turned = wide.real("fmul", self.multiply_add(wide, total, part, first), inverse)
-            turned = wide.real("fneg", turned)
-            with writer.loop(end, group) as q:
-                for i in members(q):
-                    here = self._at(i, pitch, column)
-                    factor = self._spread(self._load(Operand(v), i, 1), together)
-                    value = self.multiply_add(wide, factor, turned, self._load(rows, here, together))
-                    self._store(work, here, value, together)
-        with writer.loop(str(height), self._ahead(c, 1)) as i:
-            here = self._at(i, pitch, c)
-            self._store(work, here, writer.select(empty, self._load(rows, here, 1), zero), 1)
-        self._store(work, self._at(c, pitch, c), writer.select(empty, diagonal, norm), 1)
-
-    def _largest(self, v: str, c: str, height: str) -> str:
-        """Index, from c on, of the first of the numbers of the largest magnitude; that at c counts twice."""
-        writer = self.writer
-        kind, index = writer.lanes.integer, writer.allocate(writer.lanes.integer)
-        writer.do(f"store {kind} {writer.splat(c, 'i64')}, ptr {index}, align 8")
-        size = writer.intrinsic("fabs", self._load(Operand(v), c, 1))
-        best = self._place(writer.real("fadd", size, size), 1)
-        with writer.loop(height, self._ahead(c, 1)) as i:
-            size, so_far = writer.intrinsic("fabs", self._load(Operand(v), i, 1)), self._loaded(best, 1)
-            larger = writer.compare("ogt", size, so_far)
-            before = writer.let(f"load {kind}, ptr {index}, align 8")
-            here = writer.splat(i, "i64")
-            place = writer.let(f"select {writer.lanes.boolean} {larger}, {kind} {here}, {kind} {before}")
-            writer.do(f"store {kind} {place}, ptr {index}, align 8")
-            size = writer.select(larger, size, so_far)
-            writer.do(f"store {writer.lanes.real} {size}, ptr {best}, align 8")
-        return writer.let(f"load {kind}, ptr {index}, align 8")
-
-    def _exchange(self, work: str, sizes: tuple[int, int, int], c: str, other: str, column: str) -> str:
-        """Let row c and another, in lanes one of its own for each, change places in a column; what is in row c then."""
-        (height, pitch, together), writer, rows = sizes, self.writer, Operand(work)
-        here = self._at(c, pitch, column)
-        top = self._load(rows, here, together)
-        if self._single:
-            there = self._at(other, pitch, column)
-            found = self._load(rows, there, together)
-            self._store(work, there, top, together)
-        else:
-            place = self._place(top, 1)
-            with writer.loop(str(height), self._ahead(c, 1)) as i:
-                there, index = self._at(i, pitch, column), writer.splat(i, "i64")
-                same = writer.let(f"icmp eq {writer.lanes.integer} {other}, {index}")
-                value, so_far = self._load(rows, there, 1), self._loaded(place, 1)
-                kept = writer.select(same, value, so_far)
-                writer.do(f"store {writer.lanes.real} {kept}, ptr {place}, align 8")
-                self._store(work, there, writer.select(same, top, value), 1)
-            found = self._loaded(place, 1)
-        self._store(work, here, found, together)
-        return found
-
-    # e − C x − v in twice the digits -------------------------------------------------------------------
-    def residual(
-        self, rows: Operand, slope: Operand, target: str, count: int, shape: tuple[int, int]
-    ) -> None:
-        """See `flexhinf.codegen.program.Residual`; in a kernel for a single run rows travel side by side."""
-        writer, (p, n) = self.writer, shape
-        together = WIDE if self._single and count > 1 else 1
-        pitch = -(-count // together) * together
-        width, wide = n + 2 * p, self._wide(together)
-        turned = writer.allocate(f"[{width * pitch} x {writer.lanes.element}]")
-        result = writer.allocate(f"[{p * pitch} x {writer.lanes.element}]")
-        with writer.loop(str(width)) as j:
-            with writer.loop(str(count)) as q:
-                self._store(turned, self._at(j, pitch, q), self._load(rows, self._at(q, width, j), 1), 1)
-            with writer.loop(str(pitch), str(count)) as q:
-                self._store(turned, self._at(j, pitch, q), writer.lanes.constant(0.0), 1)
-        with writer.loop(str(pitch // together)) as block, writer.loop(str(p)) as i:
-            first = writer.let(f"mul nsw i64 {block}, {together}")
-
-            def number(row: str, first: str = first, source: Operand = Operand(turned)) -> str:
-                return self._load(source, self._at(row, pitch, first), together)
-
-            noise = wide.real("fneg", number(self._ahead(i, p + n)))
-            high, low = self._two_sum(wide, number(i), noise)
-            places = self._place(high, together), self._place(low, together)
-            with writer.loop(str(n)) as j:
-                high, low = (self._loaded(place, together) for place in places)
-                factor = self._spread(self._load(slope, self._at(i, n, j), 1), together)
-                product, error = self._two_product(wide, factor, number(self._ahead(j, p)))
-                high, lost = self._two_sum(wide, high, wide.real("fneg", product))
-                low = wide.real("fadd", wide.real("fsub", low, error), lost)
-                for place, value in zip(places, (high, low)):
-                    writer.do(f"store {wide.lanes.real} {value}, ptr {place}, align 8")
-            high, low = (self._loaded(place, together) for place in places)
-            finite = wide.compare("ord", wide.real("fsub", low, low), wide.lanes.constant(0.0))
-            total = wide.select(finite, wide.real("fadd", high, low), high)
-            self._store(result, self._at(i, pitch, first), total, together)
-        with writer.loop(str(count)) as q, writer.loop(str(p)) as i:
-            self._store(target, self._at(q, p, i), self._load(Operand(result), self._at(i, pitch, q), 1), 1)
-
-    def _two_sum(self, writer: Writer, a: str, b: str) -> tuple[str, str]:
-        """a + b, rounded, and what rounding took."""
-        total = writer.real("fadd", a, b)
-        part = writer.real("fsub", total, a)
-        left = writer.real("fsub", a, writer.real("fsub", total, part))
-        return total, writer.real("fadd", left, writer.real("fsub", b, part))
-
-    def _two_product(self, writer: Writer, a: str, b: str) -> tuple[str, str]:
-        """a b likewise."""
-        product = writer.real("fmul", a, b)
-        if self.fused:
-            return product, writer.intrinsic("fma", a, b, writer.real("fneg", product))
-
-        def halves(x: str) -> tuple[str, str]:
-            shifted = writer.real("fmul", writer.lanes.constant(SPLIT), x)
-            first = writer.real("fsub", shifted, writer.real("fsub", shifted, x))
-            return first, writer.real("fsub", x, first)
-
-        (a1, a2), (b1, b2) = halves(a), halves(b)
-        error = writer.real("fsub", writer.real("fmul", a1, b1), product)
-        for x, y in ((a1, b2), (a2, b1), (a2, b2)):
-            error = writer.real("fadd", error, writer.real("fmul", x, y))
-        return product, error
 
     def polynomial(
         self,
@@ -479,7 +279,7 @@ class Algebra:
 
     def _add_to(self, place: str, a: str, b: str, together: int) -> None:
         wide = self._wide(together)
-        total = self.multiply_add(wide, a, b, self._loaded(place, together))
+        total = wide.multiply_add(a, b, self._loaded(place, together))
         self.writer.do(f"store {wide.lanes.real} {total}, ptr {place}, align 8")
 
     def _loaded(self, place: str, together: int) -> str:
@@ -498,11 +298,3 @@ class Algebra:
 
     def _spread(self, value: str, together: int) -> str:
         return self._wide(together).splat(value) if self._single else value
-
-    def multiply_add(self, writer: Writer, a: str, b: str, c: str) -> str:
-        """a·b + c, rounded once where the target can."""
-        return (
-            writer.intrinsic("fma", a, b, c)
-            if self.fused
-            else writer.real("fadd", writer.real("fmul", a, b), c)
-        )

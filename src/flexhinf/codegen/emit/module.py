@@ -38,6 +38,7 @@ from flexhinf.codegen.emit.opcodes import (
     is_far,
     read_dataflow,
 )
+from flexhinf.codegen.emit.reflections import Reflections
 from flexhinf.codegen.memory import COLUMN, Columns, Slice, whole
 from flexhinf.codegen.noise import normal
 from flexhinf.codegen.program import (
@@ -75,13 +76,11 @@ def emit_function(
     function: casadi.Function,
     lanes: Lanes,
     shared: tuple[bool, ...],
-    fused: bool,
 ) -> int:
     """Add ``void name(in₀, …, out₀, …)`` over pointers to the module.
 
     `lanes`: Numbers that travel together in one element. `shared`: Which arguments hold one number for all lanes.
-    `fused`: The target has a fused multiply-add. Returns number of operations. Raises Unsupported: an operation that
-    is not in the table.
+    Returns number of operations. Raises Unsupported: an operation that is not in the table.
 
     Every store comes after every load, so a result may overwrite an argument; the pointers carry no
     ``noalias``.
@@ -90,7 +89,7 @@ def emit_function(
     sines, whose calls would cut it in pieces and spill its registers (a fifth of the instructions of the paper's arm).
     If an angle turns out to be too far for it, all is done again by the second. The bits are the same.
     """
-    flow = read_dataflow(function, OPCODES, fused)
+    flow = read_dataflow(function, OPCODES, module.fused)
     far = ""
     if lanes.width > 1 and any(operation.code in NEAR for operation in flow.operations.values()):
         far = f"{name}_far"
@@ -165,7 +164,7 @@ def emit_normal(caller: Writer, step: str, channel: int, key: Sequence[str]) -> 
 def emit_module(program: Program, lanes: int, fused: bool = True) -> ModuleText:
     """Write the LLVM module of a program: its text, and the names to link it with.
 
-    `lanes`: W ≥ 1. `fused`: The target has a fused multiply-add. Raises Unsupported: A traced function holds an
+    `lanes`: W ≥ 1. `fused`: Fuse products into sums. Raises Unsupported: A traced function holds an
     operation that is not in the table.
     """
     return _Emitter(program, lanes, fused).emit()
@@ -174,10 +173,9 @@ def emit_module(program: Program, lanes: int, fused: bool = True) -> ModuleText:
 class _Emitter:
     def __init__(self, program: Program, lanes: int, fused: bool) -> None:
         self.program = program
-        self.module = ModuleText(Lanes(lanes))
+        self.module = ModuleText(Lanes(lanes), fused)
         self.lanes = self.module.lanes
         self.single = lanes == 1  # a kernel for a single run
-        self.fused = fused
         self.functions: dict[tuple[int, int, tuple[bool, ...]], str] = {}
         self.sizes: dict[str, int] = {}
         self.calls: Counter[str] = Counter()
@@ -273,7 +271,7 @@ class _Emitter:
         key = (function.__hash__(), lanes.width, shared)
         if key not in self.functions:
             self.functions[key] = name = f"{PREFIX}function{len(self.functions)}"
-            self.sizes[name] = emit_function(self.module, name, function, lanes, shared, self.fused)
+            self.sizes[name] = emit_function(self.module, name, function, lanes, shared)
         return self.functions[key]
 
     def _call(self, step: Call, turns: tuple[str, ...]) -> None:
@@ -324,8 +322,9 @@ class _Emitter:
             place = self._column(columns, start, element, along)
             if self.lanes.width > 1:
                 value = writer.load_element(place, 0, shared)
-            elif left == wide.width and (across == 1 or left == 1):
-                value = writer.let(f"load {wide.real}, ptr {place}, align 8")
+            elif across == 1 or left == 1:
+                value = writer.let(f"load {Lanes(left).real}, ptr {place}, align 8")
+                value = _resized(writer, value, left, wide.width)
             else:
                 value = "zeroinitializer"
                 for lane in range(left):
@@ -342,8 +341,12 @@ class _Emitter:
             kept = writer.let(f"getelementptr {wide.element}, ptr {packed}, i64 {element}")
             value = writer.let(f"load {wide.real}, ptr {kept}, align 8")
             place = self._column(columns, start, element, along)
-            if self.lanes.width > 1 or (left == wide.width and (across == 1 or left == 1)):
+            if self.lanes.width > 1:
                 writer.do(f"store {wide.real} {value}, ptr {place}, align 8")
+                continue
+            if across == 1 or left == 1:
+                value = _resized(writer, value, wide.width, left)
+                writer.do(f"store {Lanes(left).real} {value}, ptr {place}, align 8")
                 continue
             for lane in range(left):
                 number = writer.let(f"extractelement {wide.real} {value}, i64 {lane}")
@@ -385,25 +388,26 @@ class _Emitter:
         left, right = self._operand(step.left, turns), self._operand(step.right, turns)
         weights, plus = (p and self._operand(p, turns) for p in (step.weights, step.plus))
         operands, target = (left, right, weights, plus), self._address(step.target, turns)
-        Algebra(self.writer, self.fused).outer_sum(operands, step.count, step.shape, target, step.symmetric)
+        Algebra(self.writer).outer_sum(operands, step.count, step.shape, target, step.symmetric)
 
     def _polynomial(self, step: Polynomial, turns: tuple[str, ...]) -> None:
         point, table = self._operand(step.point, turns), self._operand(step.table, turns)
         sizes, target = (step.point.size, step.target.size, step.columns), self._address(step.target, turns)
-        Algebra(self.writer, self.fused).polynomial(point, table, sizes, step.degrees, target)
+        Algebra(self.writer).polynomial(point, table, sizes, step.degrees, target)
 
     def _cholesky(self, step: Cholesky, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
-        Algebra(self.writer, self.fused).cholesky(source, target, step.order)
+        Algebra(self.writer).cholesky(source, target, step.order)
 
     def _householder(self, step: Householder, turns: tuple[str, ...]) -> None:
         source, target = self._operand(step.source, turns), self._address(step.target, turns)
-        Algebra(self.writer, self.fused).householder(source, target, step.shape, step.count)
+        reflections = Reflections(self.writer)
+        reflections.householder(source, target, step.shape, step.count, step.triangle)
 
     def _residual(self, step: Residual, turns: tuple[str, ...]) -> None:
         rows, slope = self._operand(step.rows, turns), self._operand(step.slope, turns)
         target = self._address(step.target, turns)
-        Algebra(self.writer, self.fused).residual(rows, slope, target, step.count, step.shape)
+        Reflections(self.writer).residual(rows, slope, target, step.count, step.shape)
 
     def _copy(self, step: Copy, turns: tuple[str, ...]) -> None:
         writer = self.writer
@@ -435,7 +439,7 @@ class _Emitter:
         There the lanes that fail for the first time are marked, and the run stops when no lane is left.
         """
         writer, lanes, integer, boolean = self.writer, self.lanes, self.lanes.integer, self.lanes.boolean
-        algebra, zero = Algebra(writer, self.fused), lanes.constant(0.0)
+        zero = lanes.constant(0.0)
         source, shared = self._address(step.source, turns), self._shared(step.source)
         sums = [writer.allocate(lanes.real) for _ in range(min(_SUMS, step.source.size))]
         for place in sums:
@@ -443,7 +447,7 @@ class _Emitter:
         for element in writer.elements(step.source.size):
             place = sums[int(element) % len(sums) if element.isdecimal() else 0]
             so_far = writer.let(f"load {lanes.real}, ptr {place}, align 8")
-            total = algebra.multiply_add(writer, writer.load_element(source, element, shared), zero, so_far)
+            total = writer.multiply_add(writer.load_element(source, element, shared), zero, so_far)
             writer.do(f"store {lanes.real} {total}, ptr {place}, align 8")
         parts = [writer.let(f"load {lanes.real}, ptr {place}, align 8") for place in sums]
         total = reduce(lambda a, b: writer.real("fadd", a, b), parts)
@@ -463,3 +467,16 @@ class _Emitter:
         writer.do(f"store {integer} {steps}, ptr {self.steps}, align 8")
         left = writer.any(writer.let(f"icmp eq {integer} {codes}, {lanes.whole(0)}"))
         writer.place(go_on, f"br i1 {left}, label %{go_on}, label %finish")
+
+
+def _resized(writer: Writer, value: str, width: int, wanted: int) -> str:
+    """The first lanes of a vector of so many, and zeros for more."""
+    if width == wanted:
+        return value
+    if width == 1:
+        return writer.let(f"insertelement {Lanes(wanted).real} zeroinitializer, double {value}, i64 0")
+    if wanted == 1:
+        return writer.let(f"extractelement {Lanes(width).real} {value}, i64 0")
+    real = Lanes(width).real
+    mask = ", ".join(f"i32 {min(k, width)}" for k in range(wanted))
+    return writer.let(f"shufflevector {real} {value}, {real} zeroinitializer, <{wanted} x i32> <{mask}>")

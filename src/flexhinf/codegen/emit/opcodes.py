@@ -5,9 +5,10 @@ one by one. Functions of the C library are called lane by lane: the same bits as
 lanes.
 
 Sine and cosine are one sequence of operations for one lane and for many, so that all give the same bits. x is reduced
-by Cody and Waite's method in three parts with fused multiply-adds, r = x - k·π/2 with |r| ≤ π/4, and the polynomials
-of fdlibm (k_sin.c, k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. Arguments beyond `REACH` go
-to the C library.
+by Cody and Waite's method in three parts, r = x - k·π/2 with |r| ≤ π/4, and the polynomials of fdlibm (k_sin.c,
+k_cos.c) give sin r and cos r, of which the quadrant k mod 4 takes one. With fused multiply-adds the parts have all
+digits; without, the first two have 33 bits: their products with a k below 2²⁰ are exact. Arguments beyond the reach of
+their sum go to the C library.
 
 A traced function is read as operations in single-assignment form, products fused into the sums that use them
 (`read_dataflow`). Fusing is decided here, once and visibly, and not left to the compiler (LLVM's ``contract`` flag):
@@ -81,8 +82,8 @@ class Dataflow:
 def read_dataflow(function: casadi.Function, supported: Container[int], fused: bool) -> Dataflow:
     """Read the instructions of an SX function.
 
-    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it (the target has a
-    fused multiply-add). Raises Unsupported: naming the first opcode that is not supported.
+    `supported`: Opcodes that can be emitted. `fused`: Fuse a product with the one sum that uses it. Raises Unsupported:
+    naming the first opcode that is not supported.
     """
     operations: list[Operation] = []
 
@@ -215,10 +216,11 @@ class ModuleText:
 
     `definitions`: Function name to text, in the order of writing. `declarations`: Intrinsics and foreign functions.
     `library`: Emitted name of a C library function to its own name. `operations`: Operations in the traced functions, a
-    measure of the time to compile.
+    measure of the time to compile. `fused`: Products are fused into sums, for which the target has an instruction.
     """
 
     lanes: Lanes
+    fused: bool = True
     definitions: dict[str, str] = field(default_factory=dict)
     declarations: dict[str, str] = field(default_factory=dict)
     library: dict[str, str] = field(default_factory=dict)
@@ -361,6 +363,12 @@ class Writer:
         self.module.declarations[full] = f"declare {real} @{full}({', '.join([real] * len(operands))})"
         return self.call(full, *operands)
 
+    def multiply_add(self, a: str, b: str, c: str) -> str:
+        """a·b + c, rounded once in a module that fuses."""
+        if self.module.fused:
+            return self.intrinsic("fma", a, b, c)
+        return self.real("fadd", self.real("fmul", a, b), c)
+
     def load_element(self, pointer: str, element: int | str, shared: bool) -> str:
         """Load one element; a shared one is copied to every lane."""
         kind, size = ("double", "double") if shared else (self.lanes.real, self.lanes.element)
@@ -415,15 +423,13 @@ def library_call(writer: Writer, name: str, *operands: str) -> str:
     return writer.call(lanewise, *operands)
 
 
-#: Largest |x| that is reduced here: x·2/π is known to well below 1, so that k is the nearest integer.
-REACH = 2.0**30
-
-# π/2 as an unevaluated sum of three float64 numbers.
-HALF_PI = (
-    float.fromhex("0x1.921fb54442d18p+0"),
-    float.fromhex("0x1.1a62633145c07p-54"),
-    float.fromhex("-0x1.f1976b7ed8fbcp-110"),
-)
+#: π/2 as an unevaluated sum of float64 numbers, and the largest |x| that is reduced with it, of which x·2/π is known to
+#: well below 1; with fused multiply-adds (True), and without (False).
+HALF_PI = {
+    True: tuple(map(float.fromhex, ("0x1.921fb54442d18p+0", "0x1.1a62633145c07p-54", "-0x1.f1976b7ed8fbcp-110"))),
+    False: tuple(map(float.fromhex, ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69"))),
+}  # fmt: skip
+REACH = {True: 2.0**30, False: 1e6}
 # Adding it to |q| < 2^51 leaves the nearest integer in the low bits of the significand.
 ROUNDER = 1.5 * 2.0**52
 # sin r = r + r³·S(r²) and cos r = 1 - r²/2 + r⁴·C(r²) on |r| ≤ π/4, highest degree first.
@@ -450,10 +456,10 @@ Rule = Callable[..., str]
 
 
 def is_far(writer: Writer, value: str) -> str:
-    """Emit whether x is finite and beyond `REACH`, in each lane."""
+    """Emit whether x is finite and beyond the reach of the reduction, in each lane."""
     lanes = writer.lanes
     size = writer.intrinsic("fabs", value)
-    far = writer.compare("ogt", size, lanes.constant(REACH))
+    far = writer.compare("ogt", size, lanes.constant(REACH[writer.module.fused]))
     finite = writer.compare("olt", size, lanes.constant(math.inf))
     return writer.let(f"and {lanes.boolean} {far}, {finite}")
 
@@ -482,29 +488,29 @@ def _turn(name: str, near: bool = False) -> Rule:
 
 
 def _near(writer: Writer, value: str, name: str) -> str:
-    """The function for |x| ≤ REACH; NaN for NaN and infinities."""
+    """The function for |x| within the reach; NaN for NaN and infinities."""
     lanes = writer.lanes
     size = writer.intrinsic("fabs", value)
-    shifted = writer.intrinsic("fma", size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
+    shifted = writer.multiply_add(size, lanes.constant(2.0 / math.pi), lanes.constant(ROUNDER))
     quadrant = writer.bits(shifted)
     turns = writer.real("fneg", writer.real("fsub", shifted, lanes.constant(ROUNDER)))
     remainder = size
-    for part in HALF_PI:
-        remainder = writer.intrinsic("fma", turns, lanes.constant(part), remainder)
+    for part in HALF_PI[writer.module.fused]:
+        remainder = writer.multiply_add(turns, lanes.constant(part), remainder)
     odd = writer.let(f"icmp ne {lanes.integer} {writer.whole('and', quadrant, 1)}, {lanes.whole(0)}")
     square = writer.real("fmul", remainder, remainder)
 
     def horner(coefficients: tuple[float, ...]) -> str:
         value = lanes.constant(coefficients[0])
         for coefficient in coefficients[1:]:
-            value = writer.intrinsic("fma", value, square, lanes.constant(coefficient))
+            value = writer.multiply_add(value, square, lanes.constant(coefficient))
         return value
 
     cube = writer.real("fmul", square, remainder)
-    sin = writer.intrinsic("fma", horner(SINE), cube, remainder)
-    parabola = writer.intrinsic("fma", square, lanes.constant(-0.5), lanes.constant(1.0))
+    sin = writer.multiply_add(horner(SINE), cube, remainder)
+    parabola = writer.multiply_add(square, lanes.constant(-0.5), lanes.constant(1.0))
     fourth = writer.real("fmul", square, square)
-    cos = writer.intrinsic("fma", horner(COSINE), fourth, parabola)
+    cos = writer.multiply_add(horner(COSINE), fourth, parabola)
     if name == "sin":
         result = writer.select(odd, cos, sin)
         flip = writer.whole("xor", writer.whole("shl", quadrant, 62), writer.bits(value))
