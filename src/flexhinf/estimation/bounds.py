@@ -1,5 +1,15 @@
 """Bounds of states: what they are, and the nearest mean within them.
 
+Estimators that take bounds have one method, *projection*: after every prediction and every correction, a mean outside
+of its bounds moves to the most likely point within, and the covariance stays.
+
+- The extended filter projects along its own P, in both forms.
+- A filter with a constant gain projects along the P that its errors have after very many samples, with that gain.
+- The unscented filter has its likely points at hand and clips those, before the plant moves them and before they are
+  measured, and then the mean [kandepu2008]: no point of the plant or of a sensor is evaluated out of bounds.
+- The output-injection observer and the filter of a workspace refuse bounds: the error of the first one is linear
+  exactly, which a projection would end, and the second one has no covariance of the states at a pose.
+
 A belief with a mean x̂ outside of its bounds has its most likely point within them at
 
     min (x − x̂)ᵀ P⁻¹ (x − x̂),  low ≤ x ≤ high,
@@ -53,6 +63,12 @@ def checked_bounds(bounds: Any, plant: Plant) -> Bounds:
             )
         checked[name] = (low, high)
     return checked
+
+
+def bounded_places(bounds: Bounds, plant: Plant) -> tuple[list[int], list[tuple[float, float]]]:
+    """Places of the states with bounds, in the order of their names, and their intervals."""
+    names = sorted(bounds)
+    return [plant.index(name) for name in names], [bounds[name] for name in names]
 
 
 def check_inside(mean: np.ndarray, bounds: Bounds, plant: Plant) -> None:

@@ -1,39 +1,41 @@
-"""What a filter says of answers that cannot be trusted: entries of a kind, a sample and a cure.
+"""What a filter says of answers that cannot be trusted: entries of a kind, a sample, a cure, and a number of samples.
 
 Some linear filters have no answer in floats: moving the last bit of a covariance or of a parameter moves the estimate
-by many standard deviations. No algorithm gets those right. Two signs tell them from the others:
+by many standard deviations. No algorithm gets those right. These signs tell them from the others:
 
 - online, at each correction of the square-root form: eps/ρ max(1, |ν|), with ρ the smallest pivot of the innovation's
   factor in parts of Σ |c_j| σ_j + √r, what it was made of, and ν the innovation in standard deviations: rounding of W
-  moves the mean by so many of them;
+  moves the mean by so many of them. The belief carries ρ/max(1, |ν|) as `rcond`, in the covariance form 0 where a pivot
+  of P was zero to rounding and taken for zero: a controller in Python, a compiled loop and the exported C say and count
+  from it when their estimate is in doubt;
+- online too, in both forms: innovations that no noise explains, see `innovation_limit`;
 - offline, `diagnose`: recorded samples are filtered again with the last bits of one input moved.
 """
 
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from flexhinf.errors import refuse_if
-from flexhinf.estimation.square_root import RootGaussian, root_rows
-from flexhinf.scalars import cholesky
+from flexhinf.estimation.square_root import root_rows
+from flexhinf.plant import CLOSE
 from flexhinf.validation import real_array, value_text
 
 EPS = float(np.finfo(float).eps)
 
-#: Standard deviations, and parts of variances, by which an estimate may err; errors of a mean below 1e-9 of itself
-#: count as none.
-CLOSE = 1e-3
-
-#: The first three are found while a filter runs, at the first two the last belief stays; the others are inputs whose
-#: last bits decide.
+#: The first is found when a filter is made, and its cure begins with what was done; the next four are found while it
+#: runs, at the first two of them the last belief stays; the others are inputs whose last bits decide.
 CURES = {
+    "clipped": "state it with more digits, or as the square W'W of its root",
     "not finite": "a shorter period, a smaller initial covariance, or a model that does not diverge",
     "indefinite": 'form="square_root", or a larger process noise',
     "digits": "a larger measurement noise, a smaller initial covariance, or a gate for outliers",
+    "innovations": "a gate for outliers, larger noises, a larger initial covariance, or another model",
     "initial covariance": "an initial covariance without zero eigenvalues, or without noise in its last digits",
     "process noise": "a process noise in every direction that is not known exactly",
     "measurement noise": "a larger measurement noise",
@@ -42,26 +44,49 @@ CURES = {
 }
 
 
+#: P(χ² ≥ p + 2 √(p t) + 2 t) ≤ exp(−t) with p degrees of freedom [laurent2000, lemma 1]; t of an innovation that no
+#: noise explains, some hundred standard deviations.
+UNLIKELY = 5000.0
+
+
+def innovation_limit(size: int) -> float:
+    """The squared innovation of so many outputs over its covariance above which it is an entry."""
+    return size + 2.0 * math.sqrt(size * UNLIKELY) + 2.0 * UNLIKELY
+
+
 class Diagnosis(NamedTuple):
-    """Something that is wrong with an estimate: a key of `CURES`, the sample (0 is the first), and what to try."""
+    """Something that is wrong with an estimate: a key of `CURES`, the sample (0 is the first), what to try, and at how
+    many samples in a row.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> fh.Diagnosis("innovations", 12, "a larger measurement noise", count=3).step
+    12
+    """
 
     kind: str
     step: int
     cure: str
+    count: int = 1
 
 
-def lost_digits(root: Any, slope: Any, noise: Any, innovation: Any) -> float:
-    """Standard deviations by which rounding of W may move the mean: see the module.
+def recorded(entries: tuple[Diagnosis, ...], kind: str, step: int, most: int) -> tuple[Diagnosis, ...]:
+    """Entries and one more, if there are no `most` yet; at the sample after the last one of an entry, this counts one
+    more instead."""
+    place = next((k for k in reversed(range(len(entries))) if entries[k].kind == kind), None)
+    if place is not None:
+        entry = entries[place]
+        after = step - (entry.step + entry.count)
+        if after <= 0:
+            longer = entry._replace(count=entry.count + 1) if after == 0 else entry
+            return (*entries[:place], longer, *entries[place + 1 :])
+    return entries if len(entries) >= most else (*entries, Diagnosis(kind, step, CURES[kind]))
 
-    `root`: W (n, n) before the correction. `slope`: C (p, n). `noise`: R^n. `innovation`: (p,).
-    """
-    factor: Any = np.linalg.qr(np.concatenate([root @ slope.T, cholesky(noise).T]), mode="r")
-    pivots = np.abs(np.diag(factor))
-    scale = np.abs(slope) @ np.sqrt((root * root).sum(axis=0)) + np.sqrt(np.diag(noise))
-    if not np.all(pivots > 0.0):
-        return np.inf
-    deviations = np.abs(np.linalg.solve(factor.T, innovation))
-    return float(EPS / np.min(pivots / scale) * max(1.0, deviations.max()))
+
+def about_numbers(entries: tuple[Diagnosis, ...]) -> tuple[Diagnosis, ...]:
+    """Entries that say that an answer may be wrong for its inputs: all but those of unlikely measurements."""
+    return tuple(entry for entry in entries if entry.kind != "innovations")
 
 
 def diagnose(
@@ -88,13 +113,22 @@ def diagnose(
     Returns
     -------
     tuple of Diagnosis
-        Empty where nothing is wrong; what the filter found by itself first, then inputs that decide, each with the
+        Empty where the inputs determine the answer; what the filter found by itself first, but for "innovations",
+        which are no matter of digits; then inputs that decide, each with the
         first sample at which they do.
 
     Raises
     ------
     InvalidInput
         If the estimator has no Gaussian belief, or samples do not fit its plant.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> ukf = fh.UnscentedKalmanFilter(fh.paper_arm().plant(), 1e-3, 1e-6, 1e-6, np.zeros(4), 1e-4)
+    >>> fh.diagnose(ukf, np.zeros((2, 1)))  # nothing is wrong
+    ()
     """
     refuse_if(
         not hasattr(estimator, "diagnosis"), "Only a Kalman filter can be diagnosed.",
@@ -112,7 +146,7 @@ def diagnose(
         f"expected {len(y)} inputs, got {len(u)}", "an input for each measurement",
     )  # fmt: skip
     means, variances, found = _replayed(estimator, y, u)
-    entries, rng = list(found), np.random.default_rng(seed)
+    entries, rng = list(about_numbers(found)), np.random.default_rng(seed)
     for kind, move in MOVES.items():
         for definite in (False, True):
             other, seen = copy.copy(estimator), y
@@ -148,13 +182,14 @@ def _replayed(estimator: Any, y: np.ndarray, u: np.ndarray, start: bool = True) 
             estimator.correct(measured)
         belief = estimator._belief
         means.append(estimator.mean)
-        rooted = isinstance(belief, RootGaussian)
+        rooted = estimator.form == "square_root"
         variances.append((belief.root**2).sum(axis=0) if rooted else np.diag(estimator.covariance))
         estimator.predict(held)
     return np.array(means), np.array(variances), estimator.diagnosis
 
 
 def _first_apart(means: Any, variances: Any, others: Any, spreads: Any) -> int | None:
+    """The first sample at which means or variances are further apart than `CLOSE`; below 1e-9 of a mean is none."""
     size = np.sqrt(np.maximum(np.minimum(variances, spreads), 1e-300))
     apart = np.abs(means - others)
     far = (apart > CLOSE * size) & (apart > 1e-9 * np.abs(means))

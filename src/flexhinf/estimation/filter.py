@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial, reduce
 from statistics import NormalDist
 from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT
-from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.errors import refuse_if
 from flexhinf.estimation.bounds import check_inside, checked_bounds
+from flexhinf.estimation.conditions import conditioned, covariance_scales, independent, pivots_kept
+from flexhinf.estimation.covariances import clipped_covariance, covariance_matrix, is_singular
 from flexhinf.estimation.delays import LateOutputs
+from flexhinf.estimation.diagnosis import Diagnosis
 from flexhinf.estimation.shell import Shell
-from flexhinf.estimation.square_root import RootGaussian, linear_correction, root_rows
+from flexhinf.estimation.square_root import (
+    RootGaussian,
+    innovation_scales,
+    linear_correction,
+    reciprocal_condition,
+    root_rows,
+)
 from flexhinf.plant import (
     Estimator,
     Gaussian,
@@ -29,7 +38,16 @@ from flexhinf.plant import (
     sub_steps,
 )
 from flexhinf.plant.protocols import use_default_form
-from flexhinf.scalars import cholesky, jacobian, masked, solve_lower, solve_lower_transposed, trace, where
+from flexhinf.scalars import (
+    cholesky,
+    jacobian,
+    masked,
+    maximum,
+    solve_lower,
+    solve_lower_transposed,
+    trace,
+    where,
+)
 from flexhinf.scalars.trace import elementary, linear
 from flexhinf.validation import (
     checked_array,
@@ -37,7 +55,6 @@ from flexhinf.validation import (
     checked_positive,
     one_of,
     read_only,
-    real_array,
     real_number,
     value_text,
 )
@@ -49,30 +66,57 @@ MODEL_STEP = {4: 0.25, 8: 1.25}
 
 Form = Literal["square_root", "covariance"]
 
-#: Eigenvalues of correlations closer to zero than this are zero: what rounding makes of a singular matrix.
-SEMIDEFINITE = 1e-13
+#: Reciprocal condition before the first correction.
+WELL = read_only(np.ones(1))
 
 
-class GatedGaussian(NamedTuple):
-    """A mean (n,), a covariance (n, n), and how often each element of a measurement was rejected (p,)."""
+class FilterGaussian(NamedTuple):
+    """A mean (n,), a covariance (n, n), and the reciprocal condition (1,) of the last prediction and correction: 0
+    where a pivot of the covariance was zero to rounding, and taken for zero, else 1."""
 
     mean: Any
     covariance: Any
-    rejected: Any
+    rcond: Any = WELL
 
 
-class GatedRootGaussian(NamedTuple):
-    """A mean (n,), rows W (n, n) of deviations, P = WᵀW, and how often each element was rejected (p,)."""
+class FilterRootGaussian(NamedTuple):
+    """A mean (n,), rows W (n, n) of deviations, P = WᵀW, and the reciprocal condition (1,) of the last correction, see
+    `flexhinf.estimation.square_root.reciprocal_condition`."""
 
     mean: Any
     root: Any
-    rejected: Any
+    rcond: Any = WELL
 
     covariance = RootGaussian.covariance
 
 
-#: Beliefs that count, by those that do not.
-GATED: dict[type, type] = {Gaussian: GatedGaussian, RootGaussian: GatedRootGaussian}
+class GatedGaussian(NamedTuple):
+    """As `FilterGaussian`, and how often each element of a measurement was rejected (p,)."""
+
+    mean: Any
+    covariance: Any
+    rejected: Any
+    rcond: Any = WELL
+
+
+class GatedRootGaussian(NamedTuple):
+    """As `FilterRootGaussian`, and how often each element of a measurement was rejected (p,)."""
+
+    mean: Any
+    root: Any
+    rejected: Any
+    rcond: Any = WELL
+
+    covariance = RootGaussian.covariance
+
+
+#: Beliefs of filters by form, and whether there is a gate.
+BELIEFS: dict[tuple[str, bool], type] = {
+    ("covariance", False): FilterGaussian,
+    ("covariance", True): GatedGaussian,
+    ("square_root", False): FilterRootGaussian,
+    ("square_root", True): GatedRootGaussian,
+}
 
 
 def gate_limit(gate: Any) -> float | None:
@@ -90,42 +134,6 @@ def gate_limit(gate: Any) -> float | None:
         "gate=0.999, which one of a thousand good measurements does not pass",
     )
     return NormalDist().inv_cdf((1.0 - probability) / 2.0) ** 2
-
-
-def covariance_matrix(value: Any, size: int, what: str, definite: bool = False) -> np.ndarray:
-    """A covariance from a number, a diagonal or a matrix.
-
-    Raises InvalidInput: if it is not symmetric positive semidefinite (positive definite if `definite`) of this size.
-    """
-    array = real_array(value)
-    if array.shape not in ((), (1,), (size,), (size, size)):
-        raise InvalidInput(
-            f"The {what} has the wrong size.",
-            f"expected a number, {size} variances or a ({size}, {size}) matrix, got shape {array.shape}",
-            "one variance per signal",
-        )
-    matrix = array if array.shape == (size, size) else np.diag(np.broadcast_to(array, (size,)))
-    scale = np.sqrt(np.abs(np.diag(matrix)))
-    if not np.all(np.isfinite(matrix)) or np.any(np.abs(matrix - matrix.T) > (1e-9 * np.outer(scale, scale))):
-        raise InvalidInput(
-            f"The {what} is not a symmetric matrix of finite numbers.",
-            f"got {value_text(value)}",
-            "variances",
-        )
-    # As correlations, so that signals of different scales are judged alike.
-    weight = np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 1.0)
-    matrix = (matrix + matrix.T) / 2.0
-    smallest = float(np.linalg.eigvalsh(matrix * np.outer(weight, weight))[0])
-    semidefinite = smallest >= -SEMIDEFINITE and bool(np.all(np.isfinite(cholesky(matrix))))
-    if not semidefinite or (definite and smallest <= SEMIDEFINITE):
-        kind = "positive definite" if definite else "positive semidefinite"
-        raise InvalidInput(
-            f"The {what} is not {kind}.",
-            f"expected eigenvalues {'>' if definite else '>='} 0, got {smallest:.3g} for the smallest one "
-            f"of the correlations in {matrix.tolist()}",
-            "variances (squares of standard deviations), each positive",
-        )
-    return matrix
 
 
 def model_steps(plant: Plant, period: float, x: np.ndarray) -> tuple[int, int]:
@@ -170,14 +178,17 @@ def correction(
 
 
 def _factored(p_yy: Any, y: Any, expected: Any) -> tuple[Any, Any]:
+    """L of P_yy = L Lᵀ, and the innovation y - y_expected."""
     return cholesky(p_yy), y - expected
 
 
 def _gain(p_yx: Any, factor: Any) -> Any:
+    """A state's row of the gain K = P_xy P_yy⁻¹, with P_yy = L Lᵀ."""
     return solve_lower_transposed(factor, solve_lower(factor, p_yx))
 
 
 def _left(deviation: Any, output: Any, gain: Any) -> Any:
+    """A state's row of (I - K C) X: the deviations that the correction leaves."""
     return deviation - output @ gain
 
 
@@ -186,12 +197,12 @@ def rooted(gain: Any, factor: Any) -> Any:
     return gain @ factor
 
 
-def _beyond(squares: Any, limits: Any) -> Any:
+def beyond(squares: Any, limits: Any) -> Any:
     """1 where a number is larger than another one, else 0; 0 where one of them is not finite."""
     return np.array([where(square > limit, 1.0, 0.0) for square, limit in zip(squares, limits, strict=True)])
 
 
-def _seen(column: Any, flags: Any) -> Any:
+def seen_of(column: Any, flags: Any) -> Any:
     """A column whose first elements belong to outputs, zero where those are missing."""
     p = len(flags)
     return np.concatenate([masked(flags, column[:p]), column[p:]])
@@ -222,12 +233,16 @@ class RecursiveFilter(Shell, Estimator):
     process_noise : float, (n,) or (n, n) array
         R^v, the covariance added at each time step.
     measurement_noise : float, (p,) or (p, p) array
-        R^n, covariance of a measurement; None where `sensors` state it.
+        R^n, covariance of a measurement; None where `sensors` state it. In an unscented or an extended filter it may be
+        singular, or zero: an element that the others tell exactly is left out (`"digits"` in `diagnosis`).
     mean, covariance : (n,) and float, (n,) or (n, n) array
-        Belief before the first measurement, x(0|−1).
+        Belief before the first measurement, x(0|−1). Of it and of both noises, one that is indefinite by no more than
+        1e-6 of its variances, as few printed digits or float32 make it, is taken for the nearest positive semidefinite
+        matrix, which `repairs` counts and `diagnosis` says.
     form : {"square_root", "covariance"}
         What a belief carries beside its mean: rows W with P = WᵀW, which rounding cannot make indefinite and which
-        keep their digits where variances lie many decades apart; or P itself, the paper's form.
+        keep their digits where variances lie many decades apart; or P itself, the paper's form, which may lose them all
+        and does not say so.
     gate : float, optional
         An element of a measurement counts as missing where the square of its innovation over its own predicted variance
         exceeds this quantile of χ² with one degree of freedom [barshalom2001]: 0.999 takes one good measurement of a
@@ -249,9 +264,12 @@ class RecursiveFilter(Shell, Estimator):
         is no interval of a known state that contains the initial mean.
     """
 
+    _takes_exact = False  # whether R^n may be singular
+
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
         use_default_form(cls, Estimator, "innovate", "measurement_update_on")
+        cls._only_numpy = cls._only_numpy or not {"time_update", "innovate"}.isdisjoint(vars(cls))
 
     def __init__(
         self,
@@ -268,16 +286,16 @@ class RecursiveFilter(Shell, Estimator):
     ) -> None:
         checked_kind("An estimator needs a model.", plant, Plant, "a Plant", "robot.plant()")
         self.period = checked_positive("The sampling period", period, "seconds", "1e-3 for 1 kHz")
+        self._clipped: tuple[Diagnosis, ...] = ()
         if sensors is not None:
             plant, process_noise, measurement_noise, mean, covariance = self._sensed(
                 plant, sensors, process_noise, measurement_noise, mean, covariance
             )
         self.plant = plant
-        self.process_noise = read_only(covariance_matrix(process_noise, plant.n, "process noise R^v"))
-        self.measurement_noise = read_only(
-            covariance_matrix(measurement_noise, len(plant.outputs), "measurement noise R^n", definite=True)
-        )
-        self._start = read_only(covariance_matrix(covariance, plant.n, "initial covariance"))
+        self.process_noise = read_only(self._covariance(process_noise, plant.n, "process noise R^v"))
+        self.measurement_noise = read_only(self._noise_of(measurement_noise))
+        self._exact = is_singular(self.measurement_noise)
+        self._start = read_only(self._covariance(covariance, plant.n, "initial covariance"))
         one_of("There is no such form of a filter.", form, get_args(Form))
         self.form: Form = form
         self.limit, self.gate = gate_limit(gate), None if gate is None else float(gate)
@@ -286,6 +304,18 @@ class RecursiveFilter(Shell, Estimator):
         self.stages, self.sub_steps = model_steps(plant, self.period, self.initial.mean)
         self._parameters = plant.parameters.named(plant.parameters.vector())
         self.reset()
+
+    def _covariance(self, value: Any, size: int, what: str) -> np.ndarray:
+        """A covariance; one that was clipped is said in the diagnosis."""
+        matrix, entry = clipped_covariance(value, size, what)
+        self._clipped += () if entry is None else (entry,)
+        return matrix
+
+    def _noise_of(self, value: Any) -> np.ndarray:
+        size, what = len(self.plant.outputs), "measurement noise R^n"
+        if not self._takes_exact:
+            return covariance_matrix(value, size, what, definite=True)
+        return self._covariance(value, size, what)
 
     def _sensed(
         self,
@@ -304,6 +334,8 @@ class RecursiveFilter(Shell, Estimator):
             "fh.Sensor(name, noise=…), whose noise is a standard deviation",
         )
         table = SensorTable.of(sensors, plant.outputs, plant.expanded, self.period)
+        # A sensor without a noise is one whose noise was forgotten: exact ones are stated by `measurement_noise`.
+        covariance_matrix(table.variances, len(plant.outputs), "measurement noise R^n", definite=True)
         if not table.delays.any():
             return plant, process_noise, table.variances, mean, covariance
         mean = checked_array(
@@ -314,8 +346,8 @@ class RecursiveFilter(Shell, Estimator):
             plant, self.period, *model_steps(plant, self.period, mean), tuple(table.delays.tolist())
         )
         late.check()
-        mean, covariance = late.start(mean, covariance_matrix(covariance, plant.n, "initial covariance"))
-        noise = late.process_noise(covariance_matrix(process_noise, plant.n, "process noise R^v"))
+        mean, covariance = late.start(mean, self._covariance(covariance, plant.n, "initial covariance"))
+        noise = late.process_noise(self._covariance(process_noise, plant.n, "process noise R^v"))
         return late.late_plant(), noise, table.variances, mean, covariance
 
     def initial_at(self, mean: Any) -> Any:
@@ -328,11 +360,9 @@ class RecursiveFilter(Shell, Estimator):
         """
         start = self._vector(mean, self.plant.states, "mean", "(the integral of the error is not estimated)")
         check_inside(start, self.bounds, self.plant)
-        rooted = self.form == "square_root"
-        belief = RootGaussian(start, root_rows(self._start)) if rooted else Gaussian(start, self._start)
-        if self.gate is not None:
-            belief = GATED[type(belief)](*belief, np.zeros(len(self.plant.outputs)))
-        return read_only(belief)
+        spread = root_rows(self._start) if self.form == "square_root" else self._start
+        counts = [] if self.gate is None else [np.zeros(len(self.plant.outputs))]
+        return read_only(BELIEFS[self.form, bool(counts)](start, spread, *counts))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Take over attributes; copies share the arrays of the settings, so nobody may write them."""
@@ -351,6 +381,11 @@ class RecursiveFilter(Shell, Estimator):
             "measurement_noise": self.measurement_noise, "mean": np.array(self.initial.mean),
             "covariance": self._start,
         }  # fmt: skip
+
+    def summary(self) -> dict[str, str]:
+        """Model, period and noises; and which covariances were clipped."""
+        clipped = "; ".join(entry.cure for entry in self._clipped)
+        return {**super().summary(), **({"covariances": clipped} if clipped else {})}
 
     # What an estimator is -------------------------------------------------------------------------
     @abc.abstractmethod
@@ -383,55 +418,83 @@ class RecursiveFilter(Shell, Estimator):
         still = np.zeros(len(self.plant.outputs))  # where the innovation is measured from
         carries_root, weights = self.form == "square_root", np.ones(self.plant.n)
         root = belief.root.T if carries_root else run.cholesky(belief.covariance)
-        gate = self.gated(run, belief, lambda: (run.columns(applied, root, c), weights), measurement_noise)
-        innovation, c, noise, counts = self.admitted(run, y, expected, c, measurement_noise, still, gate)
+        seen = partial(run.columns, applied, root, c)
+        gate = self.gated(run, belief, seen, weights, lambda: c, measurement_noise)
+        _, innovation, c, noise, more = self.admitted(run, y, expected, c, measurement_noise, still, gate)
         if carries_root:
             from_origin = run.call(self._from_origin, y, u, p) if self._straight else None
-            corrected, spread = linear_correction(run, belief, innovation, c, noise, from_origin)
+            corrected, spread, gains = linear_correction(run, belief, innovation, c, noise, from_origin)
+            more = conditioned(
+                run, belief, reciprocal_condition, gains, innovation, belief.root, c, noise, known=more
+            )
         else:
+            more = conditioned(run, belief, pivots_kept, root, belief.covariance, goes_on=True, known=more)
             seen = run.columns(applied, root, c)
             corrected, innovation, spread = correction(
                 run, (belief.mean, root), (still, seen), weights, innovation, noise
             )
-        return belief._replace(**corrected._asdict(), **counts), innovation, spread
+        return belief._replace(**corrected._asdict(), **more), innovation, spread
 
     def gated(
-        self, run: Any, belief: Any, seen: Callable[[], tuple[Any, Any]], noise: Any
+        self,
+        run: Any,
+        belief: Any,
+        seen: Callable[[], Any],
+        weights: Any,
+        slope: Callable[[], Any],
+        noise: Any,
     ) -> tuple[Any, ...]:
-        """What a gate judges by: the predicted covariance (p, p) of the innovation, and counts (p,); nothing without.
+        """What elements are judged by: the predicted covariance (p, p) of the innovation, and counts (p,) of a gate, or
+        the sizes (p,) of what an innovation is made of where R^n is singular; nothing without.
 
-        `seen` makes the deviations of outputs (p, k) and their weights (k,).
+        `seen` makes the deviations of outputs (p, k) that have these weights (k,), `slope` makes C (p, n).
         """
-        return () if self.gate is None else (run.gram(*seen(), noise), belief.rejected)
+        if self.gate is None and not self._exact:
+            return ()
+        counts = () if self.gate is None else (belief.rejected,)
+        sizes = ()
+        if self._exact and self.form == "square_root":
+            sizes = (run.call(innovation_scales, belief.root, slope(), noise),)
+        elif self._exact:
+            sizes = (run.call(covariance_scales, belief.covariance, slope(), noise, belief.mean),)
+        return (run.gram(seen(), weights, noise), *counts, *sizes)
 
     def admitted(
         self, run: Any, y: Any, expected: Any, deviations: Any, noise: Any, shift: Any, gate: tuple[Any, ...]
-    ) -> tuple[Any, Any, Any, dict[str, Any]]:
-        """Innovation (p,), deviations of outputs (p, k) and R^n for a correction with the elements of y that are there.
+    ) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Flags (p,) of the elements of y that are used; innovation (p,), deviations of outputs (p, k) and R^n for a
+        correction with them.
 
         A missing one says nothing: its innovation and its deviations are zero, its row and column of R^n those of the
         identity. (With R^n as it is, noise that is correlated would still speak of it.) In the deviations, rows may
         follow that are not those of outputs. `expected`, `shift`: (p,), the innovation is y − expected − shift. `gate`:
-        see `gated`. At last come the belief's new counts, by name.
+        see `gated`. At last come other parts of the corrected belief, by name.
         """
-        flags, innovation, noise, *counts = run.call(self._present, y, expected, noise, shift, *gate)
-        seen = run.columns(_seen, deviations, flags)
-        return innovation, seen, noise, {"rejected": counts[0]} if counts else {}
+        flags, innovation, noise, *found = run.call(self._present, y, expected, noise, shift, *gate)
+        seen = run.columns(seen_of, deviations, flags)
+        names = ["rejected"] * (self.gate is not None) + ["rcond"] * self._exact
+        return flags, innovation, seen, noise, dict(zip(names, found)) if gate else {}
 
     def _present(self, y: Any, expected: Any, noise: Any, shift: Any, *gate: Any) -> tuple[Any, ...]:
-        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing; and counts."""
-        flags, counts = known(y), []
+        """Flags (p,), the innovation (p,) and R^n (p, p) without the elements of y that are missing; then counts (p,)
+        of a gate and, where R^n is singular, a reciprocal condition (1,): 0 where an element is left out, else 1."""
+        flags, found, alone = known(y), [], 1.0
         y = self.unwound(y, expected + shift)
-        if gate:
-            spread, rejected = gate
+        if gate and self.gate is not None:
+            spread, rejected = gate[:2]
             away = y - expected - shift
-            outliers = masked(flags, _beyond(away * away, np.diagonal(spread) * self.limit))
-            flags, counts = flags - outliers, [rejected + outliers]
+            outliers = masked(flags, beyond(away * away, np.diagonal(spread) * self.limit))
+            flags, found = flags - outliers, [rejected + outliers]
+        there = flags
+        if gate and self._exact:
+            flags = independent(flags, gate[0], gate[-1], self.plant.n)
+            found.append(np.array([1.0 - reduce(maximum, there - flags)]))
+            alone = 1.0 / (2.0 * np.pi)  # the density of an element that is left out is one
         y = chosen(flags, y, expected)
         left = masked(np.array([flags * flag for flag in flags]), noise)
         for i, flag in enumerate(flags):
-            left[i, i] = chosen(flag, noise[i, i], 1.0)
-        return flags, y - expected - masked(flags, shift), left, *counts
+            left[i, i] = chosen(flag, noise[i, i], 1.0 if alone == 1.0 else chosen(there[i], alone, 1.0))
+        return flags, y - expected - masked(flags, shift), left, *found
 
     @cached_property
     def linear_output(self) -> bool:

@@ -19,9 +19,17 @@ import numpy as np
 
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
-from flexhinf.estimation.bounds import projected
-from flexhinf.estimation.filter import Form, RecursiveFilter, correction, gained, rooted
-from flexhinf.estimation.square_root import Pairs, RootGaussian, correction_of_rows, root_prediction
+from flexhinf.estimation.bounds import bounded_places, projected
+from flexhinf.estimation.conditions import conditioned, lesser, pivots_kept
+from flexhinf.estimation.diagnosis import EPS
+from flexhinf.estimation.filter import WELL, Form, RecursiveFilter, correction, gained, rooted, seen_of
+from flexhinf.estimation.square_root import (
+    Pairs,
+    RootGaussian,
+    correction_of_rows,
+    reciprocal_condition,
+    root_prediction,
+)
 from flexhinf.plant import Plant, Sensor, turned
 from flexhinf.scalars import apply, cholesky, clip, trace
 from flexhinf.scalars.differences import difference
@@ -49,11 +57,14 @@ class SigmaPoints:
         self.mean_weights = read_only(np.array([(total - n) / total] + [0.5 / total] * (2 * n)))
         weights = self.mean_weights.copy()
         weights[0] += 1.0 - alpha**2 + beta
+        # What is left of numbers of this size by rounding is zero, as of the cubature filter.
+        if abs(weights[0]) <= 4.0 * EPS * (1.0 + n / total + alpha**2 + abs(beta)):
+            weights[0] = 0.0
         self.covariance_weights = read_only(weights)
         if weights.min() < 0.0:
             warnings.warn(
-                f"The central covariance weight is negative ({weights[0]:.4g}): the estimated covariance may become "
-                "indefinite. With alpha=1, beta=2, kappa=0 none is negative.",
+                f"The central covariance weight is negative ({weights[0]:.4g}), so only the covariance form is left, "
+                "and the covariance may become indefinite. With alpha=1, beta=2, kappa=0 none is negative.",
                 stacklevel=3,
             )
 
@@ -77,6 +88,7 @@ class SampledGaussian(NamedTuple):
     mean: Any
     covariance: Any
     points: Any
+    rcond: Any = WELL
 
 
 class UnscentedKalmanFilter(RecursiveFilter):
@@ -84,8 +96,12 @@ class UnscentedKalmanFilter(RecursiveFilter):
 
     Parameters
     ----------
-    plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors
+    plant, period, process_noise, measurement_noise, mean, covariance, gate, sensors
         As in `flexhinf.estimation.filter.RecursiveFilter`.
+    form : {"square_root", "covariance"}, optional
+        As there. By default "square_root", or "covariance" where that does not exist: with `redraw=False`, (with a
+        warning) with scaling parameters that make a covariance weight negative, and in a subclass that moves points
+        itself, by a `moved` or `sub_step` of its own: rows are moved by differences of the plant's flow.
     alpha, beta, kappa : float
         Table 3.
     redraw : bool
@@ -101,7 +117,20 @@ class UnscentedKalmanFilter(RecursiveFilter):
     InvalidInput
         As the base class; for scaling parameters that give no points; and for a bound that is not an interval
         of a known state that contains the initial mean.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> plant = fh.paper_arm().plant()
+    >>> ukf = fh.UnscentedKalmanFilter(plant, 1e-3, 1e-6, 1e-6, mean=np.zeros(4), covariance=1e-2)
+    >>> ukf.correct([0.1])
+    >>> ukf.predict([0.0])
+    >>> bool(0.09 < ukf.mean[0] < 0.1)
+    True
     """
+
+    _takes_exact = True
 
     def __init__(
         self,
@@ -116,13 +145,14 @@ class UnscentedKalmanFilter(RecursiveFilter):
         kappa: float = 0.0,
         redraw: bool = True,
         bounds: Mapping[str, tuple[float, float]] | None = None,
-        form: Form = "covariance",
+        form: Form | None = None,
         gate: float | None = None,
         sensors: Sequence[Sensor] | Sensor | None = None,
     ) -> None:
         super().__init__(
-            plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors, bounds
-        )
+            plant, period, process_noise, measurement_noise, mean, covariance, form or "covariance", gate, sensors,
+            bounds,
+        )  # fmt: skip
         plant = self.plant
         self.sigma = SigmaPoints(plant.n, *map(real_number, (alpha, beta, kappa)))
         self.redraw = bool(redraw)
@@ -132,14 +162,21 @@ class UnscentedKalmanFilter(RecursiveFilter):
             f"expected redraw=True with a gate, got redraw={redraw!r}, gate={gate!r}",
             "gate=None, or redraw=True",
         )
-        if form == "square_root":
-            refuse_if(
-                not self.redraw or self.sigma.covariance_weights[0] < 0.0,
-                "This unscented filter has no square-root form.",
-                f"expected redraw=True and scaling parameters without a negative weight, got {redraw=}, {alpha=}, "
-                f"{beta=}, {kappa=}",
-                'form="covariance", or alpha=1, beta=2, kappa=0',
-            )
+        own = [
+            name
+            for name in ("moved", "sub_step")
+            if getattr(type(self), name) is not getattr(RecursiveFilter, name)
+        ]
+        unrooted = bool(own) or not self.redraw or self.sigma.covariance_weights[0] < 0.0
+        if form is None:
+            self.form = "covariance" if unrooted else "square_root"
+        refuse_if(
+            form == "square_root" and unrooted,
+            "This unscented filter has no square-root form.",
+            "expected redraw=True, scaling parameters without a negative weight, and no other `moved` or `sub_step` in "
+            f"a subclass, got {redraw=}, {alpha=}, {beta=}, {kappa=}, a subclass with {own}",
+            'form="covariance", or alpha=1, beta=2, kappa=0',
+        )
         self.initial = self._belief = self.initial_at(self.initial.mean)
 
     def settings(self) -> dict[str, Any]:
@@ -162,7 +199,8 @@ class UnscentedKalmanFilter(RecursiveFilter):
         sigma = self.sigma
         scaling = (sigma.alpha, sigma.beta, sigma.kappa)
         steps, bounds = f"{self.sub_steps} x {self.stages}", sorted(self.bounds.items())
-        return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds} {self.gate}"
+        exact = " exact" * self._exact
+        return f"ukf {self.form} {self.period!r} {steps} {scaling} {self.redraw} {bounds} {self.gate}{exact}"
 
     def initial_at(self, mean: Any) -> Any:
         """The initial belief with another mean (n,), its points too."""
@@ -182,15 +220,18 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Steps 1 to 4: x(k|k) → x(k+1|k)."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
-            return belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
-        points = self.points(run, belief.mean, run.cholesky(belief.covariance))  # 1
+            root = root_prediction(run, rows, process_noise)
+            return belief._replace(mean=mean, root=root, **conditioned(run, belief, np.ones, 1))
+        root = run.cholesky(belief.covariance)
+        points = self.points(run, belief.mean, root)  # 1
         moved = _about_first(run, self.wrapped, run.sweep(self.moved, points, u, p))  # 2
         moved = self.inside(run, moved)
         mean = run.combination(moved, self.sigma.mean_weights)  # 3
         deviations = self.deviations(run, moved, mean)
         covariance = run.gram(deviations, self.sigma.covariance_weights, process_noise)  # 4
-        points = {} if self.redraw else {"points": moved}
-        return belief._replace(mean=mean, covariance=covariance, **points)
+        more = conditioned(run, belief, pivots_kept, root, belief.covariance)
+        more |= {} if self.redraw else {"points": moved}
+        return belief._replace(mean=mean, covariance=covariance, **more)
 
     def innovation_stages(
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
@@ -205,12 +246,13 @@ class UnscentedKalmanFilter(RecursiveFilter):
         if self.form == "square_root":
             return self._corrected(run, belief, y, u, p, measurement_noise)
         weights = self.sigma.covariance_weights
-        points, deviations, centre = self.redrawn(run, belief)  # 5
+        points, deviations, centre, more = self.redrawn(run, belief)  # 5
         outputs = _about_first(run, self.angles, run.columns(self.output, points, u, p))  # 6
         expected = run.combination(outputs, self.sigma.mean_weights)  # 7
         spread, still = self.deviations(run, outputs, expected), np.zeros(len(self.plant.outputs))
-        gate = self.gated(run, belief, lambda: (spread, weights), measurement_noise)
-        innovation, seen, noise, counts = self.admitted(
+        slope = partial(self._slope, run, belief.mean, u, p)
+        gate = self.gated(run, belief, lambda: spread, weights, slope, measurement_noise)
+        _, innovation, seen, noise, counts = self.admitted(
             run, y, expected, spread, measurement_noise, still, gate
         )
         known = ((centre, deviations), (still, seen), weights, innovation, noise)
@@ -224,8 +266,9 @@ class UnscentedKalmanFilter(RecursiveFilter):
             )
         if self.bounds:
             mean = run.call(self.bounded, mean)
-        more = counts if self.redraw else {"points": points}
-        return belief._replace(mean=mean, covariance=covariance, **more), innovation, p_yy
+        if "rcond" in counts and "rcond" in more:
+            more["rcond"] = run.call(lesser, counts["rcond"], more["rcond"])
+        return belief._replace(mean=mean, covariance=covariance, **(counts | more)), innovation, p_yy
 
     # With rows of deviations ----------------------------------------------------------------------
     def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
@@ -234,8 +277,12 @@ class UnscentedKalmanFilter(RecursiveFilter):
         stepped = partial(self._stepped, run, u, p)
         mean, moved = run.repeat(self.sub_steps, stepped, belief.mean, self._spread(run, belief).T)
         apart = self.inside(run, _shorter(run, self.wrapped, moved.T), mean)
-        shift, rows = self._halves(run, apart)
-        return run.call(np.add, mean, shift), rows
+        if not self.bounds:
+            shift, rows = self._halves(run, apart)
+            return run.call(np.add, mean, shift), rows
+        centre = run.call(self.bounded, mean)  # the central point is clipped like the others
+        shift, rows = self._halves(run, run.columns(_seen_from, apart, mean, centre))
+        return run.call(self._added_within, centre, shift), rows
 
     def _corrected(self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         mean, apart = belief.mean, self.inside(run, self._spread(run, belief), belief.mean)
@@ -243,27 +290,34 @@ class UnscentedKalmanFilter(RecursiveFilter):
         shift, rows = self._halves(run, run.columns(_joined, (outputs, apart)))
         expected = run.call(self.output, mean, u, p)
         shift, mean = run.call(_parted, y, shift, mean)
-        ones = np.ones(len(rows))
-        gate = self.gated(run, belief, lambda: (run.columns(_first, rows.T, y), ones), measurement_noise)
-        innovation, columns, noise, counts = self.admitted(
+        slope, seen = partial(self._slope, run, belief.mean, u, p), partial(run.columns, _first, rows.T, y)
+        gate = self.gated(run, belief, seen, np.ones(len(rows)), slope, measurement_noise)
+        flags, innovation, columns, noise, more = self.admitted(
             run, y, expected, rows.T, measurement_noise, shift, gate
         )
-        corrected, spread = correction_of_rows(run, mean, columns.T, innovation, noise)
+        corrected, spread, gains = correction_of_rows(run, mean, columns.T, innovation, noise)
+        c = run.columns(seen_of, slope(), flags)
+        more = conditioned(
+            run, belief, reciprocal_condition, gains, innovation, belief.root, c, noise, known=more
+        )
         if self.bounds:
             corrected = corrected._replace(mean=run.call(self.bounded, corrected.mean))
-        return belief._replace(**corrected._asdict(), **counts), innovation, spread
+        return belief._replace(**corrected._asdict(), **more), innovation, spread
+
+    def _slope(self, run: Any, mean: Any, u: Any, p: Any) -> Any:
+        """C (p, n)."""
+        return run.call(self.measured, mean, u, p)[1]
 
     def _spread(self, run: Any, belief: Any) -> Any:
         """Deviations of the sigma points from the mean, (n, 2n)."""
-        up, down = run.columns(self.sigma.offsets, belief.root.T)
-        return run.stacked(up.T, down.T).T
+        return run.stacked(*run.columns(self.sigma.offsets, belief.root)).T
 
     def _stepped(self, run: Any, u: Any, p: Any, mean: Any, rows: Any) -> tuple[Any, Any]:
         """The mean, and deviations (2n, n) from it, after one of the `sub_steps`."""
         means: list[Any] = []
 
         def stages(inner: Any, deviation: Any, mean: Any, u: Any, p: Any) -> Any:
-            pairs: Any = Pairs(inner, self.flow, self._flow_difference)
+            pairs: Any = Pairs(inner, self.flow, self._flow_and_difference)
             mean, deviation = self.sub_step((mean, deviation), u, p, pairs)
             means.append(mean)
             return deviation
@@ -274,20 +328,23 @@ class UnscentedKalmanFilter(RecursiveFilter):
     def _halves(self, run: Any, deviations: Any) -> tuple[Any, Any]:
         """Mean of deviations (k, 2n) by their weights, and rows whose WᵀW is their covariance."""
         n, s = self.plant.n, self.sigma.spread
-        up, down = deviations.T[:n].T, deviations.T[n:].T
-        odd, even = run.columns(partial(_odd_and_even, s), (up, down))
-        shift = run.combination(even, np.full(n, 1.0 / s))
-        even = run.columns(partial(_centred, s), even, shift)
+        rows = deviations.T  # signal by signal, as each has its neighbours beside it
+        odd, even = run.columns(partial(_odd_and_even, s), (rows[:n], rows[n:]))
+        shift = run.combination(even.T, np.full(n, 1.0 / s))
+        even = run.columns(partial(_centred, s), (even, shift.reshape(1, len(shift))))
         centre = run.call(partial(_scaled, math.sqrt(self.sigma.covariance_weights[0])), shift)
-        return shift, run.stacked(odd.T, even.T, centre)
+        return shift, run.stacked(odd, even, centre)
+
+    def _added_within(self, centre: Any, shift: Any) -> Any:
+        return self.bounded(centre + shift)
 
     @cached_property
     def _differences(self) -> tuple[Any, Any]:
         sizes = (self.plant.n, len(self.plant.inputs), self.plant.parameters.size)
         return tuple(difference(trace(function, *sizes)) for function in (self.flow, self.output))  # type: ignore[return-value]
 
-    def _flow_difference(self, x: Any, deviation: Any, u: Any, p: Any) -> Any:
-        return apply(self._differences[0], x, deviation, u, p)[0]
+    def _flow_and_difference(self, x: Any, deviation: Any, u: Any, p: Any) -> tuple[Any, Any]:
+        return self.flow(x, u, p), apply(self._differences[0], x, deviation, u, p)[0]
 
     def _output_difference(self, deviation: Any, x: Any, u: Any, p: Any) -> Any:
         return apply(self._differences[1], x, deviation, u, p)[0]
@@ -306,21 +363,23 @@ class UnscentedKalmanFilter(RecursiveFilter):
         """Sigma points inside the bounds, (n, 2n + 1)."""
         return self.inside(run, run.beside(mean, self.sigma.pair, root, mean))
 
-    def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any]:
-        """Sigma points for the measurement, their deviations, both (n, 2n + 1), and the mean that those are from.
+    def redrawn(self, run: Any, belief: Any) -> tuple[Any, Any, Any, dict[str, Any]]:
+        """Sigma points for the measurement, their deviations, both (n, 2n + 1), and the mean that those are from; and
+        other parts of the corrected belief by name.
 
         Clipped points represent a narrower prior than the belief: steps 9 to 12 must use its mean and deviations, or
         what is subtracted from P could exceed it.
         """
         mean = belief.mean
         if not self.redraw:
-            return belief.points, self.deviations(run, belief.points, mean), mean
+            return belief.points, self.deviations(run, belief.points, mean), mean, {"points": belief.points}
         root = run.cholesky(belief.covariance)
+        more = conditioned(run, belief, pivots_kept, root, belief.covariance, goes_on=True)
         points = self.points(run, mean, root)
         if not self.bounds:  # not points − mean: those digits are lost already
-            return points, run.beside(run.call(np.zeros_like, mean), self.sigma.offsets, root), mean
+            return points, run.beside(run.call(np.zeros_like, mean), self.sigma.offsets, root), mean, more
         centre = run.combination(points, self.sigma.mean_weights)
-        return points, self.deviations(run, points, centre), centre
+        return points, self.deviations(run, points, centre), centre, more
 
     def deviations(self, run: Any, points: Any, mean: Any) -> Any:
         """Points minus a mean, (n, 2n + 1)."""
@@ -362,11 +421,17 @@ def _centred(spread: float, even: Any, shift: Any) -> Any:
     return even - shift / spread
 
 
+def _seen_from(deviation: Any, mean: Any, centre: Any) -> Any:
+    """A deviation from the mean as one from a centre."""
+    return deviation + (mean - centre)
+
+
 def _scaled(factor: float, row: Any) -> Any:
     return (factor * row).reshape(1, len(row))
 
 
 def _joined(first: Any, second: Any) -> Any:
+    """A column of outputs above one of states."""
     return np.concatenate([first, second])
 
 
@@ -380,11 +445,42 @@ def _first(column: Any, y: Any) -> Any:
 
 
 def _less(row: Any, mean: Any) -> Any:
+    """Deviations of a state at all sigma points from its mean."""
     return row - mean
 
 
 class ExtendedKalmanFilter(RecursiveFilter):
-    """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`."""
+    """Kalman filter along the estimate; parameters as in `flexhinf.estimation.filter.RecursiveFilter`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> plant = fh.paper_arm().plant()
+    >>> ekf = fh.ExtendedKalmanFilter(plant, 1e-3, 1e-6, 1e-6, mean=np.zeros(4), covariance=1e-2)
+    >>> ekf.correct([0.1])
+    >>> bool(0.09 < ekf.mean[0] < 0.1)
+    True
+    """
+
+    _takes_exact = True
+
+    def __init__(
+        self,
+        plant: Plant,
+        period: float,
+        process_noise: Any,
+        measurement_noise: Any,
+        mean: Any,
+        covariance: Any,
+        form: Form = "square_root",
+        gate: float | None = None,
+        sensors: Sequence[Sensor] | Sensor | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        super().__init__(
+            plant, period, process_noise, measurement_noise, mean, covariance, form, gate, sensors, bounds
+        )
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
@@ -395,7 +491,8 @@ class ExtendedKalmanFilter(RecursiveFilter):
     def estimator_key(self) -> str:
         """Method, period, sub-steps, gate and bounds: constants of the traced code."""
         bounds = sorted(self.bounds.items())
-        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages} {self.gate} {bounds}"
+        exact = " exact" * self._exact
+        return f"ekf {self.form} {self.period!r} {self.sub_steps} x {self.stages} {self.gate} {bounds}{exact}"
 
     @property
     def operations(self) -> int:
@@ -422,11 +519,14 @@ class ExtendedKalmanFilter(RecursiveFilter):
         """x(k|k) → x(k+1|k): F(x̂, u) and A P Aᵀ + R^v with A = ∂F/∂x."""
         if self.form == "square_root":
             mean, rows = self.moved_rows(run, belief, u, p)
-            moved = belief._replace(mean=mean, root=root_prediction(run, rows, process_noise))
+            root = root_prediction(run, rows, process_noise)
+            moved = belief._replace(mean=mean, root=root, **conditioned(run, belief, np.ones, 1))
         else:
-            mean, spread = self._moved(run, belief.mean, run.cholesky(belief.covariance), u, p)
+            root = run.cholesky(belief.covariance)
+            mean, spread = self._moved(run, belief.mean, root, u, p)
             covariance = run.gram(spread, np.ones(self.plant.n), process_noise)
-            moved = belief._replace(mean=mean, covariance=covariance)
+            more = conditioned(run, belief, pivots_kept, root, belief.covariance)
+            moved = belief._replace(mean=mean, covariance=covariance, **more)
         return self._within(run, moved)
 
     def moved_rows(self, run: Any, belief: RootGaussian, u: Any, p: Any) -> tuple[Any, Any]:
@@ -452,8 +552,8 @@ class ExtendedKalmanFilter(RecursiveFilter):
         """The belief with its mean within the bounds."""
         if not self.bounds:
             return belief
-        names, carries_root = sorted(self.bounds), self.form == "square_root"
-        places, ends = [self.plant.index(name) for name in names], [self.bounds[name] for name in names]
+        carries_root = self.form == "square_root"
+        places, ends = bounded_places(self.bounds, self.plant)
         columns = run.call(partial(_of_root if carries_root else _of_covariance, places), belief[1])
         return belief._replace(mean=run.call(partial(projected, places, ends), belief.mean, columns))
 

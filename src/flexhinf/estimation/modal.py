@@ -24,7 +24,12 @@ from numpy.polynomial import chebyshev
 from flexhinf.codegen import DIRECT
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
-from flexhinf.estimation.stationary import ConstantGainFilter, check_decay, stationary_gain
+from flexhinf.estimation.stationary import (
+    ConstantGainFilter,
+    check_decay,
+    stationary_covariance,
+    stationary_gain,
+)
 from flexhinf.plant import Plant
 from flexhinf.plant.joints import ElasticJoints, elastic_joints, link_compliance
 from flexhinf.scalars import clip
@@ -59,6 +64,16 @@ class ModalBelief(NamedTuple):
     table: Any
 
 
+class GatedModalBelief(NamedTuple):
+    """As `ModalBelief`, with k columns more in the table, the variances of a pair's innovations, and how often each
+    signal was rejected (kn,)."""
+
+    mean: Any
+    scale: Any
+    table: Any
+    rejected: Any
+
+
 class ModalFilter(ConstantGainFilter):
     """x̂ = x̂⁻ + L(q̂⁻) (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the stationary Kalman gain of an arm's pairs at the estimate.
 
@@ -68,7 +83,8 @@ class ModalFilter(ConstantGainFilter):
         Model, discretisation and noises. The model is an arm with elastic joints, and all joints have the same
         sensors: encoders of links, of motors, torque sensors, in any mix. Of R^v and R^n the variances count, and of
         unlike joints their geometric mean, in units of K^½. Without encoders of links and torque sensors, what R^v
-        adds to links fades for fast pairs, see `FADING`.
+        adds to links fades for fast pairs, see `FADING`. Its gate judges by the variances that the innovations of the
+        pairs have at the pose of the estimate; it may have no bounds.
     about : (4n,), optional
         State at which R^v is stated, by default the initial mean: what it adds to the velocities there is taken for
         random torques on links and motors, which act at every pose.
@@ -76,18 +92,39 @@ class ModalFilter(ConstantGainFilter):
     Raises
     ------
     InvalidInput
-        If the model is not such an arm, its sensors differ from joint to joint, or R^v leaves an error as it is.
+        If the model is not such an arm, its sensors differ from joint to joint, or R^v leaves an error as it is; for a
+        filter with bounds.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> plant = fh.load_robot("planar-two-link").plant(("link_position", "motor_position"))
+    >>> noise = np.diag([0.0, 0.0, 1e-4, 1e-4, 0.0, 0.0, 1e-2, 1e-2])
+    >>> ekf = fh.ExtendedKalmanFilter(plant, 1e-3, noise, 1e-8, np.zeros(8), noise, form="covariance")
+    >>> fh.ModalFilter(ekf).gain(np.zeros(8)).shape
+    (8, 4)
     """
 
     def __init__(self, filter: RecursiveFilter, about: Any = None) -> None:
         plant = filter.plant
+        refuse_if(
+            filter.bounds,
+            "The filter of a workspace has no bounds: it has no covariance of the states at a pose to move along.",
+            f"expected a filter without bounds, got bounds={filter.bounds!r}",
+            "the filter without them, or that filter itself as the estimator",
+        )
         self._about = filter.initial.mean if about is None else filter.initial_at(about).mean
         joints = elastic_joints(plant, self._about, np.zeros(len(plant.inputs)))
-        super().__init__(filter, np.zeros((plant.n, len(plant.outputs))))
+        self._adopt(filter)
         self._seen, self._powers = pair_sensors(plant, len(plant.inputs))
         self._compliance = link_compliance(plant)
-        table = _gain_table(self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints))
-        self.initial: Any = read_only(ModalBelief(self.initial.mean, np.sqrt(joints.stiffness), table))
+        numbers = self.period, self._range, self._seen.tobytes(), *self._pair_numbers(joints)
+        own, table = (np.array(filter.initial.mean), np.sqrt(joints.stiffness)), _table("gains", *numbers)
+        self.initial: Any = read_only(ModalBelief(*own, table))
+        if filter.gate is not None:
+            table = np.hstack([table, _table("variances", *numbers)])
+            self.initial = read_only(GatedModalBelief(*own, table, np.zeros(len(plant.outputs))))
 
     def _pair_numbers(self, joints: ElasticJoints) -> tuple[tuple[float, ...], ...]:
         """κ and β; variances that a sample adds to z and w and by d and f, and of the signals."""
@@ -105,11 +142,11 @@ class ModalFilter(ConstantGainFilter):
 
     def at(self, x: Any) -> ConstantGainFilter:
         """The same filter with the gain at the pose of a state (4n,), whatever the estimate."""
-        return ConstantGainFilter(self.filter, self.gain(x))
+        return ConstantGainFilter(self.filter, self.gain(x), None if self.filter.gate is None else x)
 
     def gain(self, x: Any) -> np.ndarray:
         """L (4n, p) at the pose of a state (4n,)."""
-        _, scale, table = self.initial
+        _, scale, table, *_ = self.initial
         values, vectors = np.linalg.eigh(
             self._stiffness(np.asarray(x), scale, self.plant.parameters.vector())
         )
@@ -118,16 +155,28 @@ class ModalFilter(ConstantGainFilter):
             [_correction(self._powers, column, *frame) for column in np.eye(len(self.plant.outputs))]
         ).T
 
+    def variances(self, x: Any) -> np.ndarray:
+        """Variances (p,) by which the gate judges innovations at the pose of a state (4n,).
+
+        Raises InvalidInput: without a gate.
+        """
+        refuse_if(
+            self.filter.gate is None, "A filter without a gate has no variances.", "expected a gate, got None",
+            "the filter with gate=0.999",
+        )  # fmt: skip
+        frame = self._frame(DIRECT, self.initial_at(x), self.plant.parameters.vector())
+        return np.asarray(_variances(self._powers, *frame), dtype=float)
+
     @property
     def pair(self) -> tuple[np.ndarray, np.ndarray, tuple[float, float]]:
         """Of a pair: H (k, 4), the table of ℓ, and the ends of log λ in it."""
-        return self._seen, self.initial.table, self._range
+        return self._seen, self.initial.table[:, : 4 * len(self._seen)], self._range
 
     # The updates -----------------------------------------------------------------------------------
     @property
     def estimator_key(self) -> str:
         """Method, period, sub-steps and sensors: constants of the traced code."""
-        return f"modal {self.period!r} {self.filter.sub_steps} x {self.filter.stages} {self._powers}"
+        return f"modal {self.period!r} {self.filter.sub_steps} x {self.filter.stages} {self._powers}{self._limits_key}"
 
     @property
     def operations(self) -> int:
@@ -147,9 +196,13 @@ class ModalFilter(ConstantGainFilter):
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> Any:
         """x̂(k|k−1) → x̂(k|k) on a run, p the vector of parameters."""
-        innovation = run.call(self._innovation, belief.mean, y, u, p)
-        move = run.call(partial(_correction, self._powers), innovation, *self._frame(run, belief, p))
-        return belief._replace(mean=run.call(np.add, belief.mean, move))
+        innovation, more = run.call(self._innovation, belief.mean, y, u, p), {}
+        frame = self._frame(run, belief, p)
+        if self.filter.gate is not None:
+            variances = run.call(partial(_variances, self._powers), *frame)
+            innovation, more["rejected"] = run.call(self._passed, innovation, variances, belief.rejected)
+        move = run.call(partial(_correction, self._powers), innovation, *frame)
+        return belief._replace(mean=run.call(np.add, belief.mean, move), **more)
 
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x̂(k|k) → x̂(k+1|k), pure, on any element."""
@@ -181,19 +234,19 @@ class ModalFilter(ConstantGainFilter):
 
 
 @lru_cache(16)  # the filters of one loop at several poses share it
-def _gain_table(
-    period: float, ends: tuple[float, float], sensors: bytes, pair: tuple[float, float],
+def _table(
+    what: str, period: float, ends: tuple[float, float], sensors: bytes, pair: tuple[float, float],
     random: tuple[float, ...], measured: tuple[float, ...],
 ) -> np.ndarray:  # fmt: skip
-    """Chebyshev coefficients (DEGREE + 1, 4k) of ℓ for log λ between two ends: `sensors` holds H (k, 4), and the
-    numbers are those of `ModalFilter._pair_numbers`."""
+    """Chebyshev coefficients of the "gains" ℓ (DEGREE + 1, 4k) or of the "variances" of innovations (DEGREE + 1, k),
+    for log λ between two ends: `sensors` holds H (k, 4), and the numbers are those of `ModalFilter._pair_numbers`."""
     from scipy.linalg import expm
 
     (low, high), (kappa, beta), (link, motor, d, f), unit = ends, pair, random, np.eye(4)
     seen, noise = np.frombuffer(sensors).reshape(-1, 4), np.diag(measured)
     fading, degree = (0.0, DEGREE) if seen[:, :2].any() else (FADING**-4, MOTORS_DEGREE)
 
-    def gains(places: np.ndarray) -> np.ndarray:
+    def values(places: np.ndarray) -> np.ndarray:
         rows = []
         for value in np.exp(0.5 * (low + high) + 0.5 * (high - low) * places):
             twist = unit[2] - unit[0]
@@ -203,10 +256,14 @@ def _gain_table(
             added = np.diag([link, acting**2 * d, motor, kappa**2 * f])
             gain = stationary_gain((transition, seen), added, noise)
             check_decay((unit - gain @ seen) @ transition)
-            rows.append(gain.ravel())
+            if what == "gains":
+                rows.append(gain.ravel())
+            else:
+                covariance = stationary_covariance((transition, seen), added, noise)
+                rows.append(np.diag(seen @ covariance @ seen.T + noise))
         return np.array(rows)
 
-    interpolated: Any = gains
+    interpolated: Any = values
     return read_only(chebyshev.chebinterpolate(interpolated, degree))
 
 
@@ -247,6 +304,15 @@ def _series(ends: tuple[float, float], values: Any, table: Any) -> Any:
     for _ in range(2, len(table)):
         terms.append(2.0 * x * terms[-1] - terms[-2])
     return np.stack(terms, axis=-1) @ table
+
+
+def _variances(powers: tuple[int, ...], scale: Any, vectors: Any, gains: Any) -> Any:
+    """Variances (kn,) of an arm's innovations: the diagonal of K^-½ V s(Λ) Vᵀ K^-½, of a torque sensor by K^½."""
+    k = len(powers)
+    rows = [
+        (vectors * vectors) @ gains[:, 4 * k + j] / scale ** (2 * power) for j, power in enumerate(powers)
+    ]
+    return np.concatenate(rows)
 
 
 def _correction(powers: tuple[int, ...], innovation: Any, scale: Any, vectors: Any, gains: Any) -> Any:

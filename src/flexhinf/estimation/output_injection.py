@@ -38,15 +38,14 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from flexhinf.errors import InvalidInput, NumericalFailure
-from flexhinf.estimation.filter import RecursiveFilter, applied, covariance_matrix
-from flexhinf.estimation.stationary import check_decay, check_detectable, placed_gain, stationary_gain
+from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.estimation.covariances import covariance_matrix
+from flexhinf.estimation.filter import RecursiveFilter, applied, beyond
+from flexhinf.estimation.stationary import check_decay, check_detectable, placed_gain, stationary_gain, stein
 from flexhinf.plant import Plant, known
+from flexhinf.scalars import where
 from flexhinf.scalars.trace import nonzero, sizes_of_rows, switches, varying
-from flexhinf.validation import read_only
-
-#: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
-DOUBLINGS = 64
+from flexhinf.validation import read_only, value_text
 
 
 class InjectedGaussian(NamedTuple):
@@ -71,6 +70,23 @@ class InjectedGaussian(NamedTuple):
     lift: Any
 
 
+class GatedInjectedGaussian(NamedTuple):
+    """As `InjectedGaussian`, and how often each element of a measurement was rejected (p,)."""
+
+    mean: Any
+    covariance: Any
+    measured: Any
+    injection: Any
+    moved: Any
+    drift: Any
+    transition: Any
+    hold: Any
+    ramp: Any
+    gain: Any
+    lift: Any
+    rejected: Any
+
+
 class OutputInjectionObserver(RecursiveFilter):
     """Observer with e_{k+1} = (1 − L H) Φ e_k for plants ẋ = A x + φ(y, u), y = H x + η(u).
 
@@ -92,12 +108,17 @@ class OutputInjectionObserver(RecursiveFilter):
     about : (n,) array, optional
         State at which φ(·, 0) has no slope: the default gain is that of an extended Kalman filter in equilibrium there.
         The origin by default. On a linear plant it makes no difference.
+    gate : float, optional
+        As of the base class. An element is judged beside its prediction along φ as it was at the beginning of the
+        period, by the variance that `covariance` and R^n give it, before φ is taken from it.
+    bounds : None
+        There are none: the linear error, and what is proved of it, would end at a bound.
 
     Raises
     ------
     InvalidInput
-        As the base class; if the plant does not have the form (with the states that enter nonlinearly and what to
-        measure in addition); for poles that are not those of a decaying error, or process noise that leaves an
+        As the base class; for bounds; if the plant does not have the form (with the states that enter nonlinearly and
+        what to measure in addition); for poles that are not those of a decaying error, or process noise that leaves an
         error as it is.
     NotDetectable
         If the gain cannot be had because a mode is not measured.
@@ -108,6 +129,15 @@ class OutputInjectionObserver(RecursiveFilter):
     -----
     `covariance` is propagated exactly for the linear error dynamics and whatever gain there is,
     P⁻ = Φ P Φᵀ + R^v and P = (1 − L H) P⁻ (1 − L H)ᵀ + L R^n Lᵀ. It is information, no part of the gain.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> observer = fh.OutputInjectionObserver(fh.paper_arm().plant(), 1e-3, 1e-6, 1e-6, mean=np.zeros(4))
+    >>> observer.correct([0.1])
+    >>> observer.mean.shape
+    (4,)
     """
 
     def __init__(
@@ -121,10 +151,19 @@ class OutputInjectionObserver(RecursiveFilter):
         poles: Any = None,
         *,
         about: Any = None,
+        gate: float | None = None,
+        bounds: None = None,
     ) -> None:
-        super().__init__(
-            plant, period, process_noise, measurement_noise, mean, 0.0 if covariance is None else covariance
+        refuse_if(
+            bounds is not None and bounds != {},
+            "An output-injection observer has no bounds: its error is linear exactly, which a bound would end.",
+            f"expected bounds=None, got {value_text(bounds)}",
+            "ExtendedKalmanFilter(..., bounds=...)",
         )
+        super().__init__(
+            plant, period, process_noise, measurement_noise, mean, 0.0 if covariance is None else covariance,
+            gate=gate,
+        )  # fmt: skip
         point = None if about is None else self._vector(about, plant.states, "point about which it is split")
         self._poles, self._about = poles, point
         self._drift, self._sensors = output_form(plant, point)
@@ -142,7 +181,7 @@ class OutputInjectionObserver(RecursiveFilter):
         if covariance is None:
             correction, gain, noise = self._correction, self._gain, self.process_noise
             added = correction @ noise @ correction.T + gain @ self.measurement_noise @ gain.T
-            corrected = _stein(self.error_matrix, (added + added.T) / 2.0)
+            corrected = stein(self.error_matrix, (added + added.T) / 2.0)
             predicted = transition @ corrected @ transition.T + noise
             self._start = read_only((predicted + predicted.T) / 2.0)
         self.initial = self._belief = self.initial_at(self.initial.mean)
@@ -153,6 +192,7 @@ class OutputInjectionObserver(RecursiveFilter):
             **super().settings(),
             "poles": None if self._poles is None else np.array(self._poles),
             "about": self._about,
+            **({} if self.gate is None else {"gate": self.gate}),
         }
 
     # What it is ------------------------------------------------------------------------------------
@@ -193,12 +233,12 @@ class OutputInjectionObserver(RecursiveFilter):
             If W is not.
         """
         w = self.period * covariance_matrix(weight, self.plant.n, "weight of the error")
-        return _stein(self.error_matrix.T, w)
+        return stein(self.error_matrix.T, w)
 
     @property
     def estimator_key(self) -> str:
-        """The method: every number, the period too, is in the belief."""
-        return "output injection"
+        """The method, and a gate: every other number, the period too, is in the belief."""
+        return "output injection" if self.gate is None else f"output injection {self.gate}"
 
     @property
     def operations(self) -> int:
@@ -212,7 +252,10 @@ class OutputInjectionObserver(RecursiveFilter):
         u, p = np.zeros(len(self.plant.inputs)), self.plant.parameters.vector()
         measured = self._lifted(self.output(belief.mean, u, p), u, p, self._lift)
         state = (belief.mean, belief.covariance, measured, still, np.zeros(1))
-        return read_only(InjectedGaussian._make((*state, self._drift, *self._hold, self._gain, self._lift)))
+        whole = (*state, self._drift, *self._hold, self._gain, self._lift)
+        if self.gate is None:
+            return read_only(InjectedGaussian(*whole))
+        return read_only(GatedInjectedGaussian(*whole, belief.rejected))
 
     @property
     def _lift(self) -> np.ndarray:
@@ -236,13 +279,18 @@ class OutputInjectionObserver(RecursiveFilter):
         self, run: Any, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any
     ) -> tuple[Any, Any, Any]:
         """x(k|k−1) → (x(k|k), innovation, its covariance): first along the slope of φ, then the correction."""
+        counts: dict[str, Any] = {}
+        if self.gate is not None:
+            y, counts["rejected"] = self._passed(run, belief, y, u, p, measurement_noise)
         flags, there = run.call(known, y), run.call(self._bridged, belief.mean, y, u, p)
         measured = run.call(self._lifted, there, u, p, belief.lift)
         injection = run.call(self._injected, measured, u, p, belief.drift)
         mean = run.call(_sloped, belief.mean, belief.injection, injection, belief.moved, belief.ramp)
         expected, sensors = run.call(self.measured, mean, u, p)
         still = np.zeros(len(self.plant.outputs))
-        innovation, sensors, noise, _ = self.admitted(run, y, expected, sensors, measurement_noise, still, ())
+        _, innovation, sensors, noise, _ = self.admitted(
+            run, y, expected, sensors, measurement_noise, still, ()
+        )
         mean, moved = run.call(_corrected, mean, innovation, belief.gain)
         root = run.cholesky(belief.covariance)
         seen = run.columns(applied, root, sensors)
@@ -252,9 +300,22 @@ class OutputInjectionObserver(RecursiveFilter):
         added = run.gram(noise, np.ones(len(self.plant.outputs)), run.call(np.zeros_like, belief.covariance))
         covariance = run.gram(run.columns(_left, (root, seen), belief.gain), np.ones(self.plant.n), added)
         corrected = belief._replace(
-            mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved
+            mean=mean, covariance=covariance, measured=measured, injection=injection, moved=moved, **counts
         )
         return corrected, innovation, spread
+
+    def _passed(self, run: Any, belief: Any, y: Any, u: Any, p: Any, noise: Any) -> tuple[Any, Any]:
+        """The measurement (p,), infinite where the gate rejects it, and the counts (p,)."""
+        expected, sensors = run.call(self.measured, belief.mean, u, p)
+        seen = run.columns(applied, run.cholesky(belief.covariance), sensors)
+        spread = run.gram(seen, np.ones(self.plant.n), noise)
+        return run.call(self._without_outliers, y, expected, spread, belief.rejected)
+
+    def _without_outliers(self, y: Any, expected: Any, spread: Any, rejected: Any) -> tuple[Any, Any]:
+        away = self.completed(y, expected) - expected
+        outliers = beyond(away * away, np.diagonal(spread) * self.limit)
+        there = [where(flag > 0.5, np.inf, element) for flag, element in zip(outliers, y, strict=True)]
+        return np.array(there), rejected + outliers
 
     def _bridged(self, mean: Any, y: Any, u: Any, p: Any) -> Any:
         return self.completed(y, self.output(mean, u, p))
@@ -284,22 +345,8 @@ def _corrected(mean: Any, innovation: Any, gain: Any) -> tuple[Any, Any]:
 
 
 def _left(root: Any, measured: Any, gain: Any) -> Any:
+    """A column of (I - K C) L: the deviations that the correction leaves."""
     return root - gain @ measured
-
-
-def _stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
-    """X = M X Mᵀ + W for |eigenvalues| of M below one: Σ Mᵏ W (Mᵏ)ᵀ, doubled [anderson1979]."""
-    total, power = added, matrix
-    for _ in range(DOUBLINGS):
-        growth = power @ total @ power.T
-        total, power = total + (growth + growth.T) / 2.0, power @ power
-        if np.abs(growth).max() <= np.finfo(float).eps * np.abs(total).max():
-            return total
-    raise NumericalFailure(
-        "The sum over all samples does not converge.",
-        f"got terms of {np.abs(growth).max():.3g} after 2^{DOUBLINGS} samples",
-        "a gain with faster errors: more process noise, or poles=",
-    )
 
 
 def first_order_hold(drift: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

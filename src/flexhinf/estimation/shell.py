@@ -10,25 +10,49 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.estimation.diagnosis import CLOSE, CURES, Diagnosis, lost_digits
+from flexhinf.estimation.diagnosis import CURES, EPS, Diagnosis, innovation_limit, recorded
+from flexhinf.plant import rcond_limit
 from flexhinf.scalars import cholesky, solve_lower
 from flexhinf.validation import checked_array, real_array, value_text
+
+if TYPE_CHECKING:
+    from flexhinf.estimation.compiled import CompiledUpdates
+
+#: Reciprocal condition of a correction below which digits are lost.
+RCOND_LIMIT = rcond_limit(EPS)
 
 #: Entries of `RecursiveFilter.diagnosis` that are kept.
 LONGEST_DIAGNOSIS = 1000
 
+#: Calls that NumPy makes before both updates are compiled: that takes as long as some hundred of the paper's arm.
+NUMPY_CALLS = 100
+
+#: What a filter keeps between two calls: in its attributes, or in those of `CompiledUpdates`.
+KEPT = ("_belief", "_u", "_step", "_repairs", "log_likelihood")
+
 
 class Shell:
-    """What keeps the belief of a `flexhinf.estimation.filter.RecursiveFilter`."""
+    """What keeps the belief of a `flexhinf.estimation.filter.RecursiveFilter`.
+
+    `predict` and `correct` are NumPy's first, then machine code of the same text, equal to rounding (see
+    `flexhinf.estimation.compiled`). A model that cannot be compiled stays with NumPy, and so does a subclass that
+    writes `time_update` or `innovate`.
+    """
+
+    _only_numpy = False
+    _compiled: CompiledUpdates | None = None  # where it keeps the belief
+    _ready: CompiledUpdates | None = None
+    _calls = 0
 
     if TYPE_CHECKING:
         plant: Any
         form: str
         gate: float | None
         initial: Any
+        _clipped: tuple[Diagnosis, ...]
+        _exact: bool
         process_noise: np.ndarray
         measurement_noise: np.ndarray
-        measured: Any
         time_update: Any
         innovate: Any
         _parameters: Any
@@ -36,6 +60,8 @@ class Shell:
     @property
     def mean(self) -> np.ndarray:
         """Estimate x̂, (n,)."""
+        if self._compiled is not None:
+            return self._compiled.mean()
         return np.array(self._belief.mean, dtype=float)
 
     @property
@@ -55,18 +81,28 @@ class Shell:
 
         "skipped": samples where nothing was measured. "missing", "rejected": elements of other samples. "singular":
         pivots of covariances that were zero to rounding, and taken for zero; rows of deviations need no such thing.
+        "covariance": covariances that the filter was given and that were clipped, which `reset` leaves.
         """
         return {**self._repairs, "rejected": int(self.rejected.sum())}
 
-    def predict(self, u: Any) -> None:
-        """Time update with the input u (m,) held over the period.
+    @property
+    def says_digits(self) -> bool:
+        """Whether digits that a correction loses are an entry of `diagnosis`."""
+        return self.form == "square_root" or self._exact
+
+    def predict(self, u: Any = None) -> None:
+        """Time update with the input u (m,) held over the period; a plant without inputs needs none.
 
         Raises
         ------
         InvalidInput
             If u does not fit the plant.
         """
-        self._u = self._vector(u, self.plant.inputs, "input")
+        compiled = self._compiled or self._prepared()
+        if compiled is not None and compiled.predict(u):
+            return
+        self._settle()
+        self._u = self._input(u)
         with np.errstate(all="ignore"):  # checked below
             belief = self.time_update(self._belief, self._u, self._parameters, self.process_noise)
         self._accept(belief)
@@ -82,9 +118,12 @@ class Shell:
         InvalidInput
             If y does not fit the plant.
         """
+        compiled = self._compiled or self._prepared()
+        if compiled is not None and compiled.correct(y):
+            return
+        self._settle()
         y = self._measurement(y)
-        flags, prior = np.isfinite(y), self._belief
-        there = np.count_nonzero(flags)
+        there = np.count_nonzero(np.isfinite(y))
         if not there:
             self.log_likelihood, self._repairs = 0.0, _counted(self._repairs, skipped=1)
             return
@@ -98,33 +137,73 @@ class Shell:
                 return
             self._repairs = _counted(self._repairs, missing=int(len(y) - there))
             there -= self.rejected.sum() - before
-            if self.form == "square_root":
-                slope = self.measured(prior.mean, self._u, self.plant.parameters.flat(self._parameters))[1]
-                noise = self.measurement_noise[np.ix_(flags, flags)]
-                if not lost_digits(prior.root, slope[flags], noise, innovation[flags]) <= CLOSE:
-                    self._record("digits")
+            if self.says_digits and not belief.rcond[0] >= RCOND_LIMIT:
+                self._record("digits")
             factor = cholesky(np.asarray(spread, dtype=float))
             white = solve_lower(factor, np.asarray(innovation, dtype=float))
             constant = there * np.log(2.0 * np.pi)
-            likelihood = -0.5 * (white @ white + constant) - np.log(np.diag(factor)).sum()
+            squares = white @ white
+            likelihood = -0.5 * (squares + constant) - np.log(np.diag(factor)).sum()
+            if squares > innovation_limit(len(y)):
+                self._record("innovations")
         self.log_likelihood = float(likelihood)
+
+    # Machine code -----------------------------------------------------------------------------------
+    def _prepared(self) -> CompiledUpdates | None:
+        """The compiled updates with what the filter keeps, from its `NUMPY_CALLS`th call on."""
+        if self._calls < NUMPY_CALLS or self._only_numpy:
+            vars(self)["_calls"] = self._calls + 1
+            return None
+        from flexhinf.estimation.compiled import compiled_updates
+
+        ready = self._ready
+        if ready is None or not ready.fit(self):
+            ready = compiled_updates(self)
+        vars(self).update(_ready=ready, _compiled=ready, _only_numpy=ready is None)
+        if ready is not None:
+            ready.load(self)
+            for name in KEPT:
+                del vars(self)[name]
+        return ready
+
+    def _settle(self) -> None:
+        """Take back what the compiled updates keep."""
+        if self._compiled is not None:
+            vars(self).update({name: getattr(self._compiled, name) for name in KEPT}, _compiled=None)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in KEPT and (compiled := vars(self).get("_compiled")) is not None:
+            return getattr(compiled, name)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._settle()  # its arrays have the numbers of before
+        super().__setattr__(name, value)
+
+    def __getstate__(self) -> dict[str, Any]:
+        state: dict[str, Any] = super().__getstate__()  # type: ignore[misc]
+        state |= {name: getattr(self, name) for name in KEPT}
+        return {name: value for name, value in state.items() if name not in ("_compiled", "_ready")}
 
     def reset(self) -> None:
         """Back to the belief before the first measurement."""
         self._belief: Any = self.initial
         self._u = np.zeros(len(self.plant.inputs))
-        self._repairs: dict[str, int] = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
+        counts = dict.fromkeys(("skipped", "missing", "rejected", "singular"), 0)
+        self._repairs: dict[str, int] = {**counts, "covariance": len(self._clipped)}
         self.log_likelihood = float("nan")
-        self._step, self._diagnosis = 0, ()
+        self._step, self._diagnosis = 0, self._clipped
 
     @property
     def diagnosis(self) -> tuple[Diagnosis, ...]:
-        """What was wrong since `reset`, up to the first 1000 entries; empty while all is well."""
+        """What made an estimate doubtful since `reset`, samples in a row as one, up to the first 1000 entries.
+
+        It is about single samples: lost digits, innovations beyond all noise. `flexhinf.consistency` judges the model.
+        """
         return self._diagnosis
 
     def _record(self, kind: str) -> None:
-        if len(self._diagnosis) < LONGEST_DIAGNOSIS:
-            self._diagnosis = (*self._diagnosis, Diagnosis(kind, self._step, CURES[kind]))
+        self._diagnosis = recorded(self._diagnosis, kind, self._step, LONGEST_DIAGNOSIS)
 
     def _vector(self, value: Any, names: Sequence[str], what: str, hint: str = "") -> np.ndarray:
         return checked_array(
@@ -134,6 +213,11 @@ class Shell:
             f"{len(names)} finite numbers for {list(names)}",
             f"one number per name {hint}".rstrip(),
         )
+
+    def _input(self, u: Any) -> np.ndarray:
+        names = self.plant.inputs
+        hint = "" if names else "(there is none: predict())"
+        return self._vector(() if u is None and not names else u, names, "input", hint)
 
     def _measurement(self, y: Any) -> np.ndarray:
         names, array = self.plant.outputs, np.full(len(self.plant.outputs), np.nan)
@@ -155,7 +239,8 @@ class Shell:
         """
         finite = all(np.all(np.isfinite(np.asarray(part, dtype=float))) for part in belief)
         p = np.zeros((0, 0)) if self.form == "square_root" else np.asarray(belief.covariance, dtype=float)
-        pivots = np.diag(cholesky(p))
+        with np.errstate(all="ignore"):  # checked below
+            pivots = np.diag(cholesky(p))
         if finite and np.all(np.isfinite(pivots)):
             self._belief = belief
             singular = int(np.count_nonzero((pivots == 0.0) & (np.diag(p) > 0.0)))

@@ -19,11 +19,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from flexhinf.scalars import where
+from flexhinf.scalars import absolute, maximum, minimum, where
 
 
 class RootGaussian(NamedTuple):
@@ -63,34 +64,55 @@ def root_rows(covariance: np.ndarray) -> np.ndarray:
 def root_prediction(run: Any, rows: Any, process_noise: Any) -> Any:
     """W (n, n) of moved deviations, rows (m, n), and R^v (n, n)."""
     n = rows.shape[1]
-    return run.householder(run.stacked(rows, run.cholesky(process_noise).T), n)[:n]
+    return run.householder(run.stacked(rows, run.cholesky(process_noise).T), n, triangle=n)[:n]
 
 
 @dataclass(frozen=True)
 class Pairs:
     """A run on pairs of a state and a deviation of it, for the stages of a Runge–Kutta step of one `flow`.
 
-    The flow's difference is computed by `difference`, of (x, d, …); all else that the stages call are sums, which
+    The flow and its difference are computed by `both`, of (x, d, …); all else that the stages call are sums, which
     values and deviations have alike.
     """
 
     run: Any
     flow: Callable[..., Any]
-    difference: Callable[..., Any]
+    both: Callable[..., tuple[Any, Any]]
 
     def call(self, function: Callable[..., Any], *arrays: Any) -> tuple[Any, Any]:
         """As `flexhinf.codegen.Direct.call`, of pairs."""
         if function == self.flow:
             (x, d), *held = arrays
-            return self.run.call(function, x, *held), self.run.call(self.difference, x, d, *held)
+            return self.run.call(self.both, x, d, *held)
         values, deviations = zip(*arrays, strict=True)
         return self.run.call(function, *values), self.run.call(function, *deviations)
 
 
+def innovation_scales(root: Any, slope: Any, noise: Any) -> Any:
+    """Σ |c_j| σ_j + √r (p,), what an innovation is made of, from W."""
+    return absolute(slope) @ np.sqrt((root * root).sum(axis=0)) + np.sqrt(np.diagonal(noise))
+
+
+def reciprocal_condition(gains: Any, innovation: Any, root: Any, slope: Any, noise: Any) -> Any:
+    """ρ / max(1, |ν|) (1,): rounding of W moves the mean of a correction by eps over this many standard deviations.
+
+    ρ is the smallest pivot of S in parts of Σ |c_j| σ_j + √r, what it was made of, and ν = S⁻ᵀ e the innovation in
+    standard deviations. 1 where nothing is measured, 0 where a pivot is zero, or a variance too large for a float.
+
+    `gains`: [S …] (p, p or more), the first rows of a reduced array. `innovation`: e (p,). `root`: W (n, n) before the
+    correction. `slope`: C (p, n). `noise`: R^n (p, p).
+    """
+    p, sizes = len(innovation), innovation_scales(root, slope, noise)
+    pivots = absolute(np.array([gains[k, k] for k in range(p)])) / sizes
+    white = absolute(solved(gains, innovation))
+    ratio = reduce(minimum, pivots) / reduce(maximum, white, 1.0)
+    return np.array([where(ratio > 0.0, ratio, 0.0)])
+
+
 def linear_correction(
     run: Any, belief: RootGaussian, innovation: Any, slope: Any, noise: Any, from_origin: Any = None
-) -> tuple[RootGaussian, Any]:
-    """x(k|k) and the covariance of the innovation, for an output that is linear about the mean.
+) -> tuple[RootGaussian, Any, Any]:
+    """x(k|k), the covariance of the innovation, and [S K_x K_v], for an output that is linear about the mean.
 
     `innovation`: (p,). `slope`: C (p, n). `noise`: R^n (p, p). `from_origin`: (p,), y − H(0), where H is linear
     everywhere: the innovation is that less C x̂, and its rounding is found, too.
@@ -100,28 +122,28 @@ def linear_correction(
         run.columns(_seen, belief.root.T, slope),
         run.columns(_noise, run.cholesky(noise), belief.mean),
     )
-    reduced = run.householder(run.stacked(seen.T, noises.T), p)
+    reduced = run.householder(run.stacked(seen.T, noises.T), p, triangle=p)
     gains = reduced[:p]
     first, spread = run.call(_moved, gains, innovation, *(() if from_origin is None else (from_origin, mean)))
     rows = run.stacked(first, reduced[p:])
     rows = run.columns(_refined, (rows.T, run.residual(rows, slope).T), gains).T
     moved = run.call(_first, rows) if from_origin is not None else run.call(_added, rows, mean)
-    return RootGaussian(moved, rows[1:]), spread
+    return RootGaussian(moved, rows[1:]), spread, gains
 
 
 def correction_of_rows(
     run: Any, mean: Any, rows: Any, innovation: Any, noise: Any
-) -> tuple[RootGaussian, Any]:
-    """x(k|k) and the covariance of the innovation, of deviations of outputs and states beside each other.
+) -> tuple[RootGaussian, Any, Any]:
+    """x(k|k), the covariance of the innovation, and [S K_x], of deviations of outputs and states beside each other.
 
     `rows`: (m, p + n). `innovation`: (p,).
     """
     n, p = len(mean), len(innovation)
     noises = run.columns(_beside_zeros, run.cholesky(noise), mean)
-    reduced = run.householder(run.stacked(rows, noises.T), p)
+    reduced = run.householder(run.stacked(rows, noises.T), p, triangle=p)
     gains, left = reduced[:p], run.columns(_states, reduced[p:].T, innovation).T
     mean, spread = run.call(_gained, gains, innovation, mean)
-    return RootGaussian(mean, run.householder(left, n)[:n]), spread
+    return RootGaussian(mean, run.householder(left, n)[:n]), spread, gains
 
 
 def _seen(row: Any, slope: Any) -> Any:

@@ -15,10 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput, NotDetectable, NumericalFailure, refuse_if
-from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.estimation.bounds import bounded_places, projected
+from flexhinf.estimation.covariances import is_singular
+from flexhinf.estimation.filter import RecursiveFilter, beyond
 from flexhinf.plant import Estimator
-from flexhinf.scalars import jacobian
-from flexhinf.validation import checked_array, value_text
+from flexhinf.scalars import jacobian, masked
+from flexhinf.validation import checked_array, read_only, value_text
 
 
 class ConstantGainBelief(NamedTuple):
@@ -28,22 +30,57 @@ class ConstantGainBelief(NamedTuple):
     gain: Any
 
 
+class GatedGainBelief(NamedTuple):
+    """As `ConstantGainBelief`, with the variances (p,) of innovations, and how often each was rejected (p,)."""
+
+    mean: Any
+    gain: Any
+    variances: Any
+    rejected: Any
+
+
+class BoundedGainBelief(NamedTuple):
+    """As `ConstantGainBelief`, with the columns (n, k) of P at the states with bounds: of a prediction, and of what a
+    measurement has corrected."""
+
+    mean: Any
+    gain: Any
+    predicted: Any
+    corrected: Any
+
+
+class GatedBoundedGainBelief(NamedTuple):
+    """Both of them."""
+
+    mean: Any
+    gain: Any
+    predicted: Any
+    corrected: Any
+    variances: Any
+    rejected: Any
+
+
 class ConstantGainFilter(Estimator):
     """x̂ = x̂⁻ + L (y − h(x̂⁻)), x̂⁻ = F(x̂, u), with the gain L carried along in the belief.
 
-    `filter`: The filter with model, discretisation and noises. `gain`: (n, p). Raises InvalidInput: if the gain is not
-    (n, p) finite numbers.
+    A gate and bounds are those of the filter. What they need of a covariance is the one that errors have after very
+    many samples with this gain and the filter's noises, by its model about one state, see `stationary_error`.
+
+    `filter`: The filter with model, discretisation and noises. `gain`: (n, p). `about`: (n,), the state of that
+    covariance, the initial mean by default. Raises InvalidInput: if the gain is not (n, p) finite numbers; if there is
+    a gate or a bound, and errors with this gain do not decay; for `about` where nothing needs it.
     """
 
-    def __init__(self, filter: RecursiveFilter, gain: np.ndarray) -> None:
+    def __init__(self, filter: RecursiveFilter, gain: np.ndarray, about: Any = None) -> None:
+        self._adopt(filter)
+        gated, bounded = filter.gate is not None, bool(filter.bounds)
         refuse_if(
-            filter.gate is not None or filter.bounds,
-            "A filter with a constant gain has neither gate nor bounds: it predicts no variance.",
-            f"expected none of its filter, got gate={filter.gate!r} and bounds={filter.bounds!r}",
-            "the filter without them, or that filter itself as the estimator",
+            about is not None and not (gated or bounded),
+            "A state is given about which nothing is computed.",
+            f"expected about=None for a filter without gate and bounds, got {value_text(about)}",
+            "the filter with gate=0.999",
         )
-        self.filter, self.plant, self.period = filter, filter.plant, filter.period
-        self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
+        self._about = None if about is None else np.array(filter.initial_at(about).mean)
         shape = (filter.plant.n, len(filter.plant.outputs))
         gain = checked_array(
             "The gain does not fit the plant.",
@@ -52,33 +89,99 @@ class ConstantGainFilter(Estimator):
             f"{shape} finite numbers",
             "stationary_gain of linear_model(filter, x, u)",
         )
-        self.initial: Any = ConstantGainBelief(np.array(filter.initial.mean), gain)
+        mean, more = np.array(filter.initial.mean), []
+        if gated or bounded:
+            point = mean if self._about is None else self._about
+            predicted, corrected, spread = stationary_error(filter, gain, point)
+            places = self._bounded[0]
+            more += [predicted[:, places], corrected[:, places]] if bounded else []
+            more += [np.diag(spread), np.zeros(len(spread))] if gated else []
+        self.initial: Any = read_only(GAIN_BELIEFS[gated, bounded](mean, gain, *more))
+
+    def _adopt(self, filter: RecursiveFilter) -> None:
+        self.filter, self.plant, self.period = filter, filter.plant, filter.period
+        self.process_noise, self.measurement_noise = filter.process_noise, filter.measurement_noise
 
     def settings(self) -> dict[str, Any]:
         """Arguments of the constructor by name."""
-        return {"filter": self.filter, "gain": self.initial.gain}
+        about = {} if self._about is None else {"about": self._about}
+        return {"filter": self.filter, "gain": np.array(self.initial.gain), **about}
 
     @property
     def estimator_key(self) -> str:
         """Key of the traced code."""
-        return f"constant gain {self.period!r} {self.filter.sub_steps} x {self.filter.stages}"
+        return (
+            f"constant gain {self.period!r} {self.filter.sub_steps} x {self.filter.stages}{self._limits_key}"
+        )
+
+    @property
+    def _limits_key(self) -> str:
+        bounds, gate = sorted(self.filter.bounds.items()), self.filter.gate
+        return f" {gate} {bounds}" if bounds or gate is not None else ""
 
     def initial_at(self, mean: np.ndarray) -> Any:
         """The initial belief with another mean (n,)."""
-        return ConstantGainBelief(self.filter.initial_at(mean).mean, self.initial.gain)
+        return self.initial._replace(mean=self.filter.initial_at(mean).mean)
 
     def time_update(self, belief: Any, u: Any, p: Any, process_noise: Any) -> Any:
         """x̂(k|k) → x̂(k+1|k), pure, on any element."""
-        return ConstantGainBelief(self.filter.transition(belief.mean, u, p), belief.gain)
+        mean = self.filter.transition(belief.mean, u, p)
+        if self.filter.bounds:
+            mean = projected(*self._bounded, mean, belief.predicted)
+        return belief._replace(mean=mean)
 
     def measurement_update(self, belief: Any, y: Any, u: Any, p: Any, measurement_noise: Any) -> Any:
         """x̂(k|k−1) → x̂(k|k), pure, on any element."""
-        innovation = y - self.filter.output(belief.mean, u, self.plant.parameters.flat(p))
-        return ConstantGainBelief(belief.mean + belief.gain @ innovation, belief.gain)
+        innovation, more = y - self.filter.output(belief.mean, u, self.plant.parameters.flat(p)), {}
+        if self.filter.gate is not None:
+            innovation, counts = self._passed(innovation, belief.variances, belief.rejected)
+            more = {"rejected": counts}
+        mean = belief.mean + belief.gain @ innovation
+        if self.filter.bounds:
+            mean = projected(*self._bounded, mean, belief.corrected)
+        return belief._replace(mean=mean, **more)
+
+    @property
+    def _bounded(self) -> tuple[list[int], list[tuple[float, float]]]:
+        """Places of the states with bounds, and their intervals."""
+        return bounded_places(self.filter.bounds, self.plant)
+
+    def _passed(self, innovation: Any, variances: Any, rejected: Any) -> tuple[Any, Any]:
+        """The innovation (p,), zero where the gate rejects it, and the counts (p,)."""
+        outliers = beyond(innovation * innovation, variances * self.filter.limit)
+        return masked(1.0 - outliers, innovation), rejected + outliers
+
+
+#: Beliefs by whether there is a gate, and whether there are bounds.
+GAIN_BELIEFS: dict[tuple[bool, bool], type] = {
+    (False, False): ConstantGainBelief,
+    (True, False): GatedGainBelief,
+    (False, True): BoundedGainBelief,
+    (True, True): GatedBoundedGainBelief,
+}
 
 
 #: Doublings of the Riccati recursion at most: 2⁴⁰ samples.
 DOUBLINGS = 40
+
+
+#: Doublings of a sum over samples at most; the slowest error that is allowed takes 46.
+SUM_DOUBLINGS = 64
+
+
+def stein(matrix: np.ndarray, added: np.ndarray) -> np.ndarray:
+    """X = M X Mᵀ + W for |eigenvalues| of M below one: Σ Mᵏ W (Mᵏ)ᵀ, doubled [anderson1979]."""
+    total, power = added, matrix
+    for _ in range(SUM_DOUBLINGS):
+        growth = power @ total @ power.T
+        total, power = total + (growth + growth.T) / 2.0, power @ power
+        if np.abs(growth).max() <= np.finfo(float).eps * np.abs(total).max():
+            return total
+    raise NumericalFailure(
+        "The sum over all samples does not converge.",
+        f"got terms of {np.abs(growth).max():.3g} after 2^{SUM_DOUBLINGS} samples",
+        "a gain with faster errors: more process noise, or poles=",
+    )
 
 
 def linear_model(filter: RecursiveFilter, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -86,6 +189,26 @@ def linear_model(filter: RecursiveFilter, x: np.ndarray, u: np.ndarray) -> tuple
     table = filter.plant.parameters
     moved = jacobian(lambda s, v, w: filter.transition(s, v, table.named(w)), len(x), len(u), table.size)
     return moved(x, u, table.vector())[1], filter.plant.slopes(x, u)[3]
+
+
+def stationary_error(
+    filter: RecursiveFilter, gain: np.ndarray, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """P⁻ (n, n) and P (n, n), of errors before and after a correction, and the covariance (p, p) of innovations, after
+    very many samples with a constant gain L (n, p), by the filter's model F, H and noises about a state x (n,), u = 0:
+
+        P = (1 − L H) P⁻ (1 − L H)ᵀ + L R^n Lᵀ,        P⁻ = F P Fᵀ + R^v        [anderson1979].
+
+    Raises InvalidInput: if these errors do not decay.
+    """
+    a, c = linear_model(filter, x, np.zeros(len(filter.plant.inputs)))
+    left, q, r = np.eye(len(a)) - gain @ c, filter.process_noise, filter.measurement_noise
+    check_decay(left @ a)
+    added = left @ q @ left.T + gain @ r @ gain.T
+    corrected = stein(left @ a, (added + added.T) / 2.0)
+    predicted = a @ corrected @ a.T + q
+    predicted = (predicted + predicted.T) / 2.0
+    return predicted, corrected, c @ predicted @ c.T + r
 
 
 def stationary_gain(
@@ -111,6 +234,12 @@ def stationary_covariance(
     """
     (a, c), r = model, measurement_noise
     n, unit = len(a), np.eye(len(a))
+    if is_singular(r):
+        raise NumericalFailure(
+            "There is no stationary gain without measurement noise in every direction.",
+            f"expected a positive definite R^n, got {value_text(r)}",
+            "a variance > 0 for each measured signal",
+        )
     forward, information, covariance = a.T, c.T @ np.linalg.solve(r, c), np.array(process_noise)
     for _ in range(DOUBLINGS):
         try:

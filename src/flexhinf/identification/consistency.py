@@ -6,12 +6,14 @@ squared errors over their covariances are χ² [barshalom2001, sections 5.4 and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from flexhinf.errors import refuse_if
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,6 +24,9 @@ CONFIDENCE, DEVIATIONS = 0.95, 1.959963984540054
 #: Most lags of a test, a tenth of the samples at most; a correlation that is smaller is of no consequence, however
 #: certain a long log makes it.
 LAGS, SMALL_CORRELATION = 20, 0.1
+
+#: Slow changes have so much more power than those of white noise before small correlations are of consequence.
+SLOW = 2.0
 
 #: Innovations so much larger or smaller than expected are of no consequence.
 SMALL_FACTOR = 1.1
@@ -41,9 +46,15 @@ class Whiteness:
     p_value: float
 
     @property
+    def slow(self) -> float:
+        """The power of slow changes beside that of white noise, 1 + 2 Σ r: many small correlations have a large sum."""
+        return float(1.0 + 2.0 * self.correlations.sum())
+
+    @property
     def white(self) -> bool:
-        """Whether no correlation is both certain and of consequence."""
-        return self.p_value > 1.0 - CONFIDENCE or bool(np.abs(self.correlations).max() < SMALL_CORRELATION)
+        """Whether correlations are not certain, or of no consequence: each and all together are small."""
+        small = bool(np.abs(self.correlations).max() < SMALL_CORRELATION) and self.slow < SLOW
+        return self.p_value > 1.0 - CONFIDENCE or small
 
 
 def whiteness(values: np.ndarray, lags: int = LAGS) -> Whiteness | None:
@@ -170,15 +181,65 @@ class Consistency:
     nis: SquaredError
     nees: SquaredError | None
 
+    @property
+    def correlated(self) -> tuple[OutputConsistency, ...]:
+        """Outputs whose innovations are not white."""
+        return tuple(each for each in self.outputs if each.whiteness and not each.whiteness.white)
+
+    @property
+    def innovations_fit(self) -> bool:
+        """Whether innovations are as large as the filter says, and white."""
+        return self.nis.judgement == "as expected" and not self.correlated
+
 
 def consistency(data: xr.Dataset) -> Consistency:
-    """What the innovations of `filter_log` say of its filter; with the true state in the log, its errors too."""
-    deviations = data["innovation_standard_deviation"].values
+    """What the innovations of `filter_log` say of its filter; with the true state in the log, its errors too.
+
+    Raises InvalidInput: for anything but a table of `filter_log`, and an output without innovations.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-2, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    >>> loop = fh.Loop(arm.plant(), fh.Controller(fh.linear_law(arm.problem(), gamma=np.inf), ekf, 1e-2))
+    >>> run = loop.run(fh.Sine(0.5, frequency=0.5), noise=1e-3, duration=4.0)
+    >>> fh.consistency(fh.filter_log(ekf, run)).outputs[0].name
+    'link_position'
+    """
+    needed = ("innovation", "innovation_standard_deviation", "nis", "measured", "output_name", "output_unit")
+    refuse_if(
+        not set(needed) <= {str(name) for name in getattr(data, "variables", ())},
+        "This is no table of a filter's innovations.",
+        f"expected what filter_log returns, got {value_text(data)}",
+        "consistency(filter_log(filter, log))",
+    )
+    innovations = (
+        data[name].values for name in ("innovation", "innovation_standard_deviation", "nis", "measured")
+    )
+    nees = squared_error(data["nees"].values, data["known"].values) if "nees" in data else None
+    names, units = (data[f"output_{what}"].values.tolist() for what in ("name", "unit"))
+    return Consistency(*innovation_consistency(names, units, *innovations), nees)
+
+
+def innovation_consistency(
+    names: Sequence[str],
+    units: Sequence[str],
+    innovations: np.ndarray,
+    deviations: np.ndarray,
+    squared: np.ndarray,
+    measured: np.ndarray,
+) -> tuple[tuple[OutputConsistency, ...], SquaredError]:
+    """What innovations (N, p) with these standard deviations (N, p) say of each output, and their NIS.
+
+    NaN stands where nothing was measured. `squared`: (N,), over their covariance. `measured`: how many are in each.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):  # a deviation of zero expects no error at all
-        white = data["innovation"].values / deviations
+        white = innovations / deviations
     outputs = []
-    for k, (name, unit) in enumerate(zip(data["output_name"].values.tolist(), data["output_unit"].values)):
-        innovation, normal = data["innovation"].values[:, k], white[:, k]
+    for k, (name, unit) in enumerate(zip(names, units)):
+        innovation, normal = innovations[:, k], white[:, k]
         known = np.isfinite(normal)
         count = int(known.sum())
         refuse_if(
@@ -192,9 +253,8 @@ def consistency(data: xr.Dataset) -> Consistency:
                 float(normal[known].mean()), float(np.mean(np.abs(normal[known]) <= DEVIATIONS)), whiteness(normal),
             )
         )  # fmt: skip
-    nis: Any = squared_error(data["nis"].values, data["measured"].values)
-    nees = squared_error(data["nees"].values, data["known"].values) if "nees" in data else None
-    return Consistency(tuple(outputs), nis, nees)
+    nis: Any = squared_error(squared, measured)
+    return tuple(outputs), nis
 
 
 def _rms(values: np.ndarray) -> float:

@@ -36,18 +36,20 @@ def measurement_variances(outputs: np.ndarray) -> np.ndarray:
     return np.array(variances)
 
 
-def process_covariance(plant: Plant, x: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """R^v (n, n) per second of disturbances with levels (k,), unit √s; without disturbances, of each state."""
-    if not plant.disturbances:
-        return np.diag(np.square(levels))
-    spread = plant.linearise(x)[2] * levels
-    return spread @ spread.T
+def process_covariance(plant: Plant, x: np.ndarray, levels: np.ndarray, period: float) -> np.ndarray:
+    """R^v (n, n) per period of disturbances with levels (k,), unit √s, of a map deviations; without disturbances, of
+    each state."""
+    spread = (plant.slopes(x)[2] if plant.disturbances else np.eye(plant.n)) * levels
+    return spread @ spread.T * (1.0 if plant.sampled else period)
 
 
 def disturbance_levels(plant: Plant, inputs: np.ndarray, period: float) -> np.ndarray:
-    """Levels (k,) of the disturbances at first: `LEFT_OUT` of the inputs' deviation, held for a period."""
-    size = max(float(np.sqrt(np.mean(np.square(inputs)))), 1e-3)
-    return np.full(len(plant.disturbances) or plant.n, LEFT_OUT * size * np.sqrt(period))
+    """Levels (k,) of the disturbances at first: `LEFT_OUT` of the inputs' deviation (without inputs, of 1), held for a
+    period; of a map the deviations themselves."""
+    size = max(float(np.sqrt(np.mean(np.square(inputs)))), 1e-3) if inputs.size else 1.0
+    return np.full(
+        len(plant.disturbances) or plant.n, LEFT_OUT * size * (1.0 if plant.sampled else np.sqrt(period))
+    )
 
 
 def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
@@ -58,7 +60,7 @@ def first_state(plant: Plant, outputs: np.ndarray) -> np.ndarray:
     first = np.array([column[np.isfinite(column)][:1].sum() for column in outputs.T])
     x, u = np.zeros(plant.n), np.zeros(len(plant.inputs))
     for _ in range(ITERATIONS):
-        y, c = np.asarray(plant.evaluate_output(x, u, plant.parameters.vector())), plant.linearise(x, u)[3]
+        y, c = np.asarray(plant.evaluate_output(x, u, plant.parameters.vector())), plant.slopes(x, u)[3]
         step = np.linalg.lstsq(c, first - y, rcond=1e-9)[0]
         x = x + step
         if np.abs(step).max() <= 1e-12 * (1.0 + np.abs(x).max()):
@@ -77,20 +79,21 @@ def default_filter(
     inputs: np.ndarray,
     outputs: np.ndarray,
     kind: type[RecursiveFilter] = ExtendedKalmanFilter,
-    form: Form = "covariance",
+    form: Form = "square_root",
     period: float | None = None,
     process_noise: Any = None,
     measurement_noise: Any = None,
+    **others: Any,
 ) -> Any:
     """A filter for a log's times (N,), inputs (N, m) and outputs (N, p): what is not stated comes from the log.
 
     Its `period` is the median time between rows. R^n is the noise of neighbouring samples, R^v (per period) that of
     disturbances of `LEFT_OUT` of the inputs, and the first state is that of the first measurement, unknown by
-    `UNKNOWN`.
+    `UNKNOWN`. `others`: of the filter, such as its gate and its bounds.
     """
     period = float(np.median(np.diff(times))) if period is None else period
     start = first_state(plant, outputs)
     if process_noise is None:
-        process_noise = process_covariance(plant, start, disturbance_levels(plant, inputs, period)) * period
+        process_noise = process_covariance(plant, start, disturbance_levels(plant, inputs, period), period)
     noise = measurement_variances(outputs) if measurement_noise is None else measurement_noise
-    return kind(plant, period, process_noise, noise, start, UNKNOWN**2, form=form)
+    return kind(plant, period, process_noise, noise, start, UNKNOWN**2, form=form, **others)

@@ -20,6 +20,7 @@ from flexhinf.files import write_file
 from flexhinf.identification.defaults import UNKNOWN, disturbance_levels, process_covariance
 from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Likelihood
+from flexhinf.identification.plausibility import vibration_periods
 from flexhinf.identification.recursion import rows_of
 from flexhinf.identification.unknowns import Noises, Number, Unknowns, model_of
 from flexhinf.loop import Waypoints
@@ -48,6 +49,13 @@ class Excitation(Summarised):
     `reference`: positions of the links, a signal for `flexhinf.Loop`. `times` (N,), s; `positions` (N, n), rad or m;
     `inputs` (N, m), those of the model without feedback. `standard_errors`: what the numbers will have, by name, in
     parts of their values; infinite for what this motion does not tell, which `unidentifiable` names.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> motion = fh.excitation(fh.paper_arm(), "friction", duration=4.0, period=1e-2, candidates=1)
+    >>> motion.positions.shape[1]
+    1
     """
 
     robot: Robot
@@ -109,6 +117,13 @@ def excitation(
         Random motions that are tried. That with the smallest largest standard error is taken.
 
     Raises InvalidInput: for unknown names, or a motion that cannot be made within the limits.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> motion = fh.excitation(fh.paper_arm(), "stiffness", duration=4.0, period=1e-2, candidates=2)
+    >>> motion.standard_errors["stiffness"] > 0.0
+    True
     """
     plant, numbers = model_of(robot, parameters, measured, extras)
     span, step = (
@@ -120,10 +135,10 @@ def excitation(
         one_of(
             f"There is no noise of {name!r}.", name, (*plant.outputs, *(plant.disturbances or plant.states))
         )
-    vibration, speeds = _vibration(robot), _speeds(robot)
+    vibration, speeds = float(vibration_periods(robot)[0]), _speeds(robot)
     best: tuple[tuple[int, float], Excitation] | None = None
     for _ in range(max(1, int(candidates))):
-        moved = _within_limits(robot, _stops(rng, box, speeds, span, vibration), span, step)
+        moved = _within_limits(robot, _stops(rng, box, speeds, span, vibration), speeds, span, step)
         if moved is None:
             continue
         found = _judged(robot, plant, numbers, dict(noise or {}), step, *moved)
@@ -179,15 +194,6 @@ def _speeds(robot: Robot) -> np.ndarray:
     return np.array([SHARE * limit if np.isfinite(limit) else SPEED for limit in limits])
 
 
-def _vibration(robot: Robot) -> float:
-    """Period of the fastest vibration at the home, s; 0.1 s where none is found."""
-    x, _ = robot.operating_point()
-    plant = robot.plant()
-    modes = np.linalg.eigvals(plant.linearise(x)[0])
-    fast = np.abs(modes.imag)[np.abs(modes.imag) > 1.0]
-    return float(2.0 * np.pi / fast.max()) if fast.size else 0.1
-
-
 def _stops(
     rng: np.random.Generator, box: np.ndarray, speeds: np.ndarray, span: float, vibration: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -204,11 +210,10 @@ def _stops(
 
 
 def _within_limits(
-    robot: Robot, stops: tuple[np.ndarray, np.ndarray], span: float, period: float
-) -> tuple[Waypoints, np.ndarray, np.ndarray, np.ndarray] | None:
-    """The motion, slower until it keeps speed and effort, its times, positions and inputs; None if none does."""
+    robot: Robot, stops: tuple[np.ndarray, np.ndarray], speeds: np.ndarray, span: float, period: float
+) -> tuple[Waypoints, np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """The motion, slower until it keeps speed and effort, its times, positions, states and inputs; or None."""
     times, poses = stops
-    speeds = _speeds(robot)
     efforts = np.array([np.inf if limit is None else SHARE * limit for limit in robot.effort_limits or ()])
     for _ in range(TIMES):
         kept = times <= span * (1.0 + 1e-9)
@@ -218,20 +223,18 @@ def _within_limits(
         motion = Waypoints(times[kept], poses[kept], "jerk-limited", smoothing=SMOOTHING * gap)
         t = np.arange(0.0, motion.duration + period, period)
         orders = motion.derivatives(t, 4).reshape(5, len(t), -1)
-        _, u = robot.inverse_dynamics(*orders)
+        states, u = robot.inverse_dynamics(*orders)
         if (np.abs(orders[1]) <= speeds).all() and (np.abs(u) <= efforts).all():
-            return motion, t, orders[0], u
+            return motion, t, orders[0], states, u
         times = SLOWER * times
     return None
 
 
 def _judged(
     robot: Robot, plant: Plant, numbers: Sequence[Number], noise: dict[str, float], period: float,
-    motion: Waypoints, times: np.ndarray, positions: np.ndarray, inputs: np.ndarray,
+    motion: Waypoints, times: np.ndarray, positions: np.ndarray, states: np.ndarray, inputs: np.ndarray,
 ) -> Excitation:  # fmt: skip
     """What a motion tells."""
-    orders = motion.derivatives(times, 4).reshape(5, len(times), -1)
-    states, _ = robot.inverse_dynamics(*orders)
     vector = plant.parameters.vector()
     outputs = np.array([plant.evaluate_output(x, u, vector) for x, u in zip(states, inputs)])
     sizes = [noise.get(name, ENCODER) for name in plant.outputs]
@@ -242,8 +245,10 @@ def _judged(
             for name, level in zip(plant.disturbances or plant.states, usual)
         ]
     )
-    added = process_covariance(plant, states[0], levels) * period
-    filter = ExtendedKalmanFilter(plant, period, added, np.square(sizes), states[0], UNKNOWN**2)
+    added = process_covariance(plant, states[0], levels, period)
+    filter = ExtendedKalmanFilter(
+        plant, period, added, np.square(sizes), states[0], UNKNOWN**2, form="covariance"
+    )
     unknowns = Unknowns(plant, robot, numbers, Noises.of(filter, levels, True))
     likelihood = Likelihood(filter, rows_of(times, inputs, outputs, period), len(unknowns.names))
     evaluation = likelihood.evaluate(*unknowns.model(unknowns.start))

@@ -9,10 +9,11 @@ import numpy as np
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.identification.consistency import squared_errors
 from flexhinf.identification.defaults import default_filter
+from flexhinf.identification.log import check_increasing, log_numbers
 from flexhinf.identification.recursion import Recursion, rows_of
 from flexhinf.identification.smoothing import Smoother
 from flexhinf.plant import Plant
-from flexhinf.validation import real_array, value_text
+from flexhinf.validation import value_text
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,8 +26,8 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
     `log`: anything with `times`, `inputs` and `outputs` (`flexhinf.Log`), these three as a tuple, or the result of
     `Loop.run` or its `data`, whose inputs act after the latency of its controller. Of one input or output a flat array
-    will do. Raises InvalidInput: sizes that differ, times that do not grow, inputs that are not finite, outputs without
-    a single number.
+    will do, of none None. Raises InvalidInput: sizes that differ, times that do not grow, inputs that are not finite,
+    outputs without a single number.
     """
     data = getattr(log, "data", log)
     if isinstance(log, tuple) and len(log) == 3:
@@ -43,7 +44,9 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
             f"expected a Log, a run, or (times, inputs, outputs), got {value_text(log)}",
             'fh.read_log("log.csv", plant)',
         )
-    times, inputs, outputs = (real_array(part) for part in parts)
+    if parts[1] is None and not plant.inputs:
+        parts = (parts[0], np.zeros((np.size(parts[0]), 0)), parts[2])
+    times, inputs, outputs = map(log_numbers, ("times", "inputs", "outputs"), parts)
     names = (plant.inputs, plant.outputs)
     count = times.size
     shaped = []
@@ -53,7 +56,7 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
             array.shape != (count, len(known)),
             f"The {kind} of the log do not fit the plant.",
             f"expected shape ({count}, {len(known)}) for {list(known)}, got {array.shape}",
-            "a row for each time, a column for each name",
+            "a row for each time, a column for each name" if known else "None: the plant has no inputs",
         )
         shaped.append(array)
     inputs, outputs = shaped
@@ -63,14 +66,7 @@ def log_arrays(log: Any, plant: Plant) -> tuple[np.ndarray, np.ndarray, np.ndarr
         f"expected at least 2 finite times, got {value_text(times)}",
         "seconds, one for each row",
     )
-    back = np.flatnonzero(np.diff(times) <= 0.0)
-    refuse_if(
-        back.size > 0,
-        "The times of the log do not grow.",
-        f"expected each later than the one before, got {times[back[:1]]} and then {times[back[:1] + 1]} s "
-        f"at row {int(back[0]) + 2 if back.size else 0}",
-        "leave out rows that were written twice, and sort the others",
-    )
+    check_increasing(times, lambda k: f"row {k + 1}")
     refuse_if(
         not np.all(np.isfinite(inputs)),
         "An input of the log is missing.",
@@ -129,6 +125,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
         over its covariance, with `measured`, how many outputs are in it; `log_likelihood`. The sum of the last one
         is an attribute. Where the log has true states, `nees`, the squared error over its covariance, with `known`,
         how many states are in it.
+        Of a filter with a gate, `rejected`, 1 where it took a measurement for a missing one.
         With `smooth` the states `smoothed`, x(k|N), and `smoothed_standard_deviation`.
 
     Raises
@@ -137,6 +134,18 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
         If the log does not fit the plant; of a map, if its times are not whole periods apart.
     NumericalFailure
         If the filter diverges, with the sample.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-2, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    >>> loop = fh.Loop(arm.plant(), fh.Controller(fh.linear_law(arm.problem(), gamma=np.inf), ekf, 1e-2))
+    >>> run = loop.run(fh.Sine(0.5, frequency=0.5), noise=1e-3, duration=4.0)
+    >>> data = fh.filter_log(ekf, run)
+    >>> data["estimate"].sizes["time"] == data["nis"].size
+    True
     """
     plant = filter if isinstance(filter, Plant) else Recursion(filter).filter.plant
     times, inputs, outputs = log_arrays(log, plant)
@@ -145,7 +154,7 @@ def filter_log(filter: RecursiveFilter | Plant, log: Any, smooth: bool = False) 
     )
     rows = rows_of(times, inputs, outputs, recursion.filter.period)
     smoother = Smoother(recursion) if smooth else None  # refuses before any work
-    passed = recursion.passed(rows, every=True)
+    passed = recursion.passed(rows)
     data = dataset(
         recursion, times, outputs, {name: array[rows.places] for name, array in passed.items()}, log_truth(log, plant)
     )  # fmt: skip
@@ -168,7 +177,7 @@ def dataset(
     passed: dict[str, np.ndarray],
     truth: np.ndarray | None = None,
 ) -> xr.Dataset:
-    """The labelled table of what `Recursion.passed` returns."""
+    """The labelled table of what `Recursion.passed` returns, of the rows of samples."""
     import xarray as xr
 
     plant = recursion.filter.plant
@@ -177,10 +186,10 @@ def dataset(
     measured, empty = present.sum(axis=1), np.logical_not(present.any(axis=1))
     spreads = passed["spreads"].reshape(len(times), *(len(plant.outputs),) * 2)
     facts = np.where(empty[:, None], 0.0, passed["facts"])
-    counts = getattr(beliefs, "rejected", np.zeros((len(times), 0))).sum(axis=1)
-    measured = measured - np.diff(counts, prepend=0.0).astype(
-        int
-    )  # those of a gate are not in the innovation
+    gated = "rejected" in beliefs._fields
+    counts = beliefs.rejected if gated else np.zeros_like(outputs)
+    rejected = np.diff(counts, axis=0, prepend=counts[:1] * 0.0) > 0.0
+    measured, present = measured - rejected.sum(axis=1), present & ~rejected  # they are in no innovation
     likelihoods = log_likelihoods(facts, measured)
     deviations = np.sqrt(np.maximum(np.diagonal(spreads, axis1=1, axis2=2), 0.0))
     columns = {
@@ -189,6 +198,7 @@ def dataset(
         "prediction": (passed["expected"], "outputs"),
         "innovation": (np.where(present, passed["innovations"], np.nan), "outputs"),
         "innovation_standard_deviation": (np.where(present, deviations, np.nan), "outputs"),
+        **({"rejected": (rejected.astype(int), "outputs")} if gated else {}),
     }
     coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"})}
     for kind, names in (("state", plant.states), ("output", plant.outputs)):

@@ -2,14 +2,19 @@
 
 Fisher scoring with damping in the manner of Levenberg and Marquardt, on the innovations of the extended filter
 (`flexhinf.identification.likelihood`). A number that must be positive is sought by its logarithm. The levels of the
-measurement noise and of the disturbances that the model leaves out are sought beside: a log whose model is wrong then
-has large disturbances, and wide intervals, not wrong ones.
+measurement noise and of the disturbances that the model leaves out are sought beside.
+
+Intervals hold if the model does. Whether it does, the innovations of the filter that was found say: where they are not
+white or not as large as it expects, intervals are widened for scores that are correlated over a long time [white1982],
+and the result is marked. A number may still be wrong by more, since it also explains what the model lacks: dry friction
+that is left out becomes viscous friction.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,11 +24,12 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, RecursiveFilter
+from flexhinf.identification.consistency import DEVIATIONS, Consistency, innovation_consistency
 from flexhinf.identification.defaults import UNKNOWN, default_filter, disturbance_levels
 from flexhinf.identification.filtering import log_arrays
 from flexhinf.identification.information import Information, Unidentifiable
 from flexhinf.identification.likelihood import Evaluation, Likelihood
-from flexhinf.identification.recursion import rows_of
+from flexhinf.identification.recursion import check_spacing, rows_of
 from flexhinf.identification.unknowns import (
     Noises,
     Unknowns,
@@ -45,9 +51,6 @@ ROUNDS, TURN = 4, 1e-2
 #: Distance to other numbers, in standard errors, and at least as a share; how much less likely the log must
 #: be there; and iterations of all else.
 FAR, APART, DROP, TRIES = 8.0, 0.5, 12.0, 20
-
-#: Normal quantile of the intervals, 95 %.
-QUANTILE = 1.959963984540054
 
 #: Information that is none: of a standard error of 100 times the number.
 LITTLE = 1e-4
@@ -125,10 +128,8 @@ def restricted(
             gradient[k] -= 0.5 * np.sum(inverse * (slope * sizes * sizes[:, None]))
         free = unknowns.free(z, gradient)
         scale, slope, shape = scaled(unknowns, z, gradient, best.information, free)
-        step, most = (
-            np.linalg.solve(shape + 1e-6 * np.eye(len(free)), slope) / scale,
-            0.5 * unknowns.sizes(z)[free],
-        )
+        step = np.linalg.solve(shape + 1e-6 * np.eye(len(free)), slope) / scale
+        most = 0.5 * unknowns.sizes(z)[free]
         trial = z.copy()
         trial[free] += np.clip(step, -most, most)
         trial = unknowns.inside(trial)
@@ -150,18 +151,27 @@ def confirmed(likelihood: Likelihood, unknowns: Unknowns, z: np.ndarray, best: E
     covariance = np.linalg.inv(shape + 1e-9 * np.eye(len(z)))
     clear, most = np.ones(count, dtype=bool), 5.0 * unknowns.sizes(z)
     for k in range(count):
-        away = (
-            covariance[k] / np.sqrt(covariance[k, k]) / scale
-        )  # a standard error of this one, the others as it asks
+        # a standard error of this one, the others as it asks
+        away = covariance[k] / np.sqrt(covariance[k, k]) / scale
         away = away * max(FAR, APART * unknowns.sizes(z)[k] / abs(away[k]))
         step = np.clip(away, -most, most)
         step[count:] = 0.0
         for end in (unknowns.inside(z + step), unknowns.inside(z - step)):
             if abs(end[k] - z[k]) < 0.5 * abs(step[k]) or not clear[k]:
                 continue
-            if likelihood.evaluate(*unknowns.model(end)) is not None:
+            with suppress(NumericalFailure):  # nothing can be filtered so far away
                 clear[k] = best.value - searched(likelihood, unknowns, end, TRIES, k)[1].value > DROP
     return clear
+
+
+def judgement(evaluation: Evaluation, plant: Plant) -> Consistency:
+    """Whether the innovations of an evaluation are as large as its filter expects, and white."""
+    measured = np.isfinite(evaluation.innovations).sum(axis=1)
+    units = [plant.unit(name) for name in plant.outputs]
+    parts = innovation_consistency(
+        plant.outputs, units, evaluation.innovations, evaluation.deviations, evaluation.squared, measured
+    )
+    return Consistency(*parts, None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -169,7 +179,23 @@ class Identification(Summarised):
     """Numbers of a model as a log tells them.
 
     `unknowns`, `found` (k,): what was sought, and its most likely value. `first`: the first state (n,). `information`:
-    what the log has of the numbers. `log_likelihood`, `samples`, `iterations`: of the search.
+    what the log has of the numbers. `log_likelihood`, `samples`, `iterations`: of the search. `period`: of its filter,
+    s. `consistency`: of its innovations.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> rng, time = np.random.default_rng(0), 0.01 * np.arange(400)
+    >>> u, x = np.sign(np.sin(2.0 * time)), np.zeros(400)
+    >>> for k in range(399):
+    ...     x[k + 1] = x[k] + 0.01 * (u[k] - 2.0 * x[k])
+    >>> plant = fh.Plant(
+    ...     lambda x, u, d, p: u - p.decay * x, lambda x, u, p: x, ("x",), ("u",), parameters={"decay": 1.0},
+    ... )
+    >>> found = fh.identify(plant, fh.Log(time, u, x + 1e-3 * rng.normal(size=400)), "decay")
+    >>> round(found.values["decay"], 1)
+    2.0
     """
 
     unknowns: Unknowns
@@ -179,6 +205,17 @@ class Identification(Summarised):
     log_likelihood: float
     samples: int
     iterations: int
+    period: float
+    consistency: Consistency
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the model fits the log: innovations are white, and as large as the filter expects.
+
+        If not, numbers may be wrong by more than their intervals say. Try what the model leaves out (`extras`), or
+        other sensors.
+        """
+        return self.consistency.innovations_fit
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -201,13 +238,18 @@ class Identification(Summarised):
         return {name: float(size * error) for name, size, error in zip(self.names, sizes, errors)}
 
     @property
+    def hidden(self) -> tuple[str, ...]:
+        """Names of the numbers that the log does not tell."""
+        return tuple(name for name, error in self.standard_errors.items() if not np.isfinite(error))
+
+    @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """The numbers that the log agrees with, 95 %, by name; of a positive number from its logarithm."""
         found = {}
         for number, z, error in zip(
             self.unknowns.numbers, self.found, self.information.standard_errors * self._parts
         ):
-            ends = [z - QUANTILE * error, z + QUANTILE * error]
+            ends = [z - DEVIATIONS * error, z + DEVIATIONS * error]
             if number.sign == "positive":
                 with np.errstate(over="ignore"):
                     ends = np.exp(ends).tolist()
@@ -227,7 +269,8 @@ class Identification(Summarised):
 
     @property
     def noise(self) -> dict[str, float]:
-        """Standard deviations of the measurements by output, and levels of the disturbances, unit √s, by their name."""
+        """Standard deviations of the measurements by output, and levels of the disturbances, unit √s, by their name; of
+        a map their standard deviations, held for a period."""
         names = (*self.unknowns.plant.outputs, *self.unknowns.noises.names)
         return dict(zip(names, np.concatenate(self.unknowns.noise_levels(self.found)).tolist(), strict=True))
 
@@ -249,10 +292,14 @@ class Identification(Summarised):
                 "expected a robot in identify(robot, log)",
                 "`plant`, or a robot",
             )
-        return robot.with_parameters(*(parameter for parameter, sure in self._parameters() if sure))
+        return robot.with_parameters(*self._parameters())
 
     def filter(self, period: float) -> ExtendedKalmanFilter:
-        """The extended filter of the plant with these numbers and noises, for samples of a `period`, s."""
+        """The extended filter of the plant with these numbers and noises, for samples of a `period`, s.
+
+        Raises InvalidInput: of a map, for another period than the log's.
+        """
+        check_spacing(self.plant, self.period, np.array([period]))
         added, noise = self.unknowns.noises.matrices(*self.unknowns.noise_levels(self.found))
         return ExtendedKalmanFilter(self.plant, period, added * period, noise, self.first, UNKNOWN**2)
 
@@ -262,11 +309,13 @@ class Identification(Summarised):
         for (name, value), ends, number in zip(
             self.values.items(), self.intervals.values(), self.unknowns.numbers
         ):
-            sure = np.isfinite(self.standard_errors[name])
-            between = f" (95 %: {ends[0]:.5g} to {ends[1]:.5g})" if sure else " (not told by the log)"
+            interval = f"95 %: {ends[0]:.5g} to {ends[1]:.5g}"
+            between = f" ({'not told by the log' if name in self.hidden else interval})"
             rows[name] = number_text(value, number.unit) + between
         rows |= {f"noise of {name}": f"{value:.4g}" for name, value in self.noise.items()}
         rows |= {f"not identifiable, {k + 1}": each.text for k, each in enumerate(self.unidentifiable)}
+        if not self.consistent:
+            rows["the model does not fit the log"] = "numbers may be wrong by more than their intervals"
         rows["samples"] = f"{self.samples}, log-likelihood {self.log_likelihood:.6g}"
         return rows
 
@@ -279,15 +328,15 @@ class Identification(Summarised):
         """
         self.robot.save(path, like)
 
-    def _parameters(self) -> list[tuple[Parameter, bool]]:
-        """Parameters of the robot with their intervals, and whether the log tells them."""
-        rows = []
-        for number, (name, value) in zip(self.unknowns.numbers, self.values.items()):
-            ends, sure = self.intervals[name], np.isfinite(self.standard_errors[name])
-            source = f"identified from {self.samples} samples, 95 %"
-            low, middle, high = (_rounded(x, ends[1] - ends[0]) for x in (ends[0], value, ends[1]))
-            between = (low, high) if sure else None
-            rows.append((Parameter(name, middle, unit=number.unit, source=source, range=between), bool(sure)))
+    def _parameters(self) -> list[Parameter]:
+        """Parameters of the robot that the log tells, with their intervals."""
+        misfit = "" if self.consistent else "; the model does not fit the log"
+        source, rows = f"identified from {self.samples} samples, 95 %{misfit}", []
+        for number in self.unknowns.numbers:
+            name, (first, last) = number.name, self.intervals[number.name]
+            if name not in self.hidden:
+                low, middle, high = (_rounded(x, last - first) for x in (first, self.values[name], last))
+                rows.append(Parameter(name, middle, unit=number.unit, source=source, range=(low, high)))
         return rows
 
     @cached_property
@@ -335,9 +384,21 @@ def identify(
     Raises
     ------
     InvalidInput
-        For unknown names, or a log that does not fit.
+        For unknown names, or a log that does not fit: of a map, if its times are not whole periods apart.
     NumericalFailure
         If the log cannot be filtered with the first values.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> ekf = fh.ExtendedKalmanFilter(arm.plant(), 1e-2, 1e-8, 1e-6, np.zeros(4), 1e-4)
+    >>> loop = fh.Loop(arm.plant(), fh.Controller(fh.linear_law(arm.problem(), gamma=np.inf), ekf, 1e-2))
+    >>> run = loop.run(fh.Sine(0.5, frequency=0.5), noise=1e-3, duration=4.0)
+    >>> found = fh.identify(arm.with_values({"stiffness": 80.0}), run, "stiffness")
+    >>> bool(abs(found.values["stiffness"] - 100.0) < 10.0)
+    True
     """
     if isinstance(model, (str, os.PathLike)):
         model = load_robot(Path(model) if isinstance(model, os.PathLike) else model)
@@ -366,7 +427,7 @@ def identify(
         plant, numbers = model, plant_numbers(model, checked_names("The numbers to identify", parameters))
     times, inputs, outputs = log_arrays(log, plant)
     chosen: ExtendedKalmanFilter = (
-        default_filter(plant, times, inputs, outputs)
+        default_filter(plant, times, inputs, outputs, form="covariance")
         if filter is None
         else ExtendedKalmanFilter(
             plant, filter.period, filter.process_noise, filter.measurement_noise, filter.initial.mean,
@@ -375,11 +436,17 @@ def identify(
     )  # fmt: skip
     levels = None if filter is not None else disturbance_levels(plant, inputs, chosen.period)
     unknowns = Unknowns(plant, robot, numbers, Noises.of(chosen, levels, noise))
-    likelihood = Likelihood(chosen, rows_of(times, inputs, outputs, chosen.period), len(unknowns.names))
+    rows = rows_of(times, inputs, outputs, chosen.period)
+    check_spacing(plant, chosen.period, rows.seconds[:, 0])
+    likelihood = Likelihood(chosen, rows, len(unknowns.names))
     found, evaluation, iterations = searched(likelihood, unknowns, unknowns.start)
     found, evaluation = restricted(likelihood, unknowns, found, evaluation)
     clear = confirmed(likelihood, unknowns, found, evaluation)
-    information = Information.of(evaluation, unknowns.names, unknowns.sizes(found), clear)
-    return Identification(
-        unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations
+    judged = judgement(evaluation, plant)
+    information = Information.of(
+        evaluation, unknowns.names, unknowns.sizes(found), clear, judged.innovations_fit
     )
+    return Identification(
+        unknowns, found, chosen.initial.mean, information, evaluation.value, len(times), iterations,
+        chosen.period, judged,
+    )  # fmt: skip

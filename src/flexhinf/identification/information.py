@@ -16,6 +16,9 @@ LARGEST_ERROR = 0.5
 #: Share of a combination above which a number belongs to it.
 SHARE = 0.05
 
+#: Longest correlation of the scores that is looked for, as a share of the log.
+LONGEST = 0.1
+
 
 @dataclass(frozen=True)
 class Unidentifiable:
@@ -47,29 +50,36 @@ class Information:
     """Covariance of the errors of numbers, in parts of their values, as a log tells it.
 
     `matrix`: (k, k), Fisher's information of the physical numbers, in parts of their values, with the noises unknown.
-    `spread`: (k, k), the covariance of the estimates as the scores of the samples show it, whatever the model gets
-    wrong. `clear`: (k,), whether the log is unlikely with other values of a number.
+    `spreads`: (s, k, k), covariances of the sum of the scores as the samples show them, whatever the model gets wrong
+    [white1982]; the largest counts. `clear`: (k,), whether the log is unlikely with other values of a number.
     """
 
     names: tuple[str, ...]
     matrix: np.ndarray
-    spread: np.ndarray
+    spreads: np.ndarray
     clear: np.ndarray
 
     @staticmethod
-    def of(evaluation: Evaluation, names: Sequence[str], sizes: np.ndarray, clear: np.ndarray) -> Information:
-        """Of a likelihood's maximum; `sizes` (K,) are a hundred per cent of each unknown, numbers first."""
+    def of(
+        evaluation: Evaluation, names: Sequence[str], sizes: np.ndarray, clear: np.ndarray, fits: bool = True
+    ) -> Information:
+        """Of a likelihood's maximum; `sizes` (K,) are a hundred per cent of each unknown, numbers first.
+
+        `fits`: whether the innovations are white. If not, scores may be correlated over any time, and the most
+        unfavourable number of lags counts.
+        """
         count = len(clear)
         matrix, regression = _alone(evaluation.information * sizes * sizes[:, None], count)
         scores = (evaluation.scores - evaluation.scores.mean(axis=0)) * sizes
         along = scores[:, :count] - scores[:, count:] @ regression.T
-        return Information(tuple(names[:count]), matrix, long_run(along), clear)
+        spreads = np.array([long_run(along, lags) for lags in lag_counts(len(along), fits)])
+        return Information(tuple(names[:count]), matrix, spreads, clear)
 
     @staticmethod
     def expected(evaluation: Evaluation, names: Sequence[str], sizes: np.ndarray, count: int) -> Information:
         """Of a log that is yet to come: without its scores."""
         matrix, _ = _alone(evaluation.information * sizes * sizes[:, None], count)
-        return Information(tuple(names[:count]), matrix, matrix, np.ones(count, dtype=bool))
+        return Information(tuple(names[:count]), matrix, matrix[None], np.ones(count, dtype=bool))
 
     @cached_property
     def _modes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -89,9 +99,9 @@ class Information:
         variances, directions = self._modes
         kept = directions[:, self._identifiable]
         inverse = (kept * variances[self._identifiable]) @ kept.T
-        robust = inverse @ self.spread @ inverse
+        robust = np.diagonal(inverse @ self.spreads @ inverse, axis1=1, axis2=2).max(axis=0)
         # The larger of both: where the model is right they agree, but for chance.
-        factor = np.sqrt(np.maximum(1.0, np.diag(robust) / np.maximum(np.diag(inverse), 1e-300)))
+        factor = np.sqrt(np.maximum(1.0, robust / np.maximum(np.diag(inverse), 1e-300)))
         return inverse * factor * factor[:, None]
 
     @cached_property
@@ -132,10 +142,18 @@ def _alone(information: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]
     return (matrix + matrix.T) / 2.0, regression
 
 
-def long_run(scores: np.ndarray) -> np.ndarray:
+def lag_counts(count: int, fits: bool) -> list[int]:
+    """Numbers of lags for `count` scores: one that grows with them; where the model does not fit, its doubles too."""
+    lags = [int(4.0 * (count / 100.0) ** (2.0 / 9.0))]
+    while not fits and 2 * max(lags[-1], 1) <= LONGEST * count:
+        lags.append(2 * max(lags[-1], 1))
+    return lags
+
+
+def long_run(scores: np.ndarray, lags: int) -> np.ndarray:
     """The covariance (k, k) of sums of correlated scores (N, k), with Bartlett's weights of the lags [newey1987]."""
     count = len(scores)
-    total, lags = scores.T @ scores, int(4.0 * (count / 100.0) ** (2.0 / 9.0))
+    total = scores.T @ scores
     for lag in range(1, min(lags, count - 1) + 1):
         product = scores[lag:].T @ scores[:-lag]
         total = total + (1.0 - lag / (lags + 1.0)) * (product + product.T)

@@ -25,7 +25,6 @@ from flexhinf.codegen import (
     Block,
     Buffer,
     Composer,
-    Copy,
     Guard,
     Kernel,
     Program,
@@ -33,10 +32,10 @@ from flexhinf.codegen import (
     Slice,
     compile_program,
 )
+from flexhinf.codegen.shared import share
 from flexhinf.estimation import ExtendedKalmanFilter
 from flexhinf.identification.filtering import log_likelihoods
-from flexhinf.identification.recursion import Rows, timed
-from flexhinf.loop.shared import share
+from flexhinf.identification.recursion import Rows, facts_of, read_row, timed, write_row
 from flexhinf.plant import Gaussian
 from flexhinf.scalars import apply, cholesky, solve_lower, trace, where
 
@@ -45,12 +44,19 @@ LOG, MODEL = ("seconds", "outputs", "measured"), ("parameters", "process_noise",
 
 
 class Evaluation(NamedTuple):
-    """The log-likelihood, its gradient (k,), Fisher's information (k, k), and the scores (N, k) of the samples."""
+    """The log-likelihood, its gradient (k,), Fisher's information (k, k), and the scores (N, k) of the samples.
+
+    `innovations`, `deviations` (N, p): of the filter, and their standard deviations, NaN where nothing is measured.
+    `squared`: νᵀ S⁻¹ ν (N,).
+    """
 
     value: float
     gradient: np.ndarray
     information: np.ndarray
     scores: np.ndarray
+    innovations: np.ndarray
+    deviations: np.ndarray
+    squared: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +121,6 @@ class Likelihood:
         size, p = sizes["belief"], sizes["outputs"]
         row, along = self._traced
 
-        def read(name: str, first: int = 0) -> Block:
-            block = run.work((sizes[name],))
-            run.body.append(Copy(Slice(name, first, sizes[name], strides=(sizes[name],)), block.place))
-            return block
-
-        def write(name: str, block: Block) -> None:
-            run.copy(block, Block(Slice(name, size=block.size, strides=(block.size,)), block.shape))
-
         model = tuple(
             Block(Slice(name, size=sizes[name]) if sizes[name] else None, (sizes[name],)) for name in MODEL
         )
@@ -131,7 +129,8 @@ class Likelihood:
         total = sum(sizes[name] for name in MODEL)
         directions = Block(Slice("directions", size=total * k), (total, k))
         information = Block(Slice("information", size=k * k), (k, k))
-        data = (belief, read("inputs"), read("inputs", sizes["inputs"]), *map(read, LOG), *model)
+        inputs = [read_row(run, "inputs", sizes["inputs"], first) for first in (0, sizes["inputs"])]
+        data = (belief, *inputs, *(read_row(run, name, sizes[name]) for name in LOG), *model)
 
         def steps(inner: Any, column: Any, *held: Any) -> Any:
             return inner.call(lambda *arrays: apply(along, *arrays)[0], column, *held)
@@ -139,18 +138,21 @@ class Likelihood:
         moved = run.sweep(steps, run.stacked(turned, directions), *data)
         after = run.call(lambda *arrays: apply(row, *arrays)[0], *data)
         run.copy(moved[:size], turned)
-        write("scores", moved[size : size + 1])
+        scores = moved[size : size + 1]
+        write_row(run, "scores", scores, scores.size)
         run.copy(run.gram(moved[size + 1 :].T, np.ones(p + p * p), information), information)
         run.copy(after[:size], belief)
-        write("facts", run.call(_facts, after[size:]))
+        facts = run.call(lambda seen: facts_of(*_parts(seen)), after[size:])
+        write_row(run, "facts", facts, facts.size)
+        write_row(run, "seen", after[size:], p + p * p)
         run.body.append(Guard(belief.place, 1))
         states = {"belief": size, "turned": size * k, "information": k * k}
         buffers = [
             *(Buffer(name, number, "state") for name, number in states.items()),
             *(Buffer(name, sizes[name], "in") for name in MODEL if sizes[name]),
             Buffer("directions", total * k, "in"),
-            *(Buffer(name, None, "in") for name in ("inputs", *LOG)),
-            *(Buffer(name, None, "out") for name in ("scores", "facts")),
+            *(Buffer(name, None, "in") for name in ("inputs", *LOG) if sizes[name]),
+            *(Buffer(name, None, "out") for name in ("scores", "facts", "seen")),
         ]
         return Program("likelihood", (*buffers, *run.buffers), (Repeat("rows", tuple(run.body)),), ("rows",))
 
@@ -161,10 +163,12 @@ class Likelihood:
         numbers, one below the other, along each direction.
         """
         rows, k = self.rows, self.count
-        count, start = len(rows.seconds), self.filter.initial
+        count, start, p = len(rows.seconds), self.filter.initial, self.sizes["outputs"]
         arrays = {name: np.ascontiguousarray(part, dtype=float).ravel() for name, part in zip(MODEL, model)}
         arrays = {name: array for name, array in arrays.items() if array.size}
-        arrays |= {name: np.ascontiguousarray(rows._asdict()[name]) for name in ("inputs", *LOG)}
+        arrays |= {
+            name: np.ascontiguousarray(rows._asdict()[name]) for name in ("inputs", *LOG) if self.sizes[name]
+        }
         arrays |= {
             "directions": np.ascontiguousarray(directions, dtype=float),
             "belief": np.concatenate([start.mean, start.covariance.ravel()]),
@@ -172,21 +176,30 @@ class Likelihood:
             "information": np.zeros((k, k)),
             "scores": np.empty((count, k)),
             "facts": np.empty((count, 2)),
+            "seen": np.empty((count, p + p * p)),
         }
         if self.kernel.run(arrays, {"rows": count}).code:
             return None
-        value = log_likelihoods(arrays["facts"], np.isfinite(rows.outputs).sum(axis=1)).sum()
+        known: np.ndarray = np.isfinite(rows.outputs)
+        value = log_likelihoods(arrays["facts"], known.sum(axis=1)).sum()
         scores, information = arrays["scores"], arrays["information"]
         if not np.isfinite(value) or not np.isfinite(scores).all() or not np.isfinite(information).all():
             return None
-        return Evaluation(float(value), scores.sum(axis=0), information, scores[rows.places])
-
-
-def _facts(seen: Any) -> Any:
-    innovation, spread = _parts(seen)
-    factor = cholesky(spread)
-    white = solve_lower(factor, innovation)
-    return np.array([white @ white, 2.0 * np.log(np.diag(factor)).sum()])
+        innovations, spreads = arrays["seen"][:, :p], arrays["seen"][:, p :: p + 1]
+        deviations = np.sqrt(np.maximum(spreads, 0.0))
+        innovations, deviations = (
+            np.where(known, part, np.nan)[rows.places] for part in (innovations, deviations)
+        )
+        squared = np.where(known.any(axis=1), arrays["facts"][:, 0], np.nan)[rows.places]
+        return Evaluation(
+            float(value),
+            scores.sum(axis=0),
+            information,
+            scores[rows.places],
+            innovations,
+            deviations,
+            squared,
+        )
 
 
 def _parts(seen: Any) -> tuple[Any, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.identification.log_files import FileColumns, Loaded, file_columns
+from flexhinf.notebook import Summarised, names_text, number_text
 from flexhinf.plant import Plant
 from flexhinf.robot.parameters import SECONDS, measured, respelled
 from flexhinf.robot.table import name_and_unit
@@ -38,12 +40,11 @@ PREFIXES = {"input": ("input.", "input/"), "output": ("output.", "measured/"), "
 #: Fewest rows, and the longest gap relative to the time between most samples (the 90 % quantile).
 FEWEST_ROWS, LONGEST_GAP = 3, 1000.0
 
-#: Longest latency, samples: a second at 1 kHz.
-MOST_LATENCY = 1000
+MOST_LATENCY = 1000  # samples: a second at 1 kHz
 
 
-@dataclass(frozen=True, eq=False)
-class Log:
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Summarised):
     """What happened to a robot: times, inputs, measurements, and the true state where it is known.
 
     Parameters
@@ -51,7 +52,7 @@ class Log:
     times : (N,) array
         Times of the samples, s: strictly increasing, at any distances.
     inputs : (N, m) array
-        u from the time of its row on, until the next one.
+        u from the time of its row on, until the next one; None of a plant without inputs.
     outputs : (N, p) array
         y at the time of its row; NaN where a sensor has no value there.
     truth : (N, n) array, optional
@@ -67,6 +68,14 @@ class Log:
     InvalidInput
         For arrays that do not fit each other, inputs that are not finite, infinite numbers, fewer than three samples,
         times that do not increase, and a gap a thousand times as long as the time between most samples.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> log = fh.Log(0.01 * np.arange(100), np.zeros(100), np.zeros(100), source="a robot at rest")
+    >>> len(log), round(log.period, 9)
+    (100, 0.01)
     """
 
     times: Any
@@ -77,7 +86,7 @@ class Log:
     source: str = ""
 
     def __post_init__(self) -> None:
-        times = real_array(self.times)
+        times = log_numbers("times", self.times)
         count = len(times) if times.ndim == 1 else 0
         refuse_if(
             count < FEWEST_ROWS,
@@ -90,13 +99,14 @@ class Log:
         for what in ("inputs", "outputs", "truth"):
             if what == "truth" and self.truth is None:
                 continue
-            stated = real_array(getattr(self, what))
+            empty = what == "inputs" and self.inputs is None
+            stated = np.zeros((count, 0)) if empty else log_numbers(what, getattr(self, what))
             array = stated[:, None] if stated.ndim == 1 else stated
             kind = {"inputs": "input", "outputs": "output", "truth": "state"}[what]
             names = self.names.get(kind)
             width = array.shape[1] if names is None and array.ndim == 2 else len(names or ())
             refuse_if(
-                array.shape != (count, width) or (not width and what != "truth"),
+                array.shape != (count, width) or (not width and what == "outputs"),
                 f"The {what} of the log do not fit its times.",
                 f"expected ({count}, {f'{width} for {list(names)}' if names else 'columns'}), got shape {stated.shape}",
                 "one row per sample, one column per signal",
@@ -119,6 +129,13 @@ class Log:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(read_only(state))  # copies share their arrays
 
+    def summary(self) -> dict[str, str]:
+        """Where it comes from, how long it is, and its signals."""
+        length = f"{number_text(float(self.times[-1] - self.times[0]), 's')}, {len(self)} samples"
+        counts = {"input": str(self.inputs.shape[1]), "output": str(self.outputs.shape[1])}
+        names = {kind: names_text(names) for kind, names in self.names.items() if kind in counts}
+        return {"source": self.source or "not stated", "time": length, **counts, **names}
+
     def __len__(self) -> int:
         """The number of samples."""
         return len(self.times)
@@ -137,11 +154,40 @@ class Log:
         return float(np.median(np.diff(self.times)))
 
 
-def _check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
-    """Refuse times that are not finite or do not increase, and gaps that belong between two logs."""
-    checked_array(
-        "The times of the log are no numbers.", times, times.shape, "finite seconds", "times in s from 0 on", HUGE
-    )  # fmt: skip
+def log_numbers(what: str, values: Any) -> np.ndarray:
+    """The times, inputs, outputs or true states of a log as a new array; InvalidInput for what are no numbers."""
+    with suppress(ValueError):
+        array = real_array(values, strict=True)
+        if values is not None:
+            return array
+    kind = getattr(values, "dtype", None)
+    raise InvalidInput(
+        f"The {what} of the log are no numbers.",
+        f"expected real numbers{' of seconds' * (what == 'times')}, got "
+        f"{value_text(values, 80) if kind is None else f'an array of {kind}'}",
+        _remedy(what, values),
+    )
+
+
+def _remedy(what: str, values: Any) -> str:
+    """What to try instead of values that are no real numbers."""
+    kind = ""
+    with suppress(Exception):  # whatever a foreign object does when it is asked for elements
+        array = np.asarray(values)
+        kind = "M" if hasattr(array.ravel()[0], "timestamp") else array.dtype.kind
+    if kind == "M":
+        return "(t - t[0]) / np.timedelta64(1, 's'), of t = np.array(times, dtype='datetime64[ns]')"
+    if kind == "m":
+        return "times / np.timedelta64(1, 's')"
+    if kind == "c":
+        return "real parts and imaginary parts as two columns"
+    if kind in ("U", "S"):
+        return "np.array(values, dtype=float), or fh.read_log for a file"
+    return "times in s from 0 on" if what == "times" else "one row per sample, one column per signal"
+
+
+def check_increasing(times: np.ndarray, place: Callable[[int], str]) -> None:
+    """Refuse times (N,) of which one is not later than the one before; `place` names it."""
     steps = np.diff(times)
     back = int(np.argmax(steps <= 0.0))
     refuse_if(
@@ -150,6 +196,15 @@ def _check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
         f"expected increasing times, got {times[back + 1]:.9g} s after {times[back]:.9g} s",
         "sort the rows, and drop repeated times",
     )
+
+
+def _check_times(times: np.ndarray, place: Callable[[int], str]) -> None:
+    """Refuse times that are not finite or do not increase, and gaps that belong between two logs."""
+    checked_array(
+        "The times of the log are no numbers.", times, times.shape, "finite seconds", "times in s from 0 on", HUGE
+    )  # fmt: skip
+    check_increasing(times, place)
+    steps = np.diff(times)
     usual, gap = float(np.quantile(steps, 0.9, method="lower")), int(np.argmax(steps))
     refuse_if(
         steps[gap] > LONGEST_GAP * usual,
@@ -208,6 +263,18 @@ def read_log(
     InvalidInput
         For a file that cannot be read, columns or units that are not known or do not fit, text among numbers, inputs
         that are missing, times that do not increase, and what `Log` refuses. The message names line and column.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> text = "time [ms],motor_voltage,link_position [deg]\\n0,1,0\\n10,1,0.5\\n20,1,1.5\\n"
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = Path(folder, "log.csv").write_text(text)
+    ...     log = fh.read_log(f"{folder}/log.csv", fh.paper_arm().plant())
+    >>> log.times.tolist()
+    [0.0, 0.01, 0.02]
     """
     checked_kind(
         "A log is read for a plant.", plant, Plant, "a Plant", "robot.plant(measured=('motor_position',))"
@@ -447,7 +514,11 @@ def _check_complete(
     heading: _Heading, plant: Plant, chosen: Collection[Signal], used: Collection[int]
 ) -> None:
     names = [column.name for column in heading.columns]
-    free = [column.name for column in heading.columns if column.place not in used]
+    free = [
+        column.name
+        for column in heading.columns
+        if column.place not in used and column.name not in plant.states
+    ]
     for kind, signals in (("input", plant.inputs), ("output", plant.outputs)):
         for index, name in enumerate(signals):
             if Signal(kind, index, name) in chosen:
@@ -455,11 +526,12 @@ def _check_complete(
             why = "the model needs every input at every sample"
             if kind == "output":
                 why = "the plant measures it; a plant that does not: robot.plant(measured=...)"
-            like = nearest(name, free, repr(free[-1] if free else "name of its column"))
+            like = nearest(name, free, repr(free[0] if len(free) == 1 else "COLUMN"))
+            others = f", where COLUMN is one of {free}" if free else ", where COLUMN is that of another file"
             raise InvalidInput(
                 f"{heading.file.path.name} has no column for the {kind} {name!r}.",
                 f"expected a column of that name ({why}); those of the file are {names}",
-                f"columns={{{name!r}: {like}}}",
+                f"columns={{{name!r}: {like}}}{others if 'COLUMN' in like else ''}",
             )
 
 
@@ -488,7 +560,7 @@ def _log(
             f"expected numbers in {_place_of(chosen, 'output', index)!r}, got {len(times)} missing ones",
             "another column, or a plant that does not measure it",
         )
-    if hold_inputs:
+    if hold_inputs and plant.inputs:
         tables["input"] = np.column_stack([_previous(column) for column in tables["input"].T])
     missing = np.isnan(tables["input"])
     first = 0

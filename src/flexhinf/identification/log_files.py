@@ -106,7 +106,7 @@ def file_columns(path: Path) -> FileColumns:
 
 # CSV ------------------------------------------------------------------------------------------------
 def _csv_columns(path: Path) -> FileColumns:
-    heading, rows = read_table(path, LARGEST, MOST_ROWS, "a log as CSV")
+    heading, rows, separator = read_table(path, LARGEST, MOST_ROWS, "a log as CSV")
 
     def load(time: int, places: Sequence[int]) -> Loaded:
         lines, needed = [], (time, *places)
@@ -116,6 +116,8 @@ def _csv_columns(path: Path) -> FileColumns:
             for column, k in zip(cells, needed):
                 column.append(row[k])
         names = [heading[k].strip() for k in needed]
+        if separator != "," and _decimal_commas(cells):
+            cells = [[cell.replace(",", ".", 1) for cell in column] for column in cells]
 
         def where(row: int) -> str:
             return f"line {lines[row]}"
@@ -125,6 +127,16 @@ def _csv_columns(path: Path) -> FileColumns:
         return Loaded(stamps, first, is_date, _stacked(values, len(lines)), where)
 
     return FileColumns(path, tuple(heading), load)
+
+
+def _decimal_commas(columns: Sequence[Sequence[str]]) -> bool:
+    """Whether numbers are written with decimal commas: some cell has a comma, and none a point."""
+    comma = False
+    for cell in (cell for column in columns for cell in column):
+        if "." in cell:
+            return False
+        comma = comma or "," in cell
+    return comma
 
 
 def _number(cell: str) -> float:
@@ -204,7 +216,9 @@ def _no_stamp(file: str, name: str, place: str, value: Any) -> InvalidInput:
         f"{file}, {place}: this is no time.",
         f"expected a finite number in every row of the column {value_text(name, 60)}, or a date such as "
         f"2026-01-31T12:00:00.5 in UTC in every row; got {value_text(value, 60)}",
-        "leave the row out",
+        f"a decimal point: {value.strip().replace(',', '.')}"
+        if isinstance(value, str) and "," in value and _is_number(value.replace(",", ".", 1))
+        else "leave the row out",
     )
 
 

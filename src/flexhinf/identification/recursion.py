@@ -25,12 +25,13 @@ from flexhinf.codegen import (
     Slice,
     compile_program,
 )
+from flexhinf.codegen.shared import share
 from flexhinf.errors import NumericalFailure, refuse_if
 from flexhinf.estimation.filter import RecursiveFilter
+from flexhinf.loop.controller.measured import by_flag
 from flexhinf.loop.controller.memory import Layout
-from flexhinf.loop.shared import share
 from flexhinf.plant import Plant
-from flexhinf.scalars import cholesky, solve_lower, where
+from flexhinf.scalars import cholesky, solve_lower
 from flexhinf.validation import checked_kind
 
 #: A parameter of the plant beside its own: the time of a prediction, s.
@@ -155,16 +156,10 @@ class Recursion:
             "process_noise": n * n,
             "measurement_noise": p * p,
         }
-        rows = {"seconds": 1, "inputs": m, "outputs": p, "measured": 1}
-
-        def read(name: str, size: int, first: int = 0) -> Block:
-            block = run.work((size,))  # loops inside a row may read it
-            run.body.append(Copy(Slice(name, first, size, strides=(rows[name],)), block.place))
-            return block
+        rows = {"seconds": 1, "outputs": p, "measured": 1}
 
         def write(name: str, block: Block, first: int = 0) -> None:
-            place = Slice(name, first, block.size, strides=(self.written[name],))
-            run.copy(block, Block(place, block.shape))
+            write_row(run, name, block, self.written[name], first)
 
         values, q, r = (
             Block(Slice(name, size=size) if size else None, shape)
@@ -172,61 +167,53 @@ class Recursion:
         )
         kept = Block(Slice("belief", size=self.layout.size), (self.layout.size,))
         prior = type(filter.initial)(**vars(self.layout.named(kept)))
-        before, u = read("inputs", m), read("inputs", m, m)
-        seconds, y, flag = (read(name, rows[name]) for name in ("seconds", "outputs", "measured"))
-        vector = run.call(_beside, values, seconds)
+        before, u = read_row(run, "inputs", m), read_row(run, "inputs", m, m)
+        seconds, y, flag = (read_row(run, name, size) for name, size in rows.items())
+        vector = run.call(joined, values, seconds)
         write("predictions", prior.mean)
         write("expected", run.call(filter.output, prior.mean, before, vector))
         with run.when(flag):
             corrected, innovation, spread = filter.innovation_stages(run, prior, y, before, vector, r)
-            facts = run.call(_facts, innovation, spread)
-        belief = type(prior)(*(run.call(_chosen, flag, new, old) for new, old in zip(corrected, prior)))
+            facts = run.call(facts_of, innovation, spread)
+        belief = type(prior)(*(run.call(by_flag, new, old, flag) for new, old in zip(corrected, prior)))
         for name, block in {"innovations": innovation, "spreads": spread, "facts": facts}.items():
             write(name, block)
         for part, place in self.layout.pairs(belief._asdict()):
             write("beliefs", part, place.start)
-        predicted = filter.time_stages(run, belief, u, vector, run.call(_grown, q, seconds))
+        predicted = filter.time_stages(run, belief, u, vector, run.call(grown, q, seconds))
         for part, place in self.layout.pairs(predicted._asdict()):
             run.copy(part, kept[place].reshape(part.shape))
         run.body.append(Guard(kept.place, 1))
         buffers = [
             Buffer("belief", self.layout.size, "state"),
             *(Buffer(name, size, "in") for name, size in sizes.items() if size),
-            *(Buffer(name, None, "in") for name in rows),
+            *(Buffer(name, None, "in") for name in (*rows, *(("inputs",) if m else ()))),
             *(Buffer(name, None, "out") for name in self.written),
         ]
         return Program(
             "filtered_log", (*buffers, *run.buffers), (Repeat("rows", tuple(run.body)),), ("rows",)
         )
 
-    def passed(
-        self,
-        rows: Rows,
-        parameters: np.ndarray | None = None,
-        process_noise: np.ndarray | None = None,
-        measurement_noise: np.ndarray | None = None,
-        every: bool = False,
-    ) -> dict[str, np.ndarray]:
-        """What the filter makes of the rows of a log: arrays of one row per sample, or of `every` row.
+    def passed(self, rows: Rows) -> dict[str, np.ndarray]:
+        """What the filter makes of the rows of a log, by name, in arrays of so many rows (K, ...).
 
-        Other `parameters` (flat), R^v (n, n) per period and R^n (p, p) than the filter's own are data. Returns
-        `predictions` (N, n), x(k|k−1); `expected` (N, p), the outputs there; `innovations` (N, p) and `spreads`
-        (N, p, p), zero and those of a unit where nothing is measured; `facts` (N, 2): squared innovations over their
+        `predictions` (K, n), x(k|k−1); `expected` (K, p), the outputs there; `innovations` (K, p) and `spreads`
+        (K, p, p), zero and those of a unit where nothing is measured; `facts` (K, 2): squared innovations over their
         covariance, and the logarithm of its determinant; `beliefs`, x(k|k), flat. Raises NumericalFailure: at the
         sample after which a number is not finite.
         """
         filter, count = self.filter, len(rows.seconds)
-        check_spacing(filter, rows.seconds[:, 0])
-        noises = {"process_noise": process_noise, "measurement_noise": measurement_noise}
-        own = {name: getattr(filter, name) if value is None else value for name, value in noises.items()}
-        own["process_noise"] = own["process_noise"] / filter.period  # per second
-        vector = filter.plant.parameters.vector() if parameters is None else parameters
-        arrays = {name: np.ascontiguousarray(value, dtype=float).ravel() for name, value in own.items()}
-        if vector.size:
-            arrays["parameters"] = np.ascontiguousarray(vector, dtype=float)
+        check_spacing(filter.plant, filter.period, rows.seconds[:, 0])
+        arrays = {
+            "process_noise": (filter.process_noise / filter.period).ravel(),  # per second
+            "measurement_noise": np.ascontiguousarray(filter.measurement_noise).ravel(),
+        }
+        if filter.plant.parameters.size:
+            arrays["parameters"] = filter.plant.parameters.vector()
         arrays |= {
             name: np.ascontiguousarray(getattr(rows, name))
             for name in ("seconds", "inputs", "outputs", "measured")
+            if getattr(rows, name).size
         }
         arrays["belief"] = self.layout.flat(filter.initial._asdict()).copy()
         results = {name: np.empty((count, size)) for name, size in self.written.items()}
@@ -238,34 +225,47 @@ class Recursion:
                 f"the last good one is at sample {sample} of {len(rows.places)}",
                 "a smaller initial covariance, a larger process noise, or other parameters",
             )
-        return results if every else {name: array[rows.places] for name, array in results.items()}
+        return results
 
 
-def check_spacing(filter: RecursiveFilter, seconds: np.ndarray) -> None:
-    """Refuse times between rows (K,), s, over which a map does not go."""
-    away = np.abs(seconds / filter.period - 1.0)
+def check_spacing(plant: Plant, period: float, seconds: np.ndarray) -> None:
+    """Refuse times between rows (K,), s, over which a map of one `period`, s, does not go."""
+    away = np.abs(seconds / period - 1.0)
     worst = int(np.argmax(away))
     refuse_if(
-        filter.plant.sampled and away[worst] > LONGER - 1.0,
+        plant.sampled and away[worst] > LONGER - 1.0,
         "A map goes over one period, and the rows of the log do not lie whole periods apart.",
-        f"expected multiples of {filter.period:g} s within 1 %, got steps of {seconds[worst]:g} s",
+        f"expected multiples of {period:g} s within 1 %, got steps of {seconds[worst]:g} s",
         "a plant in continuous time, or the log at regular times",
     )
 
 
-def _beside(values: Any, seconds: Any) -> Any:
-    return np.concatenate([values, seconds])
+def read_row(run: Composer, name: str, size: int, first: int = 0) -> Block:
+    """A row (size,) of a record, `first` numbers further on, in memory that loops inside a row may read."""
+    if not size:
+        return Block(None, (0,))
+    block = run.work((size,))
+    run.body.append(Copy(Slice(name, first, size, strides=(size,)), block.place))
+    return block
 
 
-def _grown(noise: Any, seconds: Any) -> Any:
+def write_row(run: Composer, name: str, block: Block, width: int, first: int = 0) -> None:
+    """A block into a record's row of so many numbers (`width`), from its number `first` on."""
+    run.copy(block, Block(Slice(name, first, block.size, strides=(width,)), block.shape))
+
+
+def joined(first: Any, second: Any) -> Any:
+    """Two vectors as one."""
+    return np.concatenate([first, second])
+
+
+def grown(noise: Any, seconds: Any) -> Any:
+    """R^v (n, n) over so many seconds (1,), of that per second."""
     return noise * seconds[0]
 
 
-def _facts(innovation: Any, spread: Any) -> Any:
+def facts_of(innovation: Any, spread: Any) -> Any:
+    """The squared innovation (p,) over its covariance (p, p), and the logarithm of the determinant, (2,)."""
     factor = cholesky(spread)
     white = solve_lower(factor, innovation)
     return np.array([white @ white, 2.0 * np.log(np.diag(factor)).sum()])
-
-
-def _chosen(flag: Any, new: Any, old: Any) -> Any:
-    return where(flag[0] > 0.5, new, old)

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from flexhinf.codegen import Block, Buffer, Composer, Copy, Kernel, Program, Repeat, Slice, compile_program
+from flexhinf.codegen import Block, Buffer, Composer, Kernel, Program, Repeat, Slice, compile_program
+from flexhinf.codegen.shared import share
 from flexhinf.errors import refuse_if
 from flexhinf.estimation import ExtendedKalmanFilter, UnscentedKalmanFilter
 from flexhinf.estimation.square_root import RootGaussian
-from flexhinf.identification.recursion import Recursion, Rows
-from flexhinf.loop.shared import share
+from flexhinf.identification.recursion import Recursion, Rows, grown, joined, read_row, write_row
 from flexhinf.validation import checked_kind
 
 #: Rows that are gone back over at once: what is kept of each takes 3n² numbers.
@@ -71,35 +71,26 @@ class Smoother:
             {"beliefs": size, "inputs": m, "seconds": 1},
             {"means": n, "joint": 2 * n * n, "left": n * n},
         )
-
-        def read(name: str) -> Block:
-            block = run.work((rows[name],))
-            run.body.append(Copy(Slice(name, size=rows[name], strides=(rows[name],)), block.place))
-            return block
-
-        def write(name: str, block: Block) -> None:
-            run.copy(block, Block(Slice(name, size=block.size, strides=(written[name],)), block.shape))
-
         values = Block(Slice("parameters", size=count) if count else None, (count,))
         noise = Block(Slice("process_noise", size=n * n), (n, n))
-        flat, u, seconds = (read(name) for name in rows)
+        flat, u, seconds = (read_row(run, name, width) for name, width in rows.items())
         belief = type(filter.initial)(**vars(recursion.layout.named(flat)))
         root = belief.root if filter.form == "square_root" else run.cholesky(belief.covariance).T
-        vector = run.call(_joined, values, seconds)
+        vector = run.call(joined, values, seconds)
         mean, moved = filter.moved_rows(run, RootGaussian(belief.mean, root), u, vector)
-        paired = run.columns(_joined, (moved[:n].T, root.T)).T
+        paired = run.columns(joined, (moved[:n].T, root.T)).T
         more = (
             [run.columns(_with_zeros, moved[n:].T, belief.mean).T] if moved.shape[0] > n else []
         )  # those of sigma points in common
-        added = run.columns(_with_zeros, run.cholesky(run.call(_grown, noise, seconds)), belief.mean).T
+        added = run.columns(_with_zeros, run.cholesky(run.call(grown, noise, seconds)), belief.mean).T
         reduced = run.householder(run.stacked(paired, *more, added), n)
         left = run.householder(run.columns(_second, reduced[n:].T).T, n)[:n]
         for name, block in {"means": mean, "joint": reduced[:n], "left": left}.items():
-            write(name, block)
+            write_row(run, name, block, written[name])
         buffers = [
             *([Buffer("parameters", count, "in")] if count else []),
             Buffer("process_noise", n * n, "in"),
-            *(Buffer(name, None, "in") for name in rows),
+            *(Buffer(name, None, "in") for name, width in rows.items() if width),
             *(Buffer(name, None, "out") for name in written),
         ]
         return Program(
@@ -131,7 +122,6 @@ class Smoother:
         arrays = {
             "process_noise": np.ascontiguousarray(filter.process_noise / filter.period).ravel(),
             "beliefs": np.ascontiguousarray(beliefs[part]),
-            "inputs": np.ascontiguousarray(rows.inputs[1:][part]),
             "seconds": np.ascontiguousarray(rows.seconds[part]),
             "means": np.empty((count, n)),
             "joint": np.empty((count, n, 2 * n)),
@@ -139,6 +129,8 @@ class Smoother:
         }
         if filter.plant.parameters.size:
             arrays["parameters"] = filter.plant.parameters.vector()
+        if filter.plant.inputs:
+            arrays["inputs"] = np.ascontiguousarray(rows.inputs[1:][part])
         self.kernel.run(arrays, {"rows": count})
         joint = arrays["joint"]
         return arrays["means"], np.swapaxes(solved_rows(joint[..., :n], joint[..., n:]), 1, 2), arrays["left"]
@@ -159,17 +151,9 @@ def solved_rows(triangles: np.ndarray, right: np.ndarray) -> np.ndarray:
     return result / scale[:, :, None]
 
 
-def _joined(first: Any, second: Any) -> Any:
-    return np.concatenate([first, second])
-
-
 def _with_zeros(row: Any, mean: Any) -> Any:
     return np.concatenate([row, np.zeros(len(mean))])
 
 
 def _second(row: Any) -> Any:
     return row[len(row) // 2 :]
-
-
-def _grown(noise: Any, seconds: Any) -> Any:
-    return noise * seconds[0]

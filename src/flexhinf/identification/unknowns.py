@@ -2,7 +2,8 @@
 
 The vector has the physical numbers first, by their logarithm where they must be positive, then the logarithms of
 standard deviations: of the measurement noise of each output, and of each disturbance, N·m·√s of a torque. The
-disturbances' part of R^v is G diag(σ²) Gᵀ per second, with G = ∂flow/∂d at the first state.
+disturbances' part of R^v is G diag(σ²) Gᵀ per second, with G = ∂flow/∂d at the first state; of a map it is that per
+period, and σ a standard deviation.
 """
 
 from __future__ import annotations
@@ -96,9 +97,14 @@ def model_of(
 ) -> tuple[Plant, list[Number]]:
     """The plant of a robot in which these numbers of it count, and the numbers. Raises InvalidInput: unknown names."""
     numbers = robot_numbers(robot, checked_names("The numbers to identify", parameters))
+    return robot.plant(measured, extras=extras_of(robot, numbers, extras)), numbers
+
+
+def extras_of(robot: Robot, numbers: Sequence[Number], extras: str | Sequence[str]) -> tuple[str, ...]:
+    """The extras of the plant in which these numbers of a robot count: those that are stated, and what they need."""
     needed = {EXTRA_OF[q] for n in numbers if (q := quantity_of(robot, n.name)) in EXTRA_OF}
     stated = checked_names("The extras", extras)
-    return robot.plant(measured, extras=(*stated, *sorted(needed - set(stated)))), numbers
+    return (*stated, *sorted(needed - set(stated)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +129,9 @@ class Noises:
         deviations = np.sqrt(np.diag(r))
         bases, names = (filter.process_noise / filter.period)[None], ("process noise",)
         if levels is not None:
-            spread = plant.linearise(filter.initial.mean)[2] if plant.disturbances else np.eye(plant.n)
-            bases = np.array([np.outer(column, column) for column in spread.T])
+            spread = plant.slopes(filter.initial.mean)[2] if plant.disturbances else np.eye(plant.n)
+            lasting = filter.period if plant.sampled else 1.0
+            bases = np.array([np.outer(column, column) for column in spread.T]) / lasting
             names = tuple(plant.disturbances or plant.states)
         first = np.ones(1) if levels is None else levels
         return Noises(r / deviations / deviations[:, None], deviations, bases, first, names, sought)
