@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from flexhinf.errors import NumericalFailure
-from flexhinf.loop.simulation.metrics import LASTING, damping_ratio
+from flexhinf.loop.simulation.metrics import LASTING
+from flexhinf.scalars.spectral import damping_ratio
 
 #: Relative accuracy of the norm, and turns of its search at most.
 ACCURACY, TURNS = 1e-9, 60

@@ -1,4 +1,4 @@
-"""Modes of a linearisation, named as an engineer names them, and weights scaled by what each motor moves.
+"""Modes of sampled and closed loops, and weights scaled by what each motor moves.
 
 Weights from a target frequency per joint and a damping weight, scaled by what each motor moves.
 
@@ -19,99 +19,22 @@ its link's. The search is over the target frequency ω of each joint and one dam
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from flexhinf.loop.simulation.metrics import damping_ratio
 from flexhinf.plant import Penalty
 from flexhinf.robot.elastic import Layout
-
-#: An oscillation is a vibration of the springs if they hold this fraction or more of the energy of springs and moving
-#: links: one half where the motors stand still, more where they move against the links, next to nothing where links
-#: and motors swing together.
-SPRING_FRACTION = 0.25
+from flexhinf.robot.modes import (
+    Mode as Mode,
+    modes_of as modes_of,
+    named_modes as named_modes,
+    stiffness_and_inertia as stiffness_and_inertia,
+)
 
 #: A sampled mode whose multiplier is smaller than this is gone after one sample and has no rate.
 DEADBEAT = 1e-12
-
-#: A mode slower than this, relative to the fastest one, is at rest: a double zero eigenvalue is found only to the
-#: square root of the rounding.
-STANDS_STILL = 1e-7
-
-
-@dataclass(frozen=True)
-class Mode:
-    """An eigenvalue λ with Im λ ≥ 0, standing for itself and its conjugate."""
-
-    eigenvalue: complex  # 1/s
-    vibration: bool  # of the springs; otherwise links and motors move together
-    joint: str  # where most of it is
-
-    @property
-    def frequency(self) -> float:
-        """|λ| / 2π, Hz."""
-        return abs(self.eigenvalue) / (2.0 * np.pi)
-
-    @property
-    def damping(self) -> float:
-        """−Re λ / |λ|: 1 for a mode that decays without oscillating, 0 at rest and for one that swings on, negative
-        for one that grows; see `damping_ratio`."""
-        return float(damping_ratio(np.array(self.eigenvalue)))
-
-    @property
-    def stable(self) -> bool:
-        """Whether the mode decays."""
-        return self.damping > 0.0
-
-    @property
-    def name(self) -> str:
-        """Name of the mode."""
-        if self.eigenvalue == 0.0:
-            return "free motion"
-        if self.vibration:
-            return "vibration"
-        return "swing" if self.eigenvalue.imag else ("motion" if self.stable else "fall")
-
-    @property
-    def time_constant(self) -> float | None:
-        """1 / |Re λ|, s: to decay, or to grow, by the factor e; None for a mode that does neither."""
-        return 1.0 / abs(self.eigenvalue.real) if self.damping else None
-
-
-def modes_of(
-    a: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
-) -> tuple[Mode, ...]:
-    """Modes of ẋ = A x, slowest first; see `named_modes`."""
-    return named_modes(*np.linalg.eig(a), joints, stiffness, inertia)
-
-
-def named_modes(
-    values: np.ndarray, vectors: np.ndarray, joints: Sequence[str], stiffness: np.ndarray, inertia: np.ndarray
-) -> tuple[Mode, ...]:
-    """Modes by name, slowest first.
-
-    Eigenvalues (N,), 1/s, and eigenvectors (N, N) in columns are of a state that begins with link positions, link
-    velocities, motor positions, motor velocities. The stiffness (n,) of the springs and the inertia (2n, 2n) of links
-    and motors tell fractions of energy; of a rigid joint they are infinite, and zero for its motor.
-    """
-    fastest, n, modes = np.abs(values).max(initial=0.0), len(joints), []
-    weight, rigid = np.diag(inertia), np.isinf(stiffness)
-    layout, springs = Layout(n, tuple(np.flatnonzero(rigid).tolist())), np.where(rigid, 0.0, stiffness)
-    for value, vector in zip(values, vectors.T):
-        if value.imag < 0.0:
-            continue
-        q, dq, theta, _ = np.split(layout.whole(vector), 4)
-        spring = springs * np.abs(theta - q) ** 2
-        kinetic = float(np.real(dq.conj() @ inertia[:n, :n] @ dq))
-        fraction = float(spring.sum()) / max(float(spring.sum()) + kinetic, 1e-300)
-        vibration = bool(value.imag > 0.0 and fraction >= SPRING_FRACTION)
-        where = spring if vibration else weight[:n] * np.abs(q) ** 2 + weight[n:] * np.abs(theta) ** 2
-        still = abs(value) <= STANDS_STILL * fastest
-        modes.append(Mode(0j if still else complex(value), vibration, joints[int(np.argmax(where))]))
-    return tuple(sorted(modes, key=lambda mode: (abs(mode.eigenvalue), mode.joint)))
 
 
 def sampled_modes(
@@ -129,29 +52,6 @@ def closed_loop(problem: Any, gain: np.ndarray) -> np.ndarray:
     """A + B2 K (N, N) for the law u = K x (m, N), with the exact linearisation of the problem."""
     expansion = problem.expand(1)
     return expansion.f_parts[1] + expansion.g2_parts[0][:, :, 0] @ gain
-
-
-def stiffness_and_inertia(
-    plant: Any, equilibrium: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """K (n,) and the inertia of links and motors (2n, 2n), from the plant's own linearisation in equilibrium.
-
-    Of a rigid joint K is infinite, and its motor's inertia is part of the link's.
-    """
-    p, layout = plant.parameters.named(plant.parameters.vector()), Layout.of(plant.states)
-    n, elastic = layout.n, layout.elastic
-    stiffness, motors = np.full(n, np.inf), np.zeros(n)
-    stiffness[elastic] = np.atleast_1d(p.stiffness)
-    motors[elastic] = np.atleast_1d(p.motor_inertia)[elastic]
-    a, _, torques, _ = plant.linearise(*equilibrium)
-    links = (
-        np.linalg.inv(torques[n : 2 * n, :n])  # ∂q̈1/∂d_link = M⁻¹
-        if layout.rigid
-        else np.linalg.solve(a[n : 2 * n, 2 * n : 3 * n].T, np.diag(stiffness)).T  # M, as ∂q̈1/∂q2 = M⁻¹ K
-    )
-    inertia = np.zeros((2 * n, 2 * n))
-    inertia[:n, :n], inertia[n:, n:] = (links + links.T) / 2.0, np.diag(motors)
-    return stiffness, inertia
 
 
 # Weights ------------------------------------------------------------------------------------------------

@@ -22,10 +22,10 @@ import casadi as ca
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Columns, Copy, Kernel, Map, Program, Repeat, Slice, compile_program
+from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
 from flexhinf.estimation import ConstantGainFilter, OutputInjectionObserver, RecursiveFilter
 from flexhinf.loop import Controller
-from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.program import rk4_function
 from flexhinf.plant import Law, Plant
 from flexhinf.polynomial import basis

@@ -20,6 +20,7 @@ from .driver import (
 )
 from .journal import Journal as Journal
 from .metrics import (
+    DOUBTFUL as DOUBTFUL,
     STANDARD as STANDARD,
     Metrics as Metrics,
     Requirement as Requirement,

@@ -124,7 +124,7 @@ class Campaign:
         self.batches = -(-self.samples // self.batch)
         self.options = {"duration": 8.0, **self.options}
         tracked = loop.controller.judged
-        self.metrics = chosen_metrics(self.metrics, bool(tracked))
+        self.metrics = chosen_metrics(self.metrics, bool(tracked), loop.controller.doubts)
         self.signals = tuple(tracked if self.signals is None else self.signals)
         last = sample_count(self.options["duration"], loop.controller.period) - 1
         self.instants = np.unique(np.linspace(0, last, min(INSTANTS, last + 1)).round().astype(int))

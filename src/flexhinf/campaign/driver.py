@@ -351,6 +351,16 @@ def run_campaign(
     ------
     InvalidInput
         Before any work for what does not fit; or for a folder of another campaign.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> loop = fh.Loop(arm.plant(), fh.Controller(fh.linear_law(arm.problem(), gamma=np.inf), None, 1e-2))
+    >>> data = fh.run_campaign(loop, arm.draw, 20, reference=0.3, duration=4.0)
+    >>> data.sizes["sample"], bool((data.status == "completed").all())
+    (20, True)
     """
     if unknown := [name for name in options if name not in _OPTIONS]:
         raise unknown_name(f"A campaign has no option {unknown[0]!r}.", unknown[0], _OPTIONS)

@@ -185,6 +185,14 @@ def _tracking_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
     return {**worst, "peak_input": result.common["peak_input"], "estimation_rmse": largest}
 
 
+def _doubtful(run: Trajectory) -> int:
+    return run.doubtful_samples
+
+
+def _doubtful_in_lanes(result: EnsembleResult) -> dict[str, np.ndarray]:
+    return {"doubtful_samples": result.doubtful_samples}
+
+
 STANDARD_UNITS = {
     "overshoot_percent": "%", "settling_time_s": "s", "rise_time_s": "s", "steady_state_error": "", "peak_input": "",
     "tracking_rmse": "", "estimation_rmse": "",
@@ -192,6 +200,9 @@ STANDARD_UNITS = {
 
 #: The metrics of `Trajectory.metrics`, each the worst of all tracked states; of the estimates the largest error.
 STANDARD = Metrics(STANDARD_UNITS, _tracking, _tracking_in_lanes)
+
+#: Samples at which the estimate was in doubt, of an estimator that says so: see `flexhinf.Controller.doubtful_samples`.
+DOUBTFUL = Metrics({"doubtful_samples": ""}, _doubtful, _doubtful_in_lanes)
 
 
 def known_metric(name: str, known: Sequence[str]) -> str:
@@ -205,15 +216,17 @@ def known_metric(name: str, known: Sequence[str]) -> str:
     return name
 
 
-def chosen_metrics(metrics: Any, tracked: bool) -> tuple[Metrics, ...]:
+def chosen_metrics(metrics: Any, tracked: bool, doubts: bool) -> tuple[Metrics, ...]:
     """A campaign's metrics, from names, `Metrics`, functions by name, or a sequence of these; None: the standard
-    ones."""
+    ones, where a state is `tracked`, and `DOUBTFUL` where the estimator says when it `doubts`."""
+    possible = (*((STANDARD,) if tracked else ()), *((DOUBTFUL,) if doubts else ()))
     if metrics is None:
-        return (STANDARD,) if tracked else ()
+        return possible
     parts = [metrics] if isinstance(metrics, (Metrics, Mapping, str)) else list(metrics)
-    known = list(STANDARD_UNITS) if tracked else []
-    units = {known_metric(part, known): STANDARD_UNITS[part] for part in parts if isinstance(part, str)}
-    chosen = [replace(STANDARD, units=units)] if units else []
+    known = [name for one in possible for name in one.units]
+    names = [known_metric(part, known) for part in parts if isinstance(part, str)]
+    some = [(one, {name: one.units[name] for name in names if name in one.units}) for one in possible]
+    chosen = [replace(one, units=units) for one, units in some if units]
     chosen += [part for part in parts if isinstance(part, Metrics)]
     for part in [part for part in parts if not isinstance(part, (str, Metrics))]:
         own = part if isinstance(part, Mapping) else {getattr(part, "__name__", value_text(part)): None}

@@ -42,7 +42,16 @@ _LARGEST = 8_000_000  # bytes: degree 8 in five states takes 200 kB
 
 @dataclass(frozen=True, repr=False)
 class Certificate(Summarised, Claim):
-    """On the component of {V ≤ level} around 0 the dissipation inequality holds; see `Claim` for the attributes."""
+    """On the component of {V ≤ level} around 0 the dissipation inequality holds; see `Claim` for the attributes.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> plant = fh.PolynomialPlant({(1,): [1.0], (3,): [-1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
+    >>> certificate = fh.solve_hji(plant, gamma=1.5, degree=4).certify(gamma=2.0)
+    >>> certificate.check().proved
+    True
+    """
 
     def check(
         self,
@@ -134,6 +143,18 @@ def load_certificate(path: str | os.PathLike[str]) -> Certificate:
     ------
     InvalidInput
         Not there, too large, no such file, of a newer version, or with contents that no certificate has.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> plant = fh.PolynomialPlant({(1,): [1.0], (3,): [-1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
+    >>> import tempfile
+    >>> certificate = fh.solve_hji(plant, gamma=1.5, degree=4).certify(gamma=2.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     certificate.save(f"{folder}/certificate.json")
+    ...     same = fh.load_certificate(f"{folder}/certificate.json")
+    >>> same.level == certificate.level
+    True
     """
     path = checked_path("The certificate's file", path)
     text = read_text(path, _LARGEST, "JSON", "certificate")
@@ -383,7 +404,7 @@ def _hypotheses(claim: Claim, fed: str, whole: bool) -> list[str]:
 
 
 def _statements(claim: Claim, verification: Verification) -> list[tuple[str, str]]:
-    """The claimed statements, under their names in docs/certificate.md; the first four have the same numbers there."""
+    """The claimed statements, under their names in docs/theorem.md; the first four have the same numbers there."""
     z = ", ".join([*map(_row, claim.penalty, [claim.states] * len(claim.penalty)), "R2^(1/2) u"])
     level, unit = _down(claim.level), common_unit(claim.disturbances)
     lasting = f"{_down(persistent_bound(claim))} {unit}".rstrip()

@@ -1,4 +1,4 @@
-"""The claim of a certificate: exactly the data that the theorem of docs/certificate.md needs.
+"""The claim of a certificate: exactly the data that the theorem of docs/theorem.md needs.
 
 All numbers are doubles, which are rationals. The plant is ẋ = f(x, p) + g1(x, p) d + g2(x, p) u with u = k(x), in
 deviations x from the goal, and
@@ -276,7 +276,7 @@ def check_terms(
 
 @dataclass(frozen=True, repr=False)
 class Claim(Part):
-    """On the component of {V ≤ level} around 0 the dissipation inequality holds; see docs/certificate.md.
+    """On the component of {V ≤ level} around 0 the dissipation inequality holds; see docs/theorem.md.
 
     Attributes
     ----------

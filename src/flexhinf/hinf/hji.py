@@ -434,5 +434,13 @@ def _nearby(plant: PolynomialPlant, gamma: float, degree: int, scaling: Scaling,
 
 
 def linear_law(problem: Problem, gamma: float) -> HJISolution:
-    """The linear H∞ law: `solve_hji` at degree 2."""
+    """The linear H∞ law: `solve_hji` at degree 2.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> problem = fh.paper_arm().problem()
+    >>> fh.linear_law(problem, gamma=2 * fh.smallest_gamma(problem)).gain.shape
+    (1, 5)
+    """
     return solve_hji(problem, gamma, 2)

@@ -411,6 +411,13 @@ def smallest_gamma(problem: Problem) -> float:
     -----
     At γ* either the Hamiltonian matrix has eigenvalues on the imaginary axis, or P has grown without bound
     while they stay off it. So existence itself is bisected, in coordinates balanced anew for every level.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> plant = fh.PolynomialPlant({(1,): [1.0]}, [[1.0]], [[1.0]], {(1,): [1.0]}, 1.0)
+    >>> round(fh.smallest_gamma(plant), 6)  # ẋ = x + d + u, z = (x, u)
+    1.0
     """
     check_problem(problem)
     return linear_smallest_gamma(LinearPart.of(problem.expand(1)))

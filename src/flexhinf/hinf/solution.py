@@ -57,6 +57,16 @@ class HJISolution(ValueFunction, Law):
         Condition number of the closed loop's eigenvectors, in scaled coordinates (nan for degree 2).
     memory : int
         Estimate of the memory the solve needed, in bytes.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> problem = fh.paper_arm().problem()
+    >>> solution = fh.solve_hji(problem, gamma=2 * fh.smallest_gamma(problem), degree=4)
+    >>> x = np.array([0.3, 0.0, 0.3, 0.0, 0.0])
+    >>> bool(solution.value(x) > 0.0), solution.law(x).shape
+    (True, (1,))
     """
 
     records: tuple[DegreeRecord, ...] = ()
@@ -312,6 +322,17 @@ def load_solution(path: str | os.PathLike[str], problem: Problem | None = None) 
     ------
     InvalidInput
         Not there, not such a file, damaged, or of a newer version.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import tempfile
+    >>> problem = fh.paper_arm().problem()
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     fh.linear_law(problem, gamma=200.0).save(f"{folder}/law")
+    ...     same = fh.load_solution(f"{folder}/law", problem)
+    >>> same.gamma
+    200.0
     """
     path = checked_path("The solution's file", path)
     try:

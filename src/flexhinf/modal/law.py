@@ -79,6 +79,13 @@ class ModalLaw(PlacedLaw):
     A rigid joint is taken for one whose spring is as stiff for its motor as those of the others: K = κ J.
 
     Raises `InvalidInput` for a plant without elastic joints, or other integrals.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> law = fh.ModalLaw.tuned(fh.load_robot("planar-two-link").problem())
+    >>> law.slope_at((0.3, 0.5)).shape  # gains at a pose: two inputs, eight states and two integrals
+    (2, 10)
     """
 
     gains: PairGains

@@ -38,7 +38,13 @@ from flexhinf.robot.dynamics import (
 )
 from flexhinf.robot.elastic import DRIVES, torque_per_input
 from flexhinf.robot.parameters import INERTIA, VECTOR, Parameter, per_joint, unit_of
+from flexhinf.scalars import Symbol
 from flexhinf.validation import HUGE, checked_array, real_array, value_text, within_proportion
+
+
+def is_loaded(load: Any) -> bool:
+    """Whether a payload counts: a mass that is not zero, or a symbol, whose value is not known yet."""
+    return isinstance(load, Symbol) or bool(load)
 
 
 class JointTree:
@@ -84,7 +90,7 @@ class Pendulum(JointTree):
         """
         own = {name: values[name] for name in self.required()}
         own["link_inertia"] *= values.get("inertia_scale", 1.0)
-        if load := values.get("payload_mass", 0.0):
+        if is_loaded(load := values.get("payload_mass", 0.0)):
             arm, about = (
                 values.get(f"payload_{name}", 0.0) for name in ("centre_of_mass_x", "inertia_per_mass_zz")
             )
@@ -170,14 +176,14 @@ class Arm(JointTree):
         for i, row in enumerate(rows):
             inertia[i] *= values.get(per_joint("inertia_scale", row, count), 1.0)
             load = values.get(per_joint("payload_mass", row, count), 0.0)
-            if load:
+            if is_loaded(load):
                 place, per_mass = (
                     [values.get(name, 0.0) for name in self._names(row, f"payload_{quantity}", components)]
                     for quantity, components in (("centre_of_mass", VECTOR), ("inertia_per_mass", INERTIA))
                 )
                 mass[i], centre[i], whole = lumped(
                     [
-                        (float(mass[i]), centre[i].copy(), matrix_of(inertia[i])),
+                        (mass[i], centre[i].copy(), matrix_of(inertia[i])),
                         (load, np.array(place), load * matrix_of(per_mass)),
                     ]
                 )

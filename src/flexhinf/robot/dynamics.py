@@ -328,22 +328,23 @@ def lumped(bodies: Sequence[tuple[float, np.ndarray, np.ndarray]]) -> tuple[floa
     """
     mass = sum(body[0] for body in bodies)
     centre: Any = sum(body[0] * np.asarray(body[1]) for body in bodies) / mass
-    inertia = np.zeros((3, 3))
+    inertia: Any = np.zeros((3, 3))
     for m, c, about in bodies:
         r = np.asarray(c) - centre
-        inertia += about + m * (r @ r * np.eye(3) - np.outer(r, r))
-    return float(mass), centre, inertia
+        inertia = inertia + (about + m * (r @ r * np.eye(3) - np.outer(r, r)))
+    return mass, centre, inertia
 
 
 def matrix_of(six: Any) -> np.ndarray:
-    """xx, xy, xz, yy, yz, zz as a symmetric matrix."""
+    """xx, xy, xz, yy, yz, zz as a symmetric matrix, of numbers or of any element."""
     xx, xy, xz, yy, yz, zz = six
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return matrix if matrix.dtype == object else matrix.astype(float)
 
 
-def six_of(matrix: np.ndarray) -> list[float]:
+def six_of(matrix: np.ndarray) -> list[Any]:
     """The inverse of `matrix_of`."""
-    return [float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
+    return [matrix[i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
 
 
 def _to_parent(frame: Placement, force: Vector, moment: Vector) -> tuple[Vector, Vector]:

@@ -77,6 +77,16 @@ def checked_extras(extras: Any, inductance: bool, stated: Collection[str], robot
     return tuple(name for name in EXTRAS if name in requested)
 
 
+def left_out(values: Mapping[str, float], extras: Collection[str]) -> list[str]:
+    """Switches that are off although the robot states numbers of them that are not zero, by its numbers by name."""
+    stated = [name for name, value in values.items() if value]
+    return [
+        extra
+        for extra, quantity in EXTRAS.items()
+        if extra not in extras and any(n == quantity or n.startswith(f"{quantity}_") for n in stated)
+    ]
+
+
 def inactive_parameters(extras: Collection[str], joints: Sequence[str]) -> set[str]:
     """A robot's parameters that do not act in a plant with these extras, by name."""
     on = {*extras, *(DRY if "stribeck_friction" in extras else ())}

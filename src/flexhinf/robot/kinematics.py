@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -257,14 +257,61 @@ def skeleton(robot: Robot, positions: Sequence[float] | np.ndarray) -> tuple[np.
     return tuple(lines)
 
 
+#: A picture enlarges wind-ups by one of these factors, so that none is drawn as more than this angle, rad, or as more
+#: than this part of the robot's size where a joint slides.
+FACTORS, WIDEST, FARTHEST = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000), 0.3, 0.15
+
+
+def magnification(windup: np.ndarray, slides: Any, size: float) -> int:
+    """Factor by which wind-ups (N, n), rad or m, are enlarged: the largest of `FACTORS` with which all stay small
+    enough for a robot of this size, m."""
+    largest = (np.abs(windup).max(axis=0) / np.where(slides, FARTHEST * size, WIDEST)).max()
+    return max(factor for factor in FACTORS if factor == 1 or factor * largest <= 1.0)
+
+
+class PictureAxes(NamedTuple):
+    """Axes (3, 2) of a picture in the world, to the right and up; their names; whether no joint slides out of it."""
+
+    axes: np.ndarray
+    names: tuple[str, str]
+    planar: bool
+
+
+def picture_axes(robot: Robot) -> PictureAxes | None:
+    """The picture that looks along the axes of the turning joints; None where two of them differ.
+
+    Up is away from free fall, and a positive angle turns anticlockwise. An arm whose axes are upright is seen from
+    above, wherever its links are along them. Axes are parallel at all positions or at none.
+    """
+    joints, slides = robot.links.tree.joints, np.array(robot.links.slides, dtype=bool)
+    down = np.asarray(robot.links.down, dtype=float)
+    turns, _ = link_frames(robot, np.zeros(len(joints)))
+    along = np.array([turn @ np.asarray(joint.axis) for turn, joint in zip(turns, joints, strict=True)])
+    turning = along[~slides]
+    normal = turning[0] if len(turning) else -down
+    planar = bool(np.all(np.abs(along[slides] @ normal) < 1e-6))
+    if np.any(np.abs(turning @ normal) < 1.0 - 1e-9) or not (len(turning) or planar):
+        return None
+    up = (normal @ down) * normal - down
+    upright = float(np.linalg.norm(up)) > 0.1
+    if not upright:
+        normal = -normal if normal @ down > 0.0 else normal
+        up = np.cross(normal, np.eye(3)[int(abs(normal[0]) > 0.9)])
+    up = up / np.linalg.norm(up)
+    names = ("horizontal", "height" if upright else "seen from above")
+    return PictureAxes(np.column_stack([np.cross(up, normal), up]), names, planar)
+
+
 DEGREES = 180.0 / np.pi
 
 #: Numbers above which something is doubtful, and above which it is refused.
 UNUSUAL = {
     "twist": (0.25, 1.5),  # Of a spring under the robot's own weight, rad: elastic joints have less than 0.15
+    "full torque": (1e-3, 30.0),  # Twist at the limit of a motor, degrees: most joints have 0.05 to 5
     "length": (5.0, 20.0),  # From a joint's frame to the next one or to a centre of mass, m
     "gyration": (2.0, 10.0),  # Radius of gyration of a link, m
-    "motor": (1e4, 1e6),  # Motor's inertia over the one it moves; a light wrist with strong gears has 1000
+    "motor": (100.0, 1e6),  # Motor's inertia over the one it moves
+    "wrist": (1e4, 1e6),  # The same of the last joint of an arm: a light wrist with strong gears has 1000
     # Mass over that of the moving links; industrial robots carry less than their own.
     "payload": (10.0, 100.0),
 }
@@ -379,6 +426,76 @@ def check_geometry(robot: Robot, file: str) -> None:
             )
 
 
+def heavy_motors(robot: Robot) -> list[str]:
+    """Joints whose motor has an inertia that is doubtful beside the one that it moves."""
+    p = Parameters(robot.plant_parameters())
+    ratios = np.atleast_1d(p.motor_inertia) / np.diag(_mass_matrix(robot, p))
+    return [
+        name for k, name in enumerate(robot.joint_names) if ratios[k] > UNUSUAL[_kind_of_motor(robot, k)][0]
+    ]
+
+
+def _kind_of_motor(robot: Robot, k: int) -> str:
+    last = len(robot.joint_names) > 1 and k not in robot.links.tree.parents
+    return "wrist" if last else "motor"
+
+
+def check_twist(robot: Robot, file: str) -> None:
+    """Ask about springs that the motors at their limits twist by very much or hardly at all."""
+    p, limits = robot.plant_parameters(), robot.effort_limits
+    if limits is None or robot.rigid:
+        return
+    n = len(robot.joint_names)
+    per_input = {"torque": 1.0, "current": p.get("torque_constant"), "voltage": _stall(p)}[robot.drive]
+    torques = np.array([np.nan if limit is None else limit for limit in limits], dtype=float) * per_input
+    least, most = UNUSUAL["full torque"]
+    springs = np.broadcast_to(p["stiffness"], n)
+    for joint, limit, torque, spring in zip(robot.links.tree.joints, limits, torques, springs):
+        twist = torque / spring * DEGREES
+        constant, ratio = (
+            robot.nominal.get(per_joint(key, joint.name, n), 0.0) for key in ("torque_constant", "gear_ratio")
+        )
+        product = ""
+        if robot.drive == "current" and constant and ratio:
+            product = f"torque_constant {constant:g} × gear_ratio {ratio:g} × effort_limit {limit:g} = "
+        ask(
+            not joint.slides and np.isfinite(twist) and not least <= twist <= most,
+            f"{file}: the motor of joint {joint.name!r} at its limit twists the spring by {twist:.2g}°.",
+            f"expected {least:g}° to {most:g}°, got stiffness = {spring:g} N·m/rad for {product}{torque:.3g} N·m of "
+            "the motor; is its unit right?",
+            _twist_advice(twist, spring, constant),
+        )
+
+
+#: Torque constant of a motor before its gear, N·m/A: above this one mN·m/A were probably meant.
+LARGE_CONSTANT = 5.0
+
+
+def _twist_advice(twist: float, spring: float, constant: float) -> str:
+    """What to write where a motor twists its spring by a doubtful angle, degrees: numbers with which it is usual."""
+    least, most = UNUSUAL["full torque"]
+    if constant > LARGE_CONSTANT and twist > most:
+        return f"torque_constant = {constant / 1000.0:g} for {constant:g} mN·m/A"
+    units = {"kN·m/rad": 1000.0, "N·m/deg": DEGREES, "N·m/arcmin": 60.0 * DEGREES}
+    texts = [
+        f"{size * spring:.5g} for {spring:g} {unit}"
+        for unit, size in units.items()
+        if least <= twist / size <= most
+    ]
+    if twist < least:
+        texts = [f"{spring / 1000.0:g} for {spring / 1e6:g} kN·m/rad"]
+    return (
+        f"stiffness = {', or '.join(texts)}; or another effort_limit"
+        if texts
+        else "another stiffness or effort_limit"
+    )
+
+
+def _stall(p: Any) -> Any:
+    """Torque per volt of motors that stand still, on the link side; 0 without a resistance."""
+    return np.asarray(p["torque_constant"]) / p["resistance"] if "resistance" in p else 0.0
+
+
 def check_load(robot: Robot, file: str) -> None:
     """As `check_geometry`: gravity, the payload, springs under the robot's weight, and motors beside what they move."""
     p = Parameters(robot.plant_parameters())
@@ -398,8 +515,8 @@ def check_load(robot: Robot, file: str) -> None:
     ask(
         heavy and weights.max() < 1e-9 * (float(np.sum(p.mass)) * abs(gravity)),
         f"{file}: no joint carries any weight: gravity acts along the axes of all joints.",
-        f"expected 'down' in the world's frame, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
-        "down = [1, 0, 0] for an arm in a vertical plane with axes along z; gravity = 0 if this is meant",
+        f"expected gravity = 0, or 'down' across an axis, got down = {[float(f'{x:.4g}') for x in robot.links.down]}",
+        "gravity = 0 for an arm in a horizontal plane; down = [1, 0, 0] for axes along z in a vertical plane",
     )
     own = sum(value for name, value in nominal.items() if name.startswith("mass"))
     payloads = [number for number in robot.parameters if number.name.startswith("payload_mass")]
@@ -414,7 +531,9 @@ def check_load(robot: Robot, file: str) -> None:
     load = "own weight and its payload's" if any(mass.value for mass in payloads) else "own weight"
     inertias, motors = np.diag(_mass_matrix(robot, p)), np.atleast_1d(p.motor_inertia)
     stiffness = robot.layout.motors(np.full(n, np.inf), np.atleast_1d(p.stiffness))
-    for joint, weight, inertia, motor, spring in zip(joints, weights, inertias, motors, stiffness):
+    for k, (joint, weight, inertia, motor, spring) in enumerate(
+        zip(joints, weights, inertias, motors, stiffness)
+    ):
         stated = {key: nominal.get(per_joint(key, joint.name, n)) for key in OF_JOINT}
         twist, ratio = weight / spring, motor / inertia
         rotor = motor / (stated["gear_ratio"] or 1.0) ** 2
@@ -422,15 +541,18 @@ def check_load(robot: Robot, file: str) -> None:
             not joint.slides and twist > UNUSUAL["twist"][0],
             f"{file}: the spring of joint {joint.name!r} twists {twist * DEGREES:.3g}° under the robot's {load}.",
             f"expected N·m/rad, got {spring:g} for {weight:.3g} N·m; was N·m/deg meant?",
-            f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg",
+            f"stiffness = {spring * DEGREES:.5g} for {spring:g} N·m/deg; {60.0 * spring * DEGREES:.5g} for {spring:g} "
+            "N·m/arcmin",
             twist > UNUSUAL["twist"][1],
         )
+        unit = min(INERTIA_UNITS, key=lambda name: abs(np.log(ratio * INERTIA_UNITS[name])))
         ask(
-            ratio > UNUSUAL["motor"][0],
+            ratio > UNUSUAL[_kind_of_motor(robot, k)][0],
             f"{file}: the motor of joint {joint.name!r} has {ratio:.2g} times the inertia of all that it moves.",
             f"expected kg·m², got {rotor:.4g}, seen from the link {motor:.4g}, for {inertia:.3g}",
-            f"{rotor * 1e-7:.4g} if {rotor:.4g} g·cm² were meant; seen from the link it is J N², N the gear ratio",
-            ratio > UNUSUAL["motor"][1],
+            f"{rotor * INERTIA_UNITS[unit]:.4g} if {rotor:.4g} {unit} were meant; seen from the link it is J N², "
+            "N the gear ratio",
+            ratio > UNUSUAL["wrist"][1],
         )
         ask(
             stated["motor_inertia"] is not None and ratio < NOT_REFLECTED,
@@ -446,3 +568,4 @@ def check_load(robot: Robot, file: str) -> None:
                 f"expected static_friction >= coulomb_friction, got {static:g} and {sliding:g}",
                 "exchange them, or static_friction as measured at standstill",
             )
+    check_twist(robot, file)

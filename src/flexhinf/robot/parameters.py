@@ -202,6 +202,12 @@ class Parameter:
 
     Raises InvalidInput: for a value that is not finite, a tolerance outside 0 ≤ tolerance < 100, or a range
     without the value.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> fh.Parameter("mass", 2.0, tolerance=5.0, unit="kg", source="data sheet").interval
+    (1.9, 2.1)
     """
 
     name: str
@@ -269,7 +275,10 @@ def random_signs(parameters: int, count: int, seed: Any) -> np.ndarray:
 
 #: Units of times, angles and lengths, and what one is in the SI unit that stands first.
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
-TURNING = {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0}
+TURNING = {
+    "rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180.0, "°": math.pi / 180.0, "arcmin": math.pi / 10800.0,
+    "arcsec": math.pi / 648000.0,
+}  # fmt: skip
 SLIDING = {"m": 1.0, "mm": 1e-3}
 
 #: Nothing is looked at twice: a text of any length is read or refused at once.
@@ -316,7 +325,7 @@ _FACTOR = re.compile(
     rf"({'|'.join(sorted(map(re.escape, _ATOMS), key=len, reverse=True))})(?:\^?(-?[1-4])|([²³]))?[·⋅*. ]?"
 )
 #: Words that are units in any letters, a prefix before them in its own.
-_WORD = re.compile(r"(?<![^\W\d_])([mk]?)((?i:rad|deg|rpm|ohm|hz))(?![^\W\d_])")
+_WORD = re.compile(r"(?<![^\W\d_])([mk]?)((?i:rad|deg|arcmin|arcsec|rpm|ohm|hz))(?![^\W\d_])")
 _FOLDED = re.compile(_FACTOR.pattern.partition("(?:")[0], re.IGNORECASE)
 _POWERS = {"": 1, "²": 2, "³": 3}
 
@@ -366,7 +375,7 @@ def measured(text: str, *si: str) -> Stated:
 
 
 def lettered(unit: str) -> str:
-    """A unit with rad, deg, rpm, ohm and Hz in their usual case; prefixes and symbols stay as written.
+    """A unit with rad, deg, arcmin, arcsec, rpm, ohm and Hz in their usual case; prefixes and symbols stay as written.
 
     Examples
     --------

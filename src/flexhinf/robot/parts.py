@@ -10,13 +10,16 @@ from __future__ import annotations
 import json
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
+from itertools import islice
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from flexhinf.errors import refuse_if
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.robot.arm import Arm, Pendulum
 from flexhinf.robot.dynamics import KINDS, Joint, Tree, matrix_of
 from flexhinf.robot.elastic import CONSTANTS, DRIVES, SPRING
@@ -29,11 +32,12 @@ from flexhinf.robot.parameters import (
     measured,
     per_joint,
     respelled,
+    split,
     unit_of,
 )
 from flexhinf.robot.robot import Robot
 from flexhinf.robot.signals import UNITS
-from flexhinf.validation import checked_positive, real_number, value_text
+from flexhinf.validation import checked_path, checked_positive, nearest, real_number, value_text
 
 #: A plain number, or one with tolerance and source.
 Number = float | Parameter
@@ -307,6 +311,18 @@ class RobotFileWarning(UserWarning):
     """A robot file says something that is allowed and probably not meant."""
 
 
+@contextmanager
+def file_warnings(tell: Callable[[str], object] = lambda text: None) -> Iterator[list[str]]:
+    """Keep warnings about robot files from Python; when the block ends their texts are told, and in the list."""
+    texts: list[str] = []
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", RobotFileWarning)
+        yield texts
+    texts += [str(record.message) for record in caught if issubclass(record.category, RobotFileWarning)]
+    for text in texts:
+        tell(text)
+
+
 def ask(doubtful: object, what: str, found: str, advice: str, wrong: bool = False) -> None:
     """Warn of a number that is probably not what was meant; refuse it where it is surely wrong."""
     if doubtful:
@@ -349,17 +365,68 @@ class Key(NamedTuple):
     expected: str = ""
 
 
+#: What a stiffness in N/m means for a joint that turns.
+BELT = (
+    "{:g} r², N·m/rad, for a belt on a pulley of radius r, m: N/m is the stiffness of a belt or of a sliding joint "
+    "(kind = 'prismatic')"
+)
+
+
+def robot_files(folder: Path) -> list[str]:
+    """Paths of the robot files in a folder, at most a hundred."""
+    try:
+        found = (entry for entry in folder.iterdir() if entry.suffix.lower() in (".toml", ".urdf", ".xml"))
+        return sorted(map(str, islice(found, 100)))
+    except (OSError, ValueError):  # no such folder, or none that this user may read
+        return []
+
+
+def file_beside(file: Path, name: str) -> Path:
+    """The file of the links that a robot's file names, relative to it; InvalidInput if there is none."""
+    path = file.parent / checked_path(f"The URDF of {file.name}", name)
+    with suppress(OSError, ValueError):  # a name that no file can have
+        if path.is_file():
+            return path
+    names = [Path(other).name for other in robot_files(path.parent) if Path(other) != file]
+    raise InvalidInput(
+        f"{file.name}: there is no file {value_text(name, 120)} beside it.",
+        f"expected a URDF or an MJCF file, got {value_text(name, 120)}; beside it are {names[:10]}",
+        f"urdf = {nearest(path.name, names, '…, its path as seen from this file')}",
+    )
+
+
 def number_in(value: Any, units: Any) -> tuple[str, str]:
     """Texts for an error: what is expected of a number with one of these units, and an example of it."""
     if not units:
         return "a valid number", ""
     meant = [repr(text) for text in respelled(value, *units)] if isinstance(value, str) else []
+    if isinstance(value, str) and list(units) == ["N·m/rad"]:
+        with suppress(ValueError):
+            return f"a number in {units[0]}", BELT.format(measured(value, "N/m"))
     plain = " or ".join(unit.replace("1", "no unit") for unit in units)
-    example = "0.8" if units[0] == "1" else repr("5 " + units[0])
+    example = "0.8" if units[0] == "1" else repr(_completed(value, units))
     return (
         f"a valid number in {plain}, or text of a number with such a unit",
         f"{' or '.join(meant)}, in the letters of the SI" if meant else example,
     )
+
+
+def _completed(value: Any, units: Sequence[str]) -> str:
+    """The same number with a divisor or a power that lacks, or with the first unit where it has none.
+
+    A number keeps no unit that makes it another one.
+
+    Examples
+    --------
+    >>> _completed("31 kNm", ["N·m/rad"]), _completed("31 s", ["kg·m²"]), _completed(None, ["kg·m²"])
+    ('31 kNm/rad', '… kg·m²', '5 kg·m²')
+    """
+    parts = split(value) if isinstance(value, str) else None
+    for lacking in ("/rad", "·s/rad", "·m²", "²", "/A", "/s") if parts and parts[1] else ():
+        with suppress(ValueError):
+            measured(f"{value}{lacking}", *units)
+            return f"{value}{lacking}"
+    return f"{('…' if parts[1] else parts[0]) if parts else 5} {units[0]}"
 
 
 def _number(file: PartReader, value: Any, key: Key, place: tuple[Any, ...]) -> float:
@@ -498,6 +565,20 @@ TABLES: dict[str, dict[str, Key]] = {
     },
     "penalty": {"weights": Key(_named, required=True), "effort": Key(_numbers, default=1.0)},
 }  # fmt: skip
+
+
+def is_table(value: Any) -> bool:
+    """Whether a value is a table or a list of tables."""
+    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
+
+
+def key_advice(key: str, keys: Mapping[str, Key], table: bool) -> str:
+    """What to write for an unknown key: the table of a joint that has it, else the key that is most like it."""
+    homes = {"joint": "[[joint]], below its name", **{x: f"[joint.{x}]" for x in ("link", "spring", "motor")}}
+    found = [text for name, text in homes.items() if key in TABLES[name]]
+    if found and not table:
+        return f"{key} in {' or '.join(found)}"
+    return nearest(key, keys, NESTING if table else "one of these keys")
 
 
 def place_text(location: tuple[Any, ...], data: dict[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +30,7 @@ from flexhinf.robot.elastic import (
     required_of_drive,
     traced_inverse,
 )
+from flexhinf.robot.modes import Mode, modes_of, stiffness_and_inertia
 from flexhinf.robot.parameters import (
     Parameter,
     PlantValues,
@@ -86,14 +87,19 @@ class Robot(Summarised):
     rigid : sequence of str, optional
         Names of joints without a spring: the rotor turns with the link, and they have no motor states. One joint at
         least is elastic.
-    file, as_read : Path and tuple of Parameter, optional
-        The robot file that it was read from, and what its numbers were then.
-
-    file, as_read : Path and tuple of Parameter, optional
-        The robot file that it was read from, and what its numbers were then.
+    file, reader : Path and function, optional
+        The robot file that it was read from, and how: the robot of a path, read in the same way.
 
     Raises InvalidInput: if the parameters are not those of the model, the home pose is outside the limits, or a
     limit is not positive.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> arm = fh.load_robot("planar-two-link")
+    >>> arm.joint_names
+    ('shoulder', 'elbow')
+    >>> state, torque = arm.operating_point((0.3, 0.5))
     """
 
     name: str
@@ -107,7 +113,7 @@ class Robot(Summarised):
     speed_limits: Sequence[float | None] | None = None
     rigid: Sequence[str] = ()
     file: Path | None = field(default=None, compare=False)
-    as_read: tuple[Parameter, ...] | None = field(default=None, compare=False)
+    reader: Callable[[Path], Robot] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         checked_name("a robot", self.name, spaces=True)
@@ -198,8 +204,9 @@ class Robot(Summarised):
     def save(self, path: str | os.PathLike[str], like: str | os.PathLike[str] | None = None) -> None:
         """Write a robot file: `file` (or the file `like`) with this robot's numbers, tolerances and ranges.
 
-        Comments and everything else stay. Raises InvalidInput: if the robot comes from no robot file, or a number that
-        is changed stands in a vector there.
+        Comments and everything else stay: of `like`, numbers that differ from this robot's are written, and no others.
+        Raises InvalidInput: if the robot comes from no robot file, `like` is of another robot, or a number that is
+        changed stands in a vector there.
         """
         save_robot(self, path, like)
 
@@ -319,6 +326,26 @@ class Robot(Summarised):
             states += [effort] if "inductance" in on else []
             effort = np.asarray(p.resistance * effort, dtype=float)
         return np.concatenate(states), effort
+
+    def modes(self, pose: Any = None, parameters: Mapping[str, Any] | None = None) -> tuple[Mode, ...]:
+        """Modes of the uncontrolled robot near the equilibrium at a pose, slowest first: how its springs vibrate.
+
+        They are eigenvalues of the linearised `plant`, one for each conjugate pair, with ``frequency`` (|λ|/2π, Hz),
+        ``damping`` (−Re λ/|λ|), ``eigenvalue`` (1/s), ``name`` (vibration, swing, motion, fall, free motion) and
+        ``joint``, where most of the motion is. Pose and parameters are as for `operating_point`.
+
+        Examples
+        --------
+        >>> import flexhinf as fh
+        >>> arm = fh.load_robot("planar-two-link")
+        >>> [mode for mode in arm.modes((0.8, 1.0)) if mode.name == "vibration"]
+        [<vibration of shoulder: 3.188 Hz, damping 0.359>, <vibration of elbow: 9.859 Hz, damping 0.101>]
+        """
+        plant = self.plant()
+        plant = plant.with_parameters(**parameters) if parameters else plant
+        equilibrium = self.operating_point(pose, parameters=parameters)
+        energy = stiffness_and_inertia(plant, equilibrium)
+        return modes_of(plant.linearise(*equilibrium)[0], self.joint_names, *energy)
 
     def inverse_dynamics(
         self, q: Any, dq: Any = None, ddq: Any = None, dddq: Any = None, ddddq: Any = None,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -24,11 +26,16 @@ from flexhinf.robot.parts import (
     ElasticJoint,
     Key,
     Link,
+    RobotFileWarning,
     SingleLink,
     Unusable,
     assembled,
+    file_beside,
+    is_table,
+    key_advice,
     number_in,
     place_text,
+    robot_files,
     single_link_robot,
     value_of,
 )
@@ -73,6 +80,10 @@ def load_robot(
         What the robot carries, instead of the file's own payload: ``"0..3kg@hand"``, see `payload_from_text`.
 
     Raises InvalidInput: with the file, the key, the value and what is allowed there.
+
+    >>> from flexhinf import load_robot
+    >>> load_robot("planar-two-link", payload="0..1kg@elbow").uncertain[-1].interval
+    (0.0, 1.0)
     """
     check_selection(joints, locked)
     path = _existing(source)
@@ -87,11 +98,12 @@ def load_robot(
         rigid = [parts.root[key] for key in ("urdf", "mjcf") if key in parts.root]
         refuse_if(len(rigid) > 1, f"{path.name}: two files state links.", "got urdf and mjcf", "one of them")
         robot = (
-            parts.robot_with(_existing(path.parent / rigid[0]), joints, locked, payload)
+            parts.robot_with(file_beside(path, rigid[0]), joints, locked, payload)
             if rigid
             else parts.whole_robot(joints, locked, payload)
         )
-        return replace(robot, file=path, as_read=robot.parameters)
+        again = partial(_again, rigid=None, joints=joints, locked=locked, payload=payload)
+        return replace(robot, file=path, reader=again)
     ending = path.suffix.lower()
     points = () if ending in (".urdf", *MJCF) else entry_points(group=FORMATS, name=ending.removeprefix("."))
     refuse_if(
@@ -131,7 +143,15 @@ def load_robot(
         )
     springs = _existing(elastic)
     robot = RobotFile(springs).robot_with(path, joints, locked, payload)
-    return replace(robot, file=springs, as_read=robot.parameters)
+    again = partial(_again, rigid=path, joints=joints, locked=locked, payload=payload)
+    return replace(robot, file=springs, reader=again)
+
+
+def _again(file: Path, rigid: Path | None, **others: Any) -> Robot:
+    """The robot of another file that is read as one was; warnings were for that one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RobotFileWarning)
+        return load_robot(file, **others) if rigid is None else load_robot(rigid, file, **others)
 
 
 def _existing(source: str | Path) -> Path:
@@ -148,7 +168,7 @@ def _existing(source: str | Path) -> Path:
         f"expected a file, or a name of the catalogue: {list(shipped)}",
         nearest(
             source,
-            shipped,
+            [*shipped, *robot_files(path.parent)],
             "the path of a file (.toml, .urdf, .xml), or of a report's folder where a design is meant, beginning at "
             "the working folder or at the root",
         ),
@@ -162,10 +182,6 @@ MISSING = {
     "weights": "weights = {link_position = 60, link_position_integral = 300}",
     "name": "name = 'shoulder'",
 }
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
 
 
 class RobotFile:
@@ -211,7 +227,7 @@ class RobotFile:
             (
                 f"{where} has an unknown key {name!r}",
                 f"expected keys out of {list(keys)}, got {name!r}",
-                nearest(name, keys, NESTING if _is_table(data[name]) else "one of these keys"),
+                key_advice(name, keys, is_table(data[name])),
             )
             for name in unknown
         ]
@@ -243,7 +259,7 @@ class RobotFile:
             self._mistakes.append((
                 f"{place_text(tuple(before), self.data)} has a value of {name!r} that cannot be used",
                 f"expected {expected}, got {value_text(value, 60)}",
-                f"{name} = {advice}" if advice else NESTING if _is_table(value) else "correct the value",
+                f"{name} = {advice}" if advice else NESTING if is_table(value) else "correct the value",
             ))  # fmt: skip
             return None
 
@@ -461,8 +477,11 @@ class RobotFile:
     def _number(self, table: Mapping[str, Any], quantity: str, joint: str | None = None) -> Any:
         """A `Parameter` from the table of a number; of a vector three, with the same tolerance and source."""
         tolerance, ends = table.get("tolerance"), table.get("range")
+        usual = (
+            0.0 if joint is None else self._tolerance(joint, quantity)
+        )  # a table may state more than is used
         if tolerance is None:
-            tolerance = 0.0 if ends is not None or joint is None else self._tolerance(joint, quantity)
+            tolerance = usual if ends is None else 0.0
         if isinstance(table["value"], list):
             return tuple(Parameter(quantity, x, tolerance, source=table["source"]) for x in table["value"])
         return Parameter(quantity, table["value"], tolerance, source=table["source"], range=ends)
@@ -544,7 +563,11 @@ class RobotFile:
 
 
 def catalogue() -> dict[str, Path]:
-    """Path of each shipped robot file by name, for `load_robot`."""
+    """Path of each shipped robot file by name, for `load_robot`.
+
+    >>> "paper" in catalogue()
+    True
+    """
     return {path.stem: path for path in sorted((Path(__file__).parent / "catalogue").glob("*.toml"))}
 
 
@@ -552,7 +575,11 @@ TABLE_1, TABLE_2 = "Elsa & Akbari 2014, Table 1", "Elsa & Akbari 2014, Table 2"
 
 
 def paper_arm() -> Robot:
-    """The single-link arm of Elsa & Akbari (2014): Tables 1 and 2 with tolerances, penalty (11)."""
+    """The single-link arm of Elsa & Akbari (2014): Tables 1 and 2 with tolerances, penalty (11).
+
+    >>> paper_arm().nominal["stiffness"]
+    100.0
+    """
     return Robot(
         "paper",
         (

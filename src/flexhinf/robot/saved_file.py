@@ -35,7 +35,14 @@ def robot_text(robot: Any, folder: Path, like: str | os.PathLike[str] | None = N
             'like="arm.toml", the file with its springs and motors',
         )
     document = tomlkit.parse(source.read_text(encoding="utf-8"))
-    before = {parameter.name: parameter for parameter in robot.as_read or ()}
+    before = {} if robot.reader is None else {each.name: each for each in robot.reader(source).parameters}
+    others = sorted(set(before) - set(robot.nominal))
+    refuse_if(
+        others,
+        f"{source.name} states numbers that {robot.name!r} does not have.",
+        f"expected those of {robot.name!r}, got {others[:5]} too",
+        "a file of the same robot, or without these numbers",
+    )
     for parameter in robot.parameters:
         stated = before.get(parameter.name)
         if stated is None or _numbers(stated) != _numbers(parameter):
@@ -58,12 +65,19 @@ def _places(document: Any, robot: Any) -> Iterator[tuple[str, Any, str]]:
     if len(document.get("payload", ())) == len(payloads) == 1:
         yield payloads[0], document["payload"][0], "mass"
     for row in document.get("joint", ()):
+        if row["name"] not in robot.joint_names:
+            continue
         for kind in ("link", "spring", "motor"):
             table = row.get(kind, {})
             for quantity in QUANTITIES:
                 for key in (quantity, OTHER_KEY.get(quantity, quantity)):
                     if key in table and not isinstance(table[key], list):
                         yield per_joint(quantity, str(row["name"]), len(robot.joint_names)), table, key
+
+
+def _elsewhere(document: Any) -> bool:
+    """Whether a number without a tolerance of its own may have one of a table."""
+    return "tolerances" in document or any("tolerances" in row for row in document.get("joint", ()))
 
 
 def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> None:
@@ -78,7 +92,7 @@ def _write(document: Any, robot: Any, parameter: Parameter, source: Path) -> Non
     table, key = found[0]
     ends = parameter.range
     entries = {"value": parameter.value, **({} if ends is None else {"range": list(ends)})}
-    if parameter.tolerance:
+    if parameter.tolerance or (ends is None and _elsewhere(document)):
         entries["tolerance"] = parameter.tolerance
     item = tomlkit.inline_table()
     item.update({**entries, "source": parameter.source})

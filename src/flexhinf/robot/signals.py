@@ -8,7 +8,7 @@ Penalties on more than states: the torque of the springs and its rate, which see
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,13 @@ MECHANICAL = ("link_position", "link_velocity", "motor_position", "motor_velocit
 
 #: What a sensor can measure. Motor signals are seen from the link: the motor's angle over the gear ratio.
 SENSORS = (*MECHANICAL, "joint_torque")
+
+#: Parts of the names of instruments, and the signal that each measures: a load cell in the drive sees its torque.
+INSTRUMENTS = {
+    "load": "joint_torque", "cell": "joint_torque", "strain": "joint_torque", "force": "joint_torque",
+    "torque": "joint_torque", "tacho": "motor_velocity", "gyro": "link_velocity", "resolver": "motor_position",
+    "encoder": "motor_position",
+}  # fmt: skip
 
 #: Units for joints that turn and joints that slide.
 UNITS = {
@@ -70,9 +77,15 @@ def units_of(
 
 
 def expanded(
-    names: str | Sequence[str], quantities: Sequence[str], joints: Sequence[str], rigid: Sequence[str] = ()
+    names: str | Sequence[str],
+    quantities: Sequence[str],
+    joints: Sequence[str],
+    rigid: Sequence[str] = (),
+    alike: bool = False,
 ) -> tuple[str, ...]:
-    """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor."""
+    """Names of single joints' signals from single and plain names, each once; a rigid joint has no torque sensor.
+
+    `alike`: The caller takes the same sensors at all joints alone, so no other ones are advised."""
     requested = checked_names("The sensors", names)
     every = {
         quantity: signal_names(quantity, joints, rigid if quantity == "joint_torque" else ())
@@ -81,11 +94,13 @@ def expanded(
     known = {**{name: (name,) for group in every.values() for name in group}, **every}
     unknown = [name for name in requested if name not in known]
     one = per_joint(quantities[0], joints[-1], len(joints))
+    single = f", or one joint's, as {one!r}; the joints are {list(joints)}"
     refuse_if(
         unknown or not requested,
         f"Nothing measures {unknown[0]!r}." if unknown else "Nothing is measured.",
-        f"expected some of {list(quantities)}, of all joints or, as {one!r}, of one, got {list(requested)}",
-        _of_all_joints(requested, quantities),
+        f"expected names among {list(quantities)}{single if len(joints) > 1 else ''}, got {list(requested)}",
+        (not alike and _of_joints(requested, quantities, joints, known))
+        or _of_all_joints(requested, quantities) + _why(unknown, quantities, joints),
     )
     singles = tuple(name for part in requested for name in known[part])
     twice = [name for name in known if singles.count(name) > 1]
@@ -96,13 +111,36 @@ def expanded(
     return singles
 
 
+def _of_joints(
+    names: Sequence[str], quantities: Sequence[str], joints: Sequence[str], known: Collection[str]
+) -> str:
+    """As an advice, the same sensors with the joints that are meant; "" where none is like a joint that is named."""
+    meant = []
+    for name in names:
+        quantity = next((one for one in quantities if name.startswith(f"{one}_")), "")
+        joint = nearest(name.removeprefix(f"{quantity}_"), joints, "").strip("'") if quantity else ""
+        meant.append(name if name in known else f"{quantity}_{joint}" if joint else "")
+    return f"measured={tuple(dict.fromkeys(meant))}" if all(meant) and len(joints) > 1 else ""
+
+
+def _why(names: Sequence[str], quantities: Sequence[str], joints: Sequence[str]) -> str:
+    """What makes the advice plausible: the only joint, or what a load cell measures."""
+    if len(joints) == 1 and any(name.startswith(f"{quantity}_") for name in names for quantity in quantities):
+        return f"; the only joint is {joints[0]!r}, and needs no name"
+    if any(part in name.lower() for name in names for part in ("load", "cell", "strain", "force")):
+        return "; a load cell or strain gauge in the drive measures joint_torque"
+    return ""
+
+
 def _of_all_joints(names: Sequence[str], quantities: Sequence[str]) -> str:
     """As an advice, what wrong names are likely to mean, of all joints; with a position, which an estimator needs."""
     meant = [
         next((quantity for quantity in quantities if word.startswith(quantity)), None)
+        or next((quantity for part, quantity in INSTRUMENTS.items() if part in word), None)
         or nearest(word, quantities, "").strip("'")
         for word in " ".join(names).lower().split()
     ]
+    meant = [name for name in meant if name in quantities]
     position = () if any("position" in name for name in meant) else ("link_position",)
     return f"measured={tuple(dict.fromkeys([*position, *filter(None, meant)]))}"
 

@@ -3,8 +3,8 @@
     time [s], shoulder [deg], elbow [deg]
     0,        0,              0
 
-Columns are separated by commas, semicolons or tabs, numbers have decimal points, and lines that begin with # are
-comments.
+Columns are separated by commas, semicolons or tabs, and lines that begin with # are comments. How numbers are written,
+who reads them decides.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ class TableRow(NamedTuple):
     cells: Sequence[str]
 
 
-def read_table(path: Path, largest: int, most_rows: int, kind: str) -> tuple[list[str], Iterator[TableRow]]:
-    """The header's cells as they are written, and the rows, each with as many cells.
+def read_table(
+    path: Path, largest: int, most_rows: int, kind: str
+) -> tuple[list[str], Iterator[TableRow], str]:
+    """The header's cells as they are written, the rows, each with as many cells, and what separates columns.
 
     The rows are checked as they are asked for. `largest`: size of the file in bytes. `kind`: "waypoints as CSV", for
     messages.
@@ -49,7 +51,7 @@ def read_table(path: Path, largest: int, most_rows: int, kind: str) -> tuple[lis
         f"expected at most {most_rows}, got {len(kept) - 1}",
         "fewer rows, or several files",
     )
-    return list(heading), _even(path.name, rows, len(heading))
+    return list(heading), _even(path.name, rows, len(heading)), separator
 
 
 def _rows(name: str, lines: Sequence[str], kept: Sequence[int], separator: str) -> Iterator[TableRow]:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexhinf.errors import InvalidInput
-from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, per_joint
+from flexhinf.robot.parameters import SECONDS, SLIDING, TURNING, per_joint, split
 from flexhinf.robot.table import name_and_unit, read_table
 from flexhinf.validation import HUGE, nearest, real_array, value_text
 
@@ -113,15 +113,28 @@ def stated_workspace(value: Any) -> Any:
         if pairs.ndim != 2 or pairs.shape[1] != 2:
             raise ValueError(value_text(value))
         return ",".join(f"{low}:{high}" for low, high in pairs)
+    if isinstance(value, str) and all(_is_position(part) for part in value.split(",")):
+        ends = [part.strip() for part in value.split(",")]
+        ends = ends if len(ends) > 1 else ["-1", "1"]
+        raise WaypointError(
+            "A workspace is one range for each joint.",
+            f"expected LOW:HIGH, got {value_text(value, 60)}",
+            f"--workspace {','.join(map(':'.join, zip(ends[::2], ends[1::2])))}",
+        )
     table = waypoints(value, timed=False)
     if isinstance(table, WaypointTable):
         return table
     raise ValueError(value_text(value))
 
 
+def _is_position(text: str) -> bool:
+    parts = split(text.strip())
+    return parts is not None and parts[1] in ("", *TURNING, *SLIDING)
+
+
 def _read(path: Path, timed: bool) -> WaypointTable:
     try:
-        heading, numbered = read_table(path, LARGEST, MOST_ROWS, "waypoints as CSV")
+        heading, numbered, _ = read_table(path, LARGEST, MOST_ROWS, "waypoints as CSV")
         rows = list(numbered)
     except InvalidInput as error:
         raise WaypointError(error.what, error.found, error.advice) from None

@@ -32,6 +32,9 @@ from flexhinf.validation import real_array, value_text
 #: Poses that are tried for one whose tool is in a box in space.
 TRIED = 100_000
 
+#: Angles beyond this, rad, are asked whether degrees were meant.
+DOUBTFUL_ANGLE = 2.0 * np.pi
+
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
@@ -124,14 +127,23 @@ def workspace_of(robot: Robot, stated: Any = LIMITS, tool: Tool = ORIGIN) -> Wor
         ends = np.array([path.min(axis=0), path.max(axis=0)])
     n = len(robot.joint_names)
     if ends.shape != (2, n) or not np.all(np.isfinite(ends) & ((ends[0] < ends[1]) | (path is not None))):
-        raise _refusal(stated, f"LOW:HIGH with LOW < HIGH for each of {list(robot.joint_names)}")
+        raise _refusal(
+            stated,
+            f"LOW:HIGH with LOW < HIGH for each of {list(robot.joint_names)}, {n} joints",
+            ",".join([stated] * n) if isinstance(stated, str) and ends.shape == (2, 1) else "",
+        )
     outside = np.flatnonzero((ends[0] < low - 1e-9) | (ends[1] > high + 1e-9))
     for k in outside[:1]:
         limits = f"{low[k]:g} to {high[k]:g}"
+        turned = [row if slides else np.radians(row) for row, slides in zip(ends.T, robot.links.slides)]
+        fits = not robot.links.slides[k] and low[k] - 1e-9 <= turned[k][0] and turned[k][1] <= high[k] + 1e-9
+        degrees = ("{:g}:{:g}" if slides else "{:g}deg:{:g}deg" for slides in robot.links.slides)
         raise InvalidInput(
             f"The workspace leaves the range of joint {robot.joint_names[k]!r}.",
             f"expected {limits} at most, got {ends[0, k]:g} to {ends[1, k]:g}",
-            "a workspace within the ranges of the robot's file",
+            f"--workspace {','.join(text.format(*row) for text, row in zip(degrees, ends.T))}, if degrees were meant"
+            if fits and path is None and np.abs(ends[:, k]).max() > DOUBTFUL_ANGLE
+            else "a workspace within the ranges of the robot's file",
         )
     return Workspace(robot, *ends, path=path)
 
@@ -160,8 +172,10 @@ def _in_space(text: str) -> np.ndarray:
     return box
 
 
-def _refusal(stated: Any, expected: str) -> InvalidInput:
+def _refusal(stated: Any, expected: str, example: str = "") -> InvalidInput:
     return InvalidInput(
         "This is no workspace.", f"expected {expected}, got {value_text(stated)}",
-        "--workspace limits, -90deg:90deg,0:1.2, x=0.2:0.5,z=0:0.4 or waypoints.csv",
+        f"--workspace {example}; or " * bool(example)
+        + "--workspace limits; or --workspace -90deg:90deg,0:1.2 for two joints; or --workspace x=0.2:0.5,z=0:0.4; or "
+        "--workspace waypoints.csv",
     )  # fmt: skip

@@ -1,6 +1,6 @@
 """The checker: it proves a certificate again from its data alone, independently of the search that found it.
 
-`verify` returns `proved` only where the theorem of docs/certificate.md holds (its parts 1. to 8. have the numbers that
+`verify` returns `proved` only where the theorem of docs/theorem.md holds (its parts 1. to 8. have the numbers that
 are used here): for every value of the parameters in the stated box (constant in time), for exact state feedback
 u = k(x) in continuous time without limits, S the component of {x: V(x) ≤ c} that contains 0, with the exact elementary
 functions and z = (h(x), R2^½ u).
@@ -17,7 +17,7 @@ functions and z = (h(x), R2^½ u).
 `guidance` chooses the next cells and refuses claims; it cannot prove. `second_route` proves a random sample of cells
 again in rationals and balls, without 3. If it proves every cell, only 1., 2., 4., 5. and `second_route` need to be
 read. `statements` proves 6., 7. and 8. of the theorem, where they are claimed.
-docs/certificate.md has the proof, of every inequality that is relied on here, and counts the lines.
+docs/theorem.md has the proof, of every inequality that is relied on here, and counts the lines.
 
 Checker and search share only the form of a claim (`claim`). Nothing here imports the search, and the search uses no
 arithmetic from here. It calls the checker for its starts and its observer, so that it states only proved ones.

@@ -1,7 +1,7 @@
 """Bounds on cells: of V, of its growth along rays, and of r where V ≤ c, with all rounding.
 
 `Proof` has the tables of one claim, `Face` bounds the cells of one face, many at once. Nothing else decides whether a
-cell is proved. docs/certificate.md proves the bounds; equations have the same numbers there.
+cell is proved. docs/theorem.md proves the bounds; equations have the same numbers there.
 
 **Polynomials** (`TaylorTable`, `CentredForm`). On the face z_f = ±ρ of the cube max|z_i| ≤ ρ, with z_i = ρ t_i for the
 others, a polynomial without terms below degree two is P(z) = ρ² Σ_k ρ^(k−2) P_k(t). A cell is a box |t_i − τ_i| ≤ h_i

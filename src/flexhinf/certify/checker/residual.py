@@ -5,7 +5,7 @@ rationals and without cells.
 
 With V = zᵀWz and r(z, p) = −zᵀQ(S, p)z, S_j the quotients of the functions, r is affine in each S_j and convex in each
 power of a parameter (affine, but for |V_x g1|²). So Q ≻ 0 at the corners of the box of S and p gives r ≤ −ε|z|²
-wherever each S_j is in its range, and with W ≻ 0 the region is all of {V ≤ c}: docs/certificate.md, section 7.
+wherever each S_j is in its range, and with W ≻ 0 the region is all of {V ≤ c}: docs/theorem.md, section 7.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ V does not grow along a run without disturbances: from a start with V ≤ c₀ i
 
     |u_i|² = |K_i x|² ≤ (K_i W⁻¹ K_iᵀ) V(x) ≤ (K_i W⁻¹ K_iᵀ) c₀    for every value of the parameters in the box.
 
-Output feedback: u = k̂(x̂) with an output-injection observer, in exact rationals; docs/certificate.md, section 14.
+Output feedback: u = k̂(x̂) with an output-injection observer, in exact rationals; docs/theorem.md, section 10.
 
 With e = x − x̂ in the states that are estimated, where all that is nonlinear in them is a function of what is measured
 or known, ė = (A − L C) e + G d exactly. Then ½ eᵀXe pays for v = k̂(x̂) − k̂(x), and for what d does to e, if

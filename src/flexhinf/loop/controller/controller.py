@@ -5,18 +5,19 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Buffer, Call, Composer, Slice, compile_program
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.shared import share
 from flexhinf.errors import ControllerInUse, InvalidInput
 from flexhinf.loop.controller.data import data_values
 from flexhinf.loop.controller.estimated import EstimatedStates, balance, compensated_places
 from flexhinf.loop.controller.laws import Schedule, check_kinds, read_controller, write_controller
-from flexhinf.loop.controller.measured import Source
+from flexhinf.loop.controller.measured import Source, within
 from flexhinf.loop.controller.memory import (
     BAD_MEASUREMENT,
     Layout,
@@ -32,7 +33,9 @@ from flexhinf.loop.controller.options import (
     Limits,
     Windup,
     check_names,
+    checked_blend_time,
     checked_latency,
+    checked_measurement_limits,
     checked_offset_time,
     checked_period,
     command_limits,
@@ -42,18 +45,16 @@ from flexhinf.loop.controller.options import (
 from flexhinf.loop.controller.standstill import standstill_memory
 from flexhinf.loop.controller.status import Status, Supervision, first_counters, status_of, watched_numbers
 from flexhinf.loop.controller.step import (
-    BLEND_TIME,
     STEPS,
     LawCode,
     Mode,
     controller_step,
     law_slope,
 )
-from flexhinf.loop.shared import share
 from flexhinf.notebook import Summarised
 from flexhinf.plant import Estimator, Law, python_control
 from flexhinf.scalars import drop_empty, trace
-from flexhinf.validation import checked_positive, read_only, value_text
+from flexhinf.validation import read_only, real_array, value_text
 
 #: Operations up to which a step is one trace: common subexpressions are then shared between all of its parts.
 #: Above, it is composed of pieces in loops.
@@ -123,6 +124,9 @@ class Controller(Summarised):
         estimator.
     windup : Windup, optional
         The bound of integral action stored in a file; by default it follows from law and model.
+    measurement_limits : tuple (lower, upper, rate), optional
+        Least and largest measurement and largest change per s, numbers or (p,) each, infinite for none. An element
+        beyond them, or that moved faster since it was last plausible, is missing, and counted in `rejected`.
     compensate : sequence of str, optional
         Loads that the estimator estimates, by the names of the model's disturbances: the law acts about the equilibrium
         under the estimated load, see `flexhinf.loop.controller.estimated`. By default about that without one.
@@ -131,9 +135,19 @@ class Controller(Summarised):
     ------
     InvalidInput
         If period, names or limits do not fit each other.
+
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> ukf = fh.UnscentedKalmanFilter(arm.plant(), 1e-3, 1e-6, 1e-6, mean=np.zeros(4), covariance=1e-4)
+    >>> controller = fh.Controller(fh.linear_law(arm.problem(), gamma=np.inf), ukf, 1e-3, saturation=24.0)
+    >>> u = controller.step(y=[0.01], reference=[0.0])
+    >>> bool(-24.0 <= u[0] <= 24.0)
+    True
     """
 
     _always_in_pieces = False
+    fused: bool | None = None  #: How it rounds, see `fresh`.
 
     def __init__(
         self,
@@ -155,9 +169,11 @@ class Controller(Summarised):
         offset_time: float | None = None,
         windup: Windup | None = None,
         compensate: Sequence[str] | str | None = None,
+        measurement_limits: Any = None,
     ) -> None:
         self.law, self.estimator = solution, estimator
         self.gaps = estimator is not None  # elements of a measurement may be missing
+        self.doubts = "rcond" in getattr(getattr(estimator, "initial", None), "_fields", ())
         self.period = checked_period(period)
         check_kinds(solution, estimator)
         self.laws = solution.laws if isinstance(solution, Schedule) else (solution,)
@@ -168,15 +184,14 @@ class Controller(Summarised):
         check_names(solution, estimator, self.period)
         self.estimated_states = EstimatedStates.of(solution, estimator)
         #: Names of the estimate's elements: the law's states, in another order or beside others.
-        self.estimated, compensated = (
-            self.estimated_states.names,
-            compensated_places(compensate, solution, estimator),
-        )
+        self.estimated = self.estimated_states.names
+        compensated = compensated_places(compensate, solution, estimator)
         if compensated and estimator is not None:
             self.balance = balance(self.laws, estimator, self.estimated_states, compensated)
         self.supervision, self._windup_option = supervision, windup
         self.watched = watched_numbers(supervision, self.limits, len(self.tracked), self.period)
         self.offset_time = checked_offset_time(offset_time, estimator)
+        self.measurement_limits = checked_measurement_limits(measurement_limits, estimator)
         if windup is not None:
             windup.check(self.laws)
         self.mode = Mode(
@@ -185,24 +200,15 @@ class Controller(Summarised):
             bool(np.isfinite(self.limits.rate).any()),
             self.integral_dead_zone is not None, bool(self.tracked) and bool(np.isfinite(self.windup.limit).any()),
             checked_latency(latency, estimator), () if supervision is None else supervision.modes(moving),
-            offset_time is not None, self.estimated_states.places, compensated,
+            offset_time is not None, self.estimated_states.places, compensated, self.measurement_limits is not None,
         )  # fmt: skip
         self.first_input = FirstInput(before_first, solution, estimator, self.limits)
-        if blend_time is not None and not self.mode.takes_over:
-            raise InvalidInput(
-                "A time constant is given for a bias that never is.",
-                f"expected blend_time=None for one law that starts from zero, got {value_text(blend_time)}",
-                "start='bumpless', or a Schedule of several laws",
-            )
-        self.blend_time_option, self.blend_time = blend_time, BLEND_TIME
-        if blend_time is not None:
-            what = "The time constant of the bias"
-            self.blend_time = checked_positive(what, blend_time, "seconds", "blend_time=0.5")
+        self.blend_time = checked_blend_time(blend_time, self.mode.takes_over)
+        self.blend_time_option = blend_time
         self.measured = self.states if estimator is None else tuple(estimator.plant.outputs)
         #: Names of the command's elements: the tracked states, or all states and inputs of a moving reference.
         self.commanded = (*self.states, *solution.input_names) if moving else self.tracked
-        #: States that metrics are about: the tracked ones; where nothing is tracked and the reference moves, the
-        #: measured ones, or the first.
+        #: States that metrics are about: the tracked ones; else, where the reference moves, the measured, or the first.
         self.judged = self.tracked
         if moving and not self.tracked:
             self.judged = tuple(name for name in self.measured if name in self.states) or self.states[:1]
@@ -213,19 +219,23 @@ class Controller(Summarised):
             Source(name in self.measured, read[name].index(name), self.states.index(name), name in angles)
             for name in self.tracked
         ]
-        self._history = StateHistory(
-            self.initial_memory(), self.memory.places["reference"], len(self.estimated)
-        )
+        first, place = self.initial_memory(), self.memory.places["reference"]
+        self._history = StateHistory(first, place, len(self.estimated))
         self._ready: Any = ()
 
-    def fresh(self) -> Controller:
-        """A copy of the controller with a new memory, at its start."""
-        return Controller(self.law, self.estimator, self.period, **self._options)
+    def fresh(self, fused: bool | None = None, **options: Any) -> Controller:
+        """A copy of the controller with a new memory, at its start, and with these options.
+
+        `fused`: Its steps, in a `Loop` too, have the bits of exported C with (True) or without (False) fused
+        multiply-adds; None: as of this one, at first those of the processor. Pickles keep it, files do not.
+        """
+        other = Controller(self.law, self.estimator, self.period, **(self._options | options))
+        other.fused = self.fused if fused is None else bool(fused)
+        return other
 
     def in_pieces(self) -> Controller:
         """A copy as `fresh`, whose step is always composed of pieces in loops: less code, other roundings."""
-        other = self.fresh()
-        other._always_in_pieces = True
+        (other := self.fresh())._always_in_pieces = True
         return other
 
     @property
@@ -241,6 +251,7 @@ class Controller(Summarised):
             **({"integral_dead_zone": self.integral_dead_zone} if mode.has_dead_zone else {}),
             **({"supervision": self.supervision} if self.supervision else {}),
             **({"offset_time": self.offset_time} if mode.has_offset else {}),
+            **({"measurement_limits": self.measurement_limits} if mode.checks_measurements else {}),
             **({"windup": self.windup} if mode.bounds_windup or self._windup_option is not None else {}),
             **({"compensate": tuple(self.estimated[k] for k in mode.compensated)} if mode.compensated else {}),
         }  # fmt: skip
@@ -307,9 +318,8 @@ class Controller(Summarised):
     @property
     def operating_reference(self) -> np.ndarray:
         """The command that holds the operating point, (k,); (x*, u*), (n + m,), of a moving reference."""
-        point, n = np.asarray(self.law.operating_point, dtype=float), len(self.states)
-        moving = self.mode.moving
-        return np.concatenate([point[:n], self.law.operating_input]) if moving else point[self._places]
+        point, own = np.asarray(self.law.operating_point, dtype=float), self.law.operating_input
+        return np.concatenate([point[: len(self.states)], own]) if self.mode.moving else point[self._places]
 
     @cached_property
     def windup(self) -> Windup:
@@ -323,9 +333,8 @@ class Controller(Summarised):
     def initial_memory(self, state: Any = None, input: Any = None, pose: Any = None) -> np.ndarray:
         """The memory before the first step, flat; see `reset`."""
         if pose is not None:
-            x, u, own = standstill_memory(
-                self.law, self.estimator, self.estimated_states, self.limits, self.mode.moving, pose
-            )
+            kept = self.law, self.estimator, self.estimated_states, self.limits, self.mode.moving
+            x, u, own = standstill_memory(*kept, pose)
             start = self._initial_values(x if self.estimator else None, u if input is None else input)
             return self.memory.flat(start | own)
         if state is not None and self.estimator is None:
@@ -351,15 +360,17 @@ class Controller(Summarised):
             **(dict.fromkeys(("offset", "offset_known"), np.zeros(len(self.measured))) if mode.has_offset else {}),
             **({"queue": np.tile(u, (mode.latency, 1))} if mode.latency else {}),
             **({"commands": np.tile(self.operating_reference, (mode.command_lead, 1))} if mode.command_lead else {}),
+            **({"doubt": np.zeros(2)} if self.doubts else {}),
+            **({"seen": np.zeros((3, len(self.measured)))} if mode.checks_measurements else {}),
         }  # fmt: skip
 
     # Code -----------------------------------------------------------------------------------------
     @cached_property
     def composed(self) -> bool:
         """Whether a step is composed of traced pieces (more than `ONE_TRACE` operations), or one trace."""
-        law = (self.mode.laws + STEPS if self.mode.takes_over else 1) * np.size(self.law.law_data)
-        estimator = self.estimator.operations if self.estimator is not None else 0
-        return self._always_in_pieces or law + estimator > ONE_TRACE
+        count = (self.mode.laws + STEPS if self.mode.takes_over else 1) * np.size(self.law.law_data)
+        count += self.estimator.operations if self.estimator else 0
+        return self._always_in_pieces or count > ONE_TRACE
 
     @cached_property
     def law_code(self) -> LawCode:
@@ -377,9 +388,8 @@ class Controller(Summarised):
         )  # fmt: skip
 
     def _stepped(self, y: Any, r: Any, memory: Any, data: Any, run: Any = DIRECT) -> Any:
-        return controller_step(
-            self.law_code, self.estimator, self._sources, y, r, memory, data, run, self.mode
-        )
+        law, estimator = self.law_code, self.estimator
+        return controller_step(law, estimator, self._sources, y, r, memory, data, run, self.mode)
 
     def traced(self) -> Any:
         """(y, r, memory, data) → (u, estimate, memory) as one CasADi function, whatever its size."""
@@ -423,10 +433,8 @@ class Controller(Summarised):
             "estimate": now.estimate,
         }  # fmt: skip
         sizes = {name: array.size for name, array in arrays.items()}
-        kernel = share(
-            ("step", self.code_key),
-            lambda: compile_program(step_program(sizes, bool(self.commanded), self.gaps, self.steps)),
-        )
+        program, once = partial(step_program, sizes, bool(self.commanded), self.gaps, self.steps), self.fused
+        kernel = share(("step", self.code_key, once), lambda: compile_program(program(), fused=once))
         # What is one trace takes less than the threads' exchange of the interpreter's lock would.
         run = kernel.bind(arrays, {}, short=not self.composed)
         return run, measurement_filler(y, self.gaps), filler(now.reference[: len(self.commanded)]), u.copy
@@ -438,14 +446,14 @@ class Controller(Summarised):
         A plain number will do for one signal. Without a command the last one is kept (that of the operating
         point at first).
 
-        A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample.
-        NaN in y means that this sensor gave nothing: the others correct the estimate, and integrals go on with the
+        A step is made whole or not at all: where it raises, memory and estimate stay those of the last good sample. NaN
+        in y means that this sensor gave nothing: the others correct the estimate, and integrals go on with the
         estimated position in place of a measured one that is missing. ``step(None)``, or NaN alone, is a sample without
         a measurement, or one whose measurement was refused: the estimate is the prediction x(k|k−1), uncorrected; its
         covariance grows by R^v at every such sample; the input is the law's for this estimate. The next measurement
         corrects all of that as usual. Before the first good measurement it changes nothing, whatever the command, and
-        gives the input before the first sample, see `reset`. Where a step fails twice in a row, the memory itself is
-        bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
+        gives the input before the first sample, see `reset`; `Loop.run` does the same. Where a step fails twice in a
+        row, the memory itself is bad, and an earlier one takes its place: see `flexhinf.loop.controller.memory`.
 
         Raises
         ------
@@ -465,6 +473,8 @@ class Controller(Summarised):
                 raise nothing_to_predict_with()
             try:
                 measured = fill_measurement(y)
+                if history.waiting and measured and self.measurement_limits is not None:
+                    measured = bool(within(np.ravel(real_array(y)), *self.measurement_limits[:2]).any())
                 if history.waiting and measured is False:
                     return history.memory[self.memory.places["u"]].copy()
                 if reference is not None:
@@ -506,12 +516,25 @@ class Controller(Summarised):
 
     @property
     def status(self) -> Status:
-        """What the last good sample says, see `Supervision`; nothing without one."""
-        return status_of(self._history.memory[self.memory.places["status"]] if self.mode.reactions else ())
+        """What the last good sample says, see `Supervision`; without one, whether the estimate is in doubt."""
+        kept, places, none = self._history.memory, self.memory.places, slice(0)
+        return status_of(kept[places.get("status", none)], kept[places.get("doubt", none)])
+
+    @property
+    def doubtful_samples(self) -> int:
+        """At how many samples since the start the estimate was in doubt, see `flexhinf.loop.controller.status`; 0 of an
+        estimator that does not say. A filter in the covariance form says no more than that P was repaired."""
+        return int(self.doubts_in(self._history.memory))
+
+    def doubts_in(self, memory: np.ndarray) -> np.ndarray:
+        """The same of a memory (s,), or of memories (s, N) after other runs: (N,)."""
+        return memory[self.memory.places["doubt"]][1] if self.doubts else np.zeros(memory.shape[1:])
 
     @property
     def rejected(self) -> np.ndarray:
-        """How often the estimator's gate has rejected each element of a measurement since the start, (p,) of int."""
+        """How often each element of a measurement was beyond its limits or rejected by a gate since the start, (p,)."""
+        if self.mode.checks_measurements:
+            return self.memory.named(self._history.memory).seen[2].astype(int)
         if self.estimator is None or "rejected" not in self.estimator.initial._fields:
             return np.zeros(len(self.measured), dtype=int)
         belief = self.memory.named(self._history.memory).belief
@@ -550,12 +573,13 @@ class Controller(Summarised):
 
     # Copies and pickles ---------------------------------------------------------------------------
     def __getstate__(self) -> dict[str, Any]:
-        arguments = {"solution": self.law, "estimator": self.estimator, "period": self.period}
-        return {"arguments": arguments | self._options, "remembered": copy.deepcopy(vars(self._history))}
+        own = {"solution": self.law, "estimator": self.estimator, "period": self.period}
+        return {"arguments": own | self._options, "kept": (self.fused, copy.deepcopy(vars(self._history)))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state["arguments"])
-        vars(self._history).update(state["remembered"])  # before any step is bound to the arrays
+        self.fused, history = state["kept"]
+        vars(self._history).update(history)  # before any step is bound to the arrays
 
 
 def load_controller(path: str | os.PathLike[str]) -> Controller:
@@ -563,5 +587,14 @@ def load_controller(path: str | os.PathLike[str]) -> Controller:
     same, bit by bit.
 
     An InvalidInput says that the file is not there, is no such file, is damaged, or is of another version.
+
+    >>> import flexhinf as fh
+    >>> import tempfile
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=200.0), None, 1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     controller.save(f"{folder}/controller")
+    ...     same = fh.load_controller(folder)
+    >>> same.period
+    0.001
     """
     return read_controller(path, Controller)

@@ -10,6 +10,7 @@ import numpy as np
 from flexhinf.loop.controller.laws import Schedule
 from flexhinf.loop.controller.memory import shaped
 from flexhinf.loop.controller.step import LawCode, inverse_slope
+from flexhinf.plant import rcond_limit
 
 
 def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
@@ -34,6 +35,8 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
             "process_noise": shaped("process_noise", c.estimator.process_noise, (estimated, estimated)),
             "measurement_noise": shaped("measurement_noise", c.estimator.measurement_noise, (p, p)),
         }
+    if c.doubts:
+        values["rcond_limit"] = [rcond_limit(float(np.finfo(float).eps))]
     if mode.takes_over:
         inverse = rows([inverse_slope(gain) for gain in gains])
         values |= {"inverse_slope": inverse, "decay": [np.exp(-c.period / c.blend_time)]}
@@ -44,6 +47,9 @@ def data_values(controller: Any, slopes: Sequence[np.ndarray]) -> dict[str, np.n
     if mode.limits_command:
         lower, upper = command.lower, command.upper
         values |= {"command_lower": lower, "command_upper": upper, "command_rate": command.rate}
+    if c.measurement_limits is not None:
+        lower, upper, rate = c.measurement_limits
+        values |= {"measurement_lower": lower, "measurement_upper": upper, "measurement_rate": rate}
     values |= c.watched
     if c.offset_time is not None:
         values["offset_decay"] = [np.exp(-c.period / c.offset_time)]

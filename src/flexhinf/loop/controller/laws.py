@@ -52,6 +52,16 @@ class Schedule(Law):
     ------
     InvalidInput
         If the laws do not fit each other, track nothing or share a pose, or the hysteresis is no such number.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> laws = [fh.linear_law(arm.problem(pose=pose), np.inf) for pose in (0.5, 1.0)]
+    >>> controller = fh.Controller(fh.Schedule(laws), None, 1e-3)
+    >>> len(controller.laws)
+    2
     """
 
     law_data: Any = None
@@ -236,8 +246,11 @@ ESTIMATORS = "flexhinf.estimation"
 #: Most states or inputs of a law that a file may claim.
 MOST_SIGNALS = 1000
 
-#: Options of a controller that are pairs of arrays, by the names of these, and others that are arrays.
-PAIRS = {"saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper")}
+#: Options of a controller that are several arrays, by the names of these, and others that are arrays.
+PAIRS = {
+    "saturation": ("lower", "upper"), "command_range": ("command_lower", "command_upper"),
+    "measurement_limits": ("measurement_lower", "measurement_upper", "measurement_rate"),
+}  # fmt: skip
 ARRAYS = ("input_rate", "command_rate", "integral_dead_zone", "before_first")
 
 #: Options that have another name in a file.
@@ -245,6 +258,9 @@ IN_FILE = {"blend_time": "fade"}
 
 #: What a file without these options means; they are not written.
 UNWRITTEN = (("before_first", "hold"), ("latency", 0))
+
+#: Settings of estimators in a file from before there were these settings.
+UNSTATED = {name: {"form": "covariance"} for name in ("UnscentedKalmanFilter", "ExtendedKalmanFilter")}
 
 
 def write_controller(
@@ -430,7 +446,8 @@ def _restore(part: dict[str, Any], prefix: str, arrays: Mapping[str, np.ndarray]
         kind = getattr(room, name) if name in room.__all__ else None
         if not (isinstance(kind, type) and issubclass(kind, Estimator)):
             raise InvalidInput("No estimator.", value_text(name, 60))
-        return kind(**{k: _restore(value, f"{prefix}{k}.", arrays) for k, value in part["settings"].items()})
+        settings = {k: _restore(value, f"{prefix}{k}.", arrays) for k, value in part["settings"].items()}
+        return kind(**{**UNSTATED.get(name, {}), **settings})
     if "plant" in part:  # whose flow and output are the stored functions
         header, arrays = part["plant"], _below(prefix, arrays)
         table = ParameterTable({name: arrays[f"parameters.{name}"] for name in header["parameters"]})

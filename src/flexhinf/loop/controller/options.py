@@ -32,9 +32,9 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import Buffer, Call, Program, Slice, compile_program
-from flexhinf.errors import InvalidInput
+from flexhinf.codegen.shared import share
+from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.estimated import EstimatedStates, constant_states
-from flexhinf.loop.shared import share
 from flexhinf.notebook import names_text, number_text
 from flexhinf.plant import INTEGRAL, Estimator, Law, Plant, ProblemLaw
 from flexhinf.scalars import drop_empty
@@ -58,6 +58,9 @@ def checked_period(value: Any) -> float:
         )
     return period
 
+
+#: Time constant of the bias that decays after a transfer, s.
+BLEND_TIME = 0.5
 
 #: Longest latency that an estimator predicts over, samples: each beyond the first costs a step one more time update.
 LONGEST_LATENCY = 10
@@ -86,6 +89,19 @@ def checked_latency(value: Any, estimator: Any) -> int:
     return int(samples)
 
 
+def checked_blend_time(value: Any, takes_over: bool) -> float:
+    """Time constant of the bias of a transfer, s, by default `BLEND_TIME`; refused where no law `takes_over`."""
+    if value is None:
+        return BLEND_TIME
+    refuse_if(
+        not takes_over,
+        "A time constant is given for a bias that never is.",
+        f"expected blend_time=None for one law that starts from zero, got {value_text(value)}",
+        "start='bumpless', or a Schedule of several laws",
+    )
+    return checked_positive("The time constant of the bias", value, "seconds", "blend_time=0.5")
+
+
 def checked_offset_time(value: Any, estimator: Estimator | None) -> float | None:
     """Time constant of the offsets, s, or None; refused without an estimator, which alone expects a measurement."""
     if value is None:
@@ -96,6 +112,24 @@ def checked_offset_time(value: Any, estimator: Estimator | None) -> float | None
             f"expected offset_time=None without an estimator, got {value_text(value)}", "an estimator",
         )  # fmt: skip
     return checked_positive("The time constant of the offsets", value, "seconds", "offset_time=1.0")
+
+
+def checked_measurement_limits(value: Any, estimator: Estimator | None) -> tuple[np.ndarray, ...] | None:
+    """Least and largest measurements and largest rates (p,) of (lower, upper, rate), numbers or (p,); None for none.
+    What does not fit is refused, and any without an estimator, as nothing would stand in for what is missing."""
+    if value is None:
+        return None
+    triple = isinstance(value, (tuple, list)) and len(value) == 3
+    refuse_if(
+        estimator is None or not triple, "The limits of the measurements cannot be used.",
+        f"expected (lower, upper, rate) and an estimator, got {value_text(value)}"
+        + " without an estimator" * (estimator is None),
+        f"measurement_limits={LIMITED['measurement_limits']}",
+    )  # fmt: skip
+    assert estimator is not None
+    names = ("measurement_limits", "measurement_limits")
+    limits = Limits.of((value[0], value[1]), len(estimator.plant.outputs), value[2], names)
+    return limits.lower, limits.upper, limits.rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +160,9 @@ class Limits:
             try:
                 return np.array(np.broadcast_to(real_array(value), (inputs,)))
             except (TypeError, ValueError) as error:
-                what = "command" if name.startswith("command") else "inputs"
+                what = {"saturation": "inputs", "input_rate": "inputs", "measurement_limits": "outputs"}.get(
+                    name, "command"
+                )
                 raise InvalidInput(
                     f"The {LIMITS[name]} does not fit the {what}.",
                     f"expected one number or {inputs}, got {value_text(value)}",
@@ -138,17 +174,17 @@ class Limits:
             raise InvalidInput(
                 f"The {LIMITS[rate_name]} is not positive.",
                 f"expected numbers > 0 per second, got {value_text(rate)}",
-                f"{rate_name}=2.0, or one per signal",
+                f"{rate_name}={LIMITED.get(name, '2.0, or one per signal')}",
             )
         if saturation is None:
             return Limits(np.full(inputs, -np.inf), np.full(inputs, np.inf), rates)
-        advice = f"48.0 for ±48, or {name}=(lower, upper)"
+        advice = LIMITED.get(name, f"48.0 for ±48, or {name}=(lower, upper)")
         pair = isinstance(saturation, tuple) and len(saturation) == 2
         lower, upper = (ends(part, name, advice) for part in (saturation if pair else (saturation,) * 2))
         lower = lower if pair else -upper
         if not np.all(lower < upper):
             raise InvalidInput(
-                f"The {LIMITS[name]} leaves no room for the {'input' if name == 'saturation' else 'command'}.",
+                f"The {LIMITS[name]} leaves no room.",
                 f"expected lower < upper, got lower={lower.tolist()}, upper={upper.tolist()}",
                 f"{name}={advice}",
             )
@@ -158,8 +194,12 @@ class Limits:
 #: What the limits of a controller are called, by the names of its arguments.
 LIMITS = {
     "saturation": "saturation", "input_rate": "rate of the input", "command_range": "range of the command",
-    "command_rate": "rate of the command",
+    "command_rate": "rate of the command", "measurement_limits": "limit of the measurements",
 }  # fmt: skip
+
+
+#: What measurement_limits may be, for the advice of a refusal.
+LIMITED = {"measurement_limits": "(-3.1, 3.1, 6.0), in the unit of the measurement, and per second"}
 
 
 def command_limits(command_range: Any, command_rate: Any, tracked: Sequence[str], moving: bool) -> Limits:
@@ -403,9 +443,16 @@ def holding_function(plant: Plant) -> Any:
     return share(("holding", plant.code_key), build)
 
 
+def _kind_of_input(name: str) -> tuple[str, str]:
+    """Quantity and unit of an input, as text: ("voltage", " V") of motor_voltage_elbow; no unit where joints differ."""
+    units = {"voltage": " V", "current": " A", "torque": "", "force": ""}
+    return next(((word, unit) for word, unit in units.items() if word in name.split("_")), ("input", ""))
+
+
 def controller_facts(c: Any) -> dict[str, str]:
     """What a controller says of itself: law, estimator, period, limits, and what is measured and commanded."""
     limits, command, mode = c.limits, c.command_limits, c.mode
+    units = {} if c.estimator is None else c.estimator.plant.units
     law, zone = ", ".join(dict.fromkeys(law.kind for law in c.laws)), c.integral_dead_zone
     facts = {
         "law": law if len(c.laws) == 1 else f"{len(c.laws)} laws ({law})",
@@ -415,8 +462,10 @@ def controller_facts(c: Any) -> dict[str, str]:
         "tracked": names_text(c.tracked),
         "inputs": names_text(tuple(c.law.input_names)),
         "saturation": ", ".join(limits.texts) if np.isfinite([limits.lower, limits.upper]).any() else "",
-        "integrals push": ", ".join(
-            f"at most {size:.4g} more than at rest" for size in c.windup.limit if np.isfinite(size)
+        "integral action": ", ".join(
+            f"adds at most {size:.4g}{unit} to the holding {kind}"
+            for name, size in zip(c.law.input_names, c.windup.limit) if np.isfinite(size)
+            for kind, unit in [_kind_of_input(name)]
         ) if mode.bounds_windup else "",
         "input rate": ", ".join(f"at most {r:.4g} per s" for r in limits.rate) if mode.limits_input_rate else "",
         "command": ", ".join(
@@ -429,6 +478,11 @@ def controller_facts(c: Any) -> dict[str, str]:
         "estimated too": ", ".join(name for name in c.estimated if name not in c.states),
         "compensated": ", ".join(c.estimated[k] for k in mode.compensated),
         "offsets": f"decay with {c.offset_time:g} s" if mode.has_offset else "",
+        "measurements": ", ".join(
+            f"{name} {low:.4g} to {high:.4g} {unit}, at most {rate:.4g} {unit} per s".replace("  ", " ")
+            for name, low, high, rate in zip(c.measured, *c.measurement_limits)
+            for unit in [units.get(name, "")]
+        ) if c.measurement_limits is not None else "",
         "latency": f"{mode.latency} sample{'s' * (mode.latency > 1)}" if mode.latency else "",
     }  # fmt: skip
     return {name: fact for name, fact in facts.items() if fact}

@@ -9,6 +9,10 @@ Three things are watched (`Supervision`), at a fixed number of operations and fi
   `damping`: its swings shrink by exp(−πζ/√(1 − ζ²)) each, and an input within its limits starts with at most the whole
   range, so ln(range/swing) √(1 − ζ²)/(πζ) of them are larger than `swing`.
 - *Saturation that lasts*: an input has been at 99.9 % of a limit for longer than `saturation_time`.
+
+Whether the *estimate is in doubt* is said without a supervision too, of estimators that know it: at this sample
+rounding may move the estimate by more than a thousandth of its standard deviation, or a covariance had to be repaired,
+see `flexhinf.estimation.diagnosis`. A measurement that a gate rejects is another thing, and has a count of its own.
 """
 
 from __future__ import annotations
@@ -29,12 +33,21 @@ from flexhinf.validation import checked_kind, checked_positive, one_of, real_arr
 
 
 class Status(enum.IntFlag):
-    """What a controller says after a step, in the order of its bits; the exported C has the same number."""
+    """What a controller says after a step, in the order of its bits; the exported C has the same number.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> status = fh.Status.SATURATION | fh.Status.REACTING
+    >>> fh.Status.SATURATION in status
+    True
+    """
 
     OUTSIDE_WORKSPACE = 1
     LIMIT_CYCLE = 2
     SATURATION = 4
     REACTING = 8
+    DOUBTFUL_ESTIMATE = 16
 
 
 #: What can be reacted to, in the order of the bits, and how: about a standing command, and about a moving reference.
@@ -80,6 +93,19 @@ class Supervision:
     ------
     InvalidInput
         If numbers are not positive, or names or reactions are none.
+
+    Examples
+    --------
+    A command outside of ±1 rad is not followed:
+
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> watch = fh.Supervision((-1.0, 1.0), reactions={"workspace": "hold"})
+    >>> controller = fh.Controller(fh.linear_law(arm.problem(), np.inf), None, 1e-3, supervision=watch)
+    >>> u = controller.step(np.zeros(4), [2.0])
+    >>> fh.Status.OUTSIDE_WORKSPACE in controller.status
+    True
     """
 
     workspace: tuple[Any, Any] | None = None
@@ -291,6 +317,14 @@ def _counted(
     ]
 
 
-def status_of(flags: Any) -> Status:
-    """The status of its four numbers in the memory."""
+def doubted(rcond: Any, least: Any, before: Any) -> Any:
+    """Whether an estimate with a reciprocal condition (1,) is in doubt, and at how many samples one was (2,)."""
+    flag = where(rcond[0] < least[0], 1.0, 0.0)
+    return np.array([flag, before[1] + flag])
+
+
+def status_of(watched: Any, doubt: Any) -> Status:
+    """The status of numbers in the memory: the four that are watched, and whether the estimate is in doubt; either may
+    be empty."""
+    flags = [*(watched if len(watched) else np.zeros(4)), *doubt[:1]]
     return Status(sum(bit for bit, flag in zip(Status, flags) if flag > 0.5))

@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from flexhinf.codegen import DIRECT, Block, Composer
+from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput
-from flexhinf.loop.controller.measured import Source, corrected, faded, positions
-from flexhinf.loop.controller.status import answered, observed
-from flexhinf.loop.shared import share
+from flexhinf.loop.controller.measured import Source, corrected, faded, plausible, positions, refusals
+from flexhinf.loop.controller.status import answered, doubted, observed
 from flexhinf.plant import Estimator, Law
 from flexhinf.polynomial import basis
 from flexhinf.polynomial.algebra import PolynomialLaw
@@ -130,7 +130,7 @@ class Mode:
     measurement and the effect of the input computed from it. `reactions`: to the events of
     `flexhinf.loop.controller.status`, empty without a supervision. `has_offset`: offsets of the first measurement are
     taken in slowly. `own`: places of the law's states in the estimate, where that has more; `compensated`: those of
-    loads that the input balances.
+    loads that the input balances. `checks_measurements`: what is out of its range, or moves too fast, is missing.
     """
 
     moving: bool = False
@@ -145,6 +145,7 @@ class Mode:
     has_offset: bool = False
     own: tuple[int, ...] = ()
     compensated: tuple[int, ...] = ()
+    checks_measurements: bool = False
 
     @property
     def command_lead(self) -> int:
@@ -215,16 +216,24 @@ def controller_step(
     queue, acted, waiting = None, memory.u, []
     if mode.latency:
         queue, *waiting, acted = run.call(_waiting, memory.u, memory.queue)
-    beliefs, ahead, push = [], estimate, None
+    beliefs, ahead, push, doubt, seen = [], estimate, None, None, None
     offset = [memory.offset, memory.offset_known] if mode.has_offset else [None, None]
     if estimator is not None:
         belief = type(estimator.initial)(*memory.belief)
+        measurement, turns = y, estimator.plant.angle_places(estimator.plant.outputs)
+        if mode.checks_measurements:
+            y, seen = run.call(
+                partial(plausible, turns), y, memory.seen, data.period, data.measurement_lower,
+                data.measurement_upper, data.measurement_rate,
+            )  # fmt: skip
         if mode.has_offset:
             expected = run.call(estimator.plant.evaluate_output, belief.mean, acted, data.parameters)
-            turns = estimator.plant.angle_places(estimator.plant.outputs)
             y, *offset = run.call(partial(faded, turns), y, expected, *offset, data.offset_decay)
         belief, y = corrected(run, estimator, belief, y, acted, data)
+        seen = run.call(refusals, seen, measurement, y) if mode.checks_measurements else None
         estimate = belief.mean
+        if "rcond" in belief._fields:
+            doubt = run.call(doubted, belief.rcond, data.rcond_limit, memory.doubt)
         beliefs = predict_ahead(run, estimator, belief, waiting[::-1], data)
         ahead = [belief, *beliefs][-1].mean
     whole = estimate
@@ -281,7 +290,7 @@ def controller_step(
     law_of = law.on(run, data.law, active, about)
     feedback = law_of(deviation)
     after = {"position": position, "reference": requested, "command": r, "active": active}
-    after |= {"queue": queue, "commands": commands}
+    after |= {"queue": queue, "commands": commands, "doubt": doubt, "seen": seen}
     if mode.takes_over:
         wanted = run.call(np.subtract, memory.u, operating_input)
         feedback, growth, integral, after["bias"] = bumpless_transfer(
@@ -433,9 +442,6 @@ def _input(
     return u, np.array([where(push > 0.0, old, new) for push, old, new in choices]), np.ones(1)
 
 
-#: Time constant of the bias that decays, s.
-BLEND_TIME = 0.5
-
 #: Broyden's steps. One integral needs about five to a relative 1e-12, far from the operating point too.
 STEPS = 10
 
@@ -477,6 +483,7 @@ def bumpless_transfer(
     misfit, errors = wanted, deviation[n:]
 
     def trial(states: Any, errors: Any, inverse: Any, misfit: Any) -> Any:
+        """The law's argument with integrals that are one step of Broyden's method further."""
         return np.concatenate([states, errors + inverse @ misfit])
 
     with run.when(taken):
@@ -500,6 +507,7 @@ def _state_and_input(states: int, r: Any) -> tuple[Any, Any]:
 def _better(
     errors: Any, misfit: Any, inverse: Any, trial: Any, value: Any, wanted: Any
 ) -> tuple[Any, Any, Any]:
+    """Integrals, misfit and inverse slope after a step of Broyden's method, where the step made the misfit smaller."""
     step, left = trial[trial.shape[0] - errors.shape[0] :] - errors, wanted - value
     did = inverse @ (misfit - left)
     divisor, size = step @ did, absolute(step) @ absolute(did)

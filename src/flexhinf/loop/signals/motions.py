@@ -91,6 +91,13 @@ class JerkLimited(_Motion):
     ------
     InvalidInput
         For limits that are not positive, or shapes that do not fit.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> move = fh.JerkLimited(0.0, 1.0, velocity=1.0, acceleration=4.0, jerk=40.0)
+    >>> float(move(0.0)), round(float(move(2.0)), 9)
+    (0.0, 1.0)
     """
 
     start: Any
@@ -222,6 +229,13 @@ class Spline(_SampledMotion):
     All four are zero at both ends. Between the samples it may go a little beyond them, as every smooth curve through
     them; `Samples` does not. Times (N,) increase, s; values are (N,), or (N, k) with one column per channel; samples
     that do not describe a function of time are an InvalidInput.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> spline = fh.Spline([0.0, 1.0, 2.0], [0.0, 0.5, 1.0])
+    >>> round(float(spline(1.0)), 9)
+    0.5
     """
 
     def __post_init__(self) -> None:
@@ -306,6 +320,15 @@ class Waypoints(_SampledMotion):
     InvalidInput
         If the samples do not describe a function of time, there is no such profile, there are more than 1000 stops, or
         a way is shorter than the smoothing.
+
+    Examples
+    --------
+    Two joints, which stop at each waypoint:
+
+    >>> import flexhinf as fh
+    >>> way = fh.Waypoints([0.0, 1.0, 2.0], [[0.0, 0.0], [0.5, 1.0], [0.0, 1.0]], "quintic")
+    >>> way(1.0).tolist()
+    [0.5, 1.0]
     """
 
     profile: str = "spline"

@@ -80,8 +80,9 @@ class Loop(Summarised):
     Where the controller brakes (`Supervision`), the command goes on along its path as `Controller.path_rate` says.
 
     NaN in an output of the true plant, by `flexhinf.scalars.where` for instance, is a sensor that gives nothing at this
-    sample: the estimator does without it. Before the first measurement it predicts from where it starts, and the law
-    acts on that, while `Controller.step` waits.
+    sample: the estimator does without it. Until something is measured, the controller waits as `Controller.step` does:
+    its input is that before the first sample, and there is no estimate (NaN). A compiled run does so where NaN stands
+    in the code of the output; where arithmetic makes it, as 0/0, the law acts on the initial estimate.
 
     Parameters
     ----------
@@ -107,6 +108,16 @@ class Loop(Summarised):
     ------
     InvalidInput
         If the plant does not have the signals that the controller needs.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> law = fh.linear_law(arm.problem(), gamma=np.inf)
+    >>> run = fh.Loop(arm.plant(), fh.Controller(law, None, 1e-3)).run(fh.Step(0.5), duration=6.0)
+    >>> run.settings["start"]
+    'where the controller starts (link_position = 0), at rest'
     """
 
     def __init__(
@@ -276,6 +287,9 @@ class Loop(Summarised):
     ) -> Trajectory:
         """Simulate from a fresh controller; a run that diverges is returned up to where it did.
 
+        The run starts where the controller starts, at rest: with an estimator at its initial mean, without one at the
+        law's operating point, not at the reference's first value. `initial_state` starts it elsewhere.
+
         Parameters
         ----------
         reference : callable of time, number, mapping by name, or one per tracked state
@@ -290,7 +304,7 @@ class Loop(Summarised):
         initial_state : array, mapping by name, or None
             Of the true plant; by default where the controller starts, which is where its estimate begins (without an
             estimator, the law's operating point); a black box that does not name these states starts as it does itself.
-            ``run.settings["start"]`` says which, and whether a `Plant` rests there.
+            The run's repr and ``run.settings["start"]`` say which, and whether a `Plant` rests there.
         seed : int
             Of the noise.
         initial_input : (m,) array, optional
@@ -414,7 +428,8 @@ class Loop(Summarised):
             pacing.end(k)
         if "state" in recorded and samples:
             settings["start"] = start_text(box, recorded["state"][0], True, controller, np.zeros(0))
-        return Trajectory.until(box, controller, times, recorded, settings, code, last)
+        doubtful = stepped.doubtful_samples
+        return Trajectory.until(box, controller, times, recorded, settings, code, last, doubtful)
 
     def _has_failed(self, y: np.ndarray, state: np.ndarray | None) -> bool:
         """Whether a black box is broken: its state is not finite; or its measurement, beyond the gaps that an estimator

@@ -19,9 +19,9 @@ import numpy as np
 
 from flexhinf.codegen import Kernel, aligned, compile_program
 from flexhinf.codegen.noise import seed_key
+from flexhinf.codegen.shared import share
 from flexhinf.errors import InvalidInput, refuse_if
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.shared import share
 from flexhinf.loop.simulation.inputs import (
     check_seed,
     operating_state,
@@ -114,7 +114,11 @@ class PreparedRun:
         arrays["inputs"] = arrays["inputs"][counts["late"] :]
         rows = {signal: arrays[name].reshape(len(self.times), -1) for name, (signal, _) in RECORDED.items()}
         signals, end = rows | self.recorded, (int(status.code), int(status.step))
-        return Trajectory.until(code.plant, code.controller, self.times, signals, self.settings, *end), *end
+        doubtful = code.controller.doubts_in(arrays["memory"])
+        run = Trajectory.until(
+            code.plant, code.controller, self.times, signals, self.settings, *end, int(doubtful)
+        )
+        return run, *end
 
 
 @lru_cache(4)
@@ -130,6 +134,7 @@ class Recorded(NamedTuple):
     steps: np.ndarray  # (N,), the last sample
     reduction_memory: np.ndarray  # (k, N), memories of the reductions
     kept: np.ndarray  # (N, T, j), signals at some samples, NaN after the last one of a run that failed
+    doubtful: np.ndarray  # (N,), samples at which the estimate was in doubt
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +210,7 @@ class Ensemble:
         *by_state, common = results
         return EnsembleResult(
             recorded.codes, diverged_at, plants.parts, dict(zip(self.tracking, by_state)), common, recorded.kept,
+            recorded.doubtful,
         )  # fmt: skip
 
     def trajectories(
@@ -250,7 +256,7 @@ class Ensemble:
                 }
                 yield Trajectory.until(
                     self.plant, self.controller, times, signals, self._settings(some, k), int(result.codes[k]),
-                    int(result.steps[k]),
+                    int(result.steps[k]), int(result.doubtful[k]),
                 )  # fmt: skip
 
     def single(self, seed: int, parts: int) -> PreparedRun:
@@ -267,7 +273,8 @@ class Ensemble:
 
     def _room(self, count: int) -> Recorded:
         kept, memories = (count, len(self.instants), len(self.kept)), (len(self.reduction_memory), count)
-        return Recorded(np.zeros(count, int), np.zeros(count, int), np.zeros(memories), np.zeros(kept))
+        codes, steps, doubtful = (np.zeros(count, int) for _ in range(3))
+        return Recorded(codes, steps, np.zeros(memories), np.zeros(kept), doubtful)
 
     def _in_lanes(
         self, plants: EnsemblePlants, lanes: int, threads: int, disturbances: Disturbances | None = None
@@ -321,6 +328,7 @@ class Ensemble:
             run()
             ends = np.array([run.status.code, run.status.step]).reshape(2, -1)
             recorded.codes[rows], recorded.steps[rows] = ends[:, :count]
+            recorded.doubtful[rows] = self.controller.doubts_in(arrays["memory"])[:count]
             if "reduction_memory" in arrays:
                 recorded.reduction_memory[:, rows] = arrays["reduction_memory"][:, :count]
             if self.kept:
@@ -338,6 +346,7 @@ class Ensemble:
             )
             for k, (run, code, last) in enumerate(runs):
                 recorded.codes[k], recorded.steps[k] = code, last
+                recorded.doubtful[k] = run.doubtful_samples
                 if code == 0 and len(recorded.reduction_memory):
                     reduction_memory = self.reduction_memory
                     arrays = {
@@ -484,7 +493,9 @@ class Ensemble:
                 tuple(reduction.code_key for reduction in self.reductions),
                 lanes,
             ),
-            lambda: compile_program(loop_program(code, options, self.reductions), lanes),
+            lambda: compile_program(
+                loop_program(code, options, self.reductions), lanes, self.controller.fused
+            ),
         )
 
     @cached_property

@@ -103,6 +103,10 @@ def operating_state(states: Sequence[str], controller: Controller) -> np.ndarray
 SAME_START = 1e-6
 
 
+#: So many positions are named of a start.
+MOST_PLACES = 3
+
+
 def start_text(
     plant: Plant | BlackBox, x: np.ndarray, placed: bool, controller: Controller, before: np.ndarray
 ) -> str:
@@ -115,7 +119,9 @@ def start_text(
     apart = ((value, own[name], name) for name, value in zip(plant.states, x.tolist()) if name in own)
     value, start, name = max(apart, key=lambda item: abs(item[0] - item[1]), default=(0.0, 0.0, ""))
     away = abs(value - start) > SAME_START * max(1.0, abs(start))
-    text = f"{name} = {value:.6g}, the controller starts at {start:.6g}" if away else STARTED
+    places = [f"{name} = {value:.4g}" for name, value in zip(plant.states, x) if name in controller.judged]
+    at = f" ({', '.join(places[:MOST_PLACES])}{', …' if len(places) > MOST_PLACES else ''})" if places else ""
+    text = f"{name} = {value:.6g}, the controller starts at {start:.6g}" if away else f"{STARTED}{at}"
     if placed or not isinstance(plant, Plant):
         return text
     rates = plant.change(x, before)

@@ -41,10 +41,6 @@ OSCILLATION_TAIL = 0.5
 #: below. Vibrations on a slow oscillation are then no periods of their own.
 HYSTERESIS = 0.5
 
-#: Smaller damping ratios are rounding of the eigenvalues and count as 0: the error bound ε‖A‖κ/|λ| of the solver
-#: (κ: condition of the eigenvalue) is at most 8e-10 over the vibrations of all robots that come with flexhinf.
-UNDAMPED = 1e-9
-
 #: A mode that falls below 1/e within so many samples is no oscillation.
 LASTING = 2.0
 
@@ -53,13 +49,6 @@ ROUNDING = 1e-9
 
 #: A path is straight if no point of it is further from the way between its ends, in units of the travel.
 STRAIGHT = 1e-12
-
-
-def damping_ratio(poles: np.ndarray) -> np.ndarray:
-    """−Re s/|s| of poles s (K,), 1/s; 0 at s = 0, and where the ratio is smaller than the eigenvalues' rounding."""
-    sizes = np.abs(poles)
-    ratios = np.divide(-np.real(poles), sizes, out=np.zeros(np.shape(sizes)), where=sizes > 0.0)
-    return np.where(np.abs(ratios) < UNDAMPED, 0.0, ratios)
 
 
 @dataclass(frozen=True)
@@ -375,6 +364,7 @@ class EnsembleResult:
     by_state: Mapping[str, Mapping[str, np.ndarray]]  # metrics (N,) of each of `Controller.judged`, by name
     common: Mapping[str, np.ndarray]  # metrics (N,) or (N, j) of the whole run, by name
     kept: np.ndarray  # (N, T, k), signals at the ensemble's instants; NaN after a run diverged
+    doubtful_samples: np.ndarray  # (N,), samples at which the estimate was in doubt
 
     @property
     def completed(self) -> np.ndarray:

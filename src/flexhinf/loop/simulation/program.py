@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from functools import cached_property, reduce
+from typing import Any, NamedTuple, cast
 
 import casadi as ca
 import numpy as np
@@ -21,15 +21,18 @@ from flexhinf.codegen import (
     Program,
     Repeat,
     Slice,
+    When,
     compile_program,
 )
 from flexhinf.codegen.program import Step
+from flexhinf.codegen.shared import share
 from flexhinf.errors import refuse_if
 from flexhinf.loop.controller.controller import Controller
-from flexhinf.loop.shared import share
+from flexhinf.loop.controller.measured import by_flag, within
 from flexhinf.loop.simulation.metrics import Instant, Reduction
 from flexhinf.plant import Plant, SensorTable, chosen, known, rk4_step
-from flexhinf.scalars import drop_empty, trace
+from flexhinf.scalars import drop_empty, maximum, trace
+from flexhinf.scalars.trace import instructions
 from flexhinf.validation import real_array, real_number, value_text
 
 #: Longest delay of a run, samples. The inputs that wait are rows of the run's own record: a delay compiles nothing and
@@ -223,9 +226,18 @@ class LoopCode:
             "loop",
             self.plant.code_key,
             self.controller.code_key,
+            self.controller.fused,
             *self.sizes.values(),
             (self.channel.quanta, self.channel.late, bool(self.channel.periods)),
         )
+
+    @cached_property
+    def waits(self) -> bool:
+        """Whether samples at the start may have no measurement: an output of the plant has numbers that are not finite
+        in its code."""
+        constants = (value for *_, value in instructions(self.plant.traced_output))
+        checks = self.controller.mode.checks_measurements
+        return self.controller.gaps and (checks or not all(map(np.isfinite, constants)))
 
     @property
     def program(self) -> Program:
@@ -234,7 +246,7 @@ class LoopCode:
 
     def kernel(self) -> Kernel:
         """The compiled program of a whole run."""
-        return share((*self.key, "run"), lambda: compile_program(self.program))
+        return share((*self.key, "run"), lambda: compile_program(self.program, fused=self.controller.fused))
 
 
 def loop_program(
@@ -265,12 +277,13 @@ def loop_program(
     else:
         y, noise = b.whole("y", sizes["y"], "work"), b.whole("noise", sizes["y"], "work")
         estimate, step = b.whole("estimate", sizes["estimate"], "work"), b.whole("step", 1, "state")
-    control, scratch = controller.steps(
-        {
-            "y": y[0], "r": ahead_rows[0] if ahead_rows else None, "memory": memory[0], "data": data[0],
-            "u": u[0], "estimate": estimate[0],
-        }
-    )  # fmt: skip
+    step_places: dict[str, Slice | None] = {
+        "y": y[0], "r": ahead_rows[0] if ahead_rows else None, "memory": memory[0], "data": data[0],
+        "u": u[0], "estimate": estimate[0],
+    }  # fmt: skip
+    control, scratch = (
+        _waiting_steps(b, step_places, controller) if code.waits else controller.steps(step_places)
+    )
     body: list[Step] = []
     if options is None:
         body.append(Copy(x[0], b.row("states", sizes["x"], "out")[0]))
@@ -320,16 +333,56 @@ def loop_program(
         stage = (Slice("disturbance", size=size, strides=(size * sizes["capacity"], size)),)
         b["disturbance"] = Buffer("disturbance", None, "in", shared=many)
     if many:
-        own, load = b.whole("acting", size, "work"), Slice("load", size=sizes["d"])
+        own = b.whole("acting", size, "work")
         if stage:
-            b.whole("load", sizes["d"], "in")
-            parts.append(Call(_product_function(sizes["d"], 3), (*stage, load), own))
+            load = b.whole("load", sizes["d"], "in")
+            parts.append(Call(_product_function(sizes["d"], 3), (*stage, *load), own))
         stage = own
     parts.append(Call(drop_empty(rk4_function(plant)), (*x, *held, *stage, *truth), x))
     body += [Repeat("parts", tuple(parts)), Guard(x[0], PLANT_FAILED)]
     counts = ("steps", "parts", "late") if delayed else ("steps", "parts")
     name = "ensemble" if many else "closed_loop"
     return Program(name, (*b.values(), *scratch), (Repeat("steps", tuple(body)),), counts)
+
+
+def _waiting_steps(
+    b: _Buffers, places: dict[str, Slice | None], controller: Controller
+) -> tuple[tuple[Step, ...], tuple[Buffer, ...]]:
+    """As `Controller.steps`, once something was measured, as `Controller.step` does: until then the memory stays, the
+    input is that before the first sample, and there is no estimate."""
+    memory, kept = cast("Slice", places["memory"]), controller.memory
+    names = {"u": "next_u", "estimate": "next_estimate", "after": "next_memory"}
+    sizes = [len(controller.law.input_names), len(controller.estimated), kept.size]
+    (u,), (estimate,), (after,) = (
+        b.whole(name, size, "work") for name, size in zip(names.values(), sizes, strict=True)
+    )
+    steps, scratch = controller.steps({**places, "u": u, "estimate": estimate, "after": after})
+    (flag,), started = b.whole("measured", 1, "work"), kept.places["started"].start
+
+    def measured(y: Any, memory: Any, *box: Any) -> Any:
+        there = within(y, *box) if box else known(y)
+        return np.array([maximum(memory[started], reduce(maximum, there))])
+
+    limits = (
+        [controller.data.places[name] for name in ("measurement_lower", "measurement_upper")]
+        if controller.mode.checks_measurements
+        else []
+    )
+    data, p = cast("Slice", places["data"]), len(controller.measured)
+    box = [replace(data, offset=data.offset + place.start, size=p) for place in limits]
+
+    def chosen_step(flag: Any, u: Any, estimate: Any, after: Any, memory: Any) -> tuple[Any, ...]:
+        before = memory[kept.places["u"]], np.full(len(estimate), np.nan), memory
+        return tuple(by_flag(new, old, flag) for new, old in zip((u, estimate, after), before, strict=True))
+
+    seen = trace(measured, p, kept.size, *(p for _ in box), name="measured")
+    taken = trace(chosen_step, 1, *sizes, kept.size, name="chosen_step")
+    read, written = (flag, u, estimate, after, memory), [places["u"], places["estimate"], memory]
+    return (
+        Call(seen, (cast("Slice", places["y"]), memory, *box), (flag,)),
+        When(flag, steps),
+        Call(taken, read, tuple(place for place in written if place is not None)),
+    ), scratch
 
 
 def reduction_program(sizes: Mapping[str, int], reductions: Sequence[Reduction]) -> Program:

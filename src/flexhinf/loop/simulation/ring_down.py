@@ -16,7 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexhinf.loop.simulation.metrics import LASTING, damping_ratio, peak_of, tail_of
+from flexhinf.loop.simulation.metrics import LASTING, peak_of, tail_of
+from flexhinf.scalars.spectral import damping_ratio
 
 #: Directions that all samples together hold less of, relative to the strongest one, are rounding.
 RESOLVED = 1e-7

@@ -16,14 +16,21 @@ from flexhinf.loop.simulation.metrics import peak_of, rms, steady_state_error, s
 from flexhinf.loop.simulation.program import CONTROL_FAILED
 from flexhinf.notebook import Summarised, number_text, table_html
 from flexhinf.plant import BlackBox, Plant
-from flexhinf.validation import checked_path, read_only, unknown_name
+from flexhinf.validation import checked_path, read_only, required_package, unknown_name
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
 
 #: Where a run starts that starts as its controller does.
 STARTED = "where the controller starts"
+
+#: What stands behind the name of a signal in `Trajectory.columns`: the truth has its name alone.
+ENDINGS = {
+    "state": "", "input": "", "disturbance": "", "estimate": "_estimated", "output": "_measured",
+    "reference": "_commanded",
+}  # fmt: skip
 
 #: Keys of `Trajectory.metrics`.
 METRICS = (
@@ -49,6 +56,20 @@ class Trajectory(Summarised):
     diverged_at, message : float or None, and str
         Of a run that diverged to numbers that are not finite: the time of its last sample, s; and what is no longer
         finite, when, and what to try.
+    doubtful_samples : int
+        At how many samples the estimate was in doubt, see `Controller.doubtful_samples`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> arm = fh.paper_arm()
+    >>> loop = fh.Loop(arm.plant(), fh.Controller(fh.linear_law(arm.problem(), gamma=np.inf), None, 1e-3))
+    >>> run = loop.run(fh.Step(0.5), duration=6.0)
+    >>> round(float(run.data.link_position[-1]), 2)
+    0.5
+    >>> run.to_dataframe().shape
+    (6001, 16)
     """
 
     time: np.ndarray
@@ -59,6 +80,7 @@ class Trajectory(Summarised):
     judged: tuple[str, ...] = ()
     diverged_at: float | None = None
     message: str = ""
+    doubtful_samples: int = 0
 
     @property
     def status(self) -> str:
@@ -74,6 +96,7 @@ class Trajectory(Summarised):
         settings: dict[str, Any],
         code: int,
         last: int,
+        doubtful_samples: int = 0,
     ) -> Trajectory:
         """A run from arrays of the whole length: all of them for code 0, else up to the last sample before a guard of
         `program` failed with this code, or before the run was stopped (a negative code)."""
@@ -97,14 +120,24 @@ class Trajectory(Summarised):
         table = {**(controller.estimator.plant.units if controller.estimator else {}), **plant.units}
         units = {kind: tuple(table.get(name, "") for name in labels) for kind, labels in names.items()}
         end = float(time[-1]) if message else None
-        return Trajectory(time, signals, names, units, settings, controller.judged, end, message)
+        return Trajectory(
+            time, signals, names, units, settings, controller.judged, end, message, doubtful_samples
+        )
+
+    @property
+    def _attributes(self) -> dict[str, str]:  # of files and of `data`
+        facts = {**self.settings, "status": self.status, "doubtful_samples": self.doubtful_samples}
+        return {name: str(value) for name, value in facts.items()}
 
     @property
     def data(self) -> xr.Dataset:
-        """The run as an xarray Dataset.
+        """The run as an xarray Dataset over ``time`` (s).
 
-        Dimension ``time`` (s), and for each variable a dimension ``<variable>_name`` whose coordinate holds
-        the names of the columns, with their units beside it as ``<variable>_unit``.
+        Each signal is a variable, with its unit (``.attrs["units"]``), under the name that it has in `columns`:
+        ``run.data.link_position``, ``run.data.link_position_estimated``; of several joints
+        ``run.data.link_position_elbow``. Each kind of signal is a variable too, such
+        as ``state``, with a dimension ``<kind>_name`` whose coordinate holds the names of the columns, and their units
+        beside it as ``<kind>_unit``.
         """
         import xarray as xr
 
@@ -112,12 +145,44 @@ class Trajectory(Summarised):
         for kind in self.signals:
             for labels, several in (("name", self.names), ("unit", self.units)):
                 coordinates[f"{kind}_{labels}"] = (f"{kind}_name", list(several[kind]))
-        variables = {
+        variables: dict[str, Any] = {
             kind: (("time", f"{kind}_name"), values, {"units": ", ".join(self.units[kind])})
             for kind, values in self.signals.items()
         }
-        settings = {**self.settings, "status": self.status}
-        return xr.Dataset(variables, coordinates, {k: str(v) for k, v in settings.items()})
+        for name, (kind, column) in self.columns.items():
+            about = {"units": self.units[kind][column], "long_name": name.replace("_", " ")}
+            variables[name] = ("time", self.signals[kind][:, column], about)
+        return xr.Dataset(variables, coordinates, self._attributes)
+
+    @property
+    def columns(self) -> dict[str, tuple[str, int]]:
+        """The kind of each signal and its column there, by the name that it has in `data` and `to_dataframe`.
+
+        States, inputs and disturbances of the true plant have their own names. ``_estimated``, ``_measured`` and
+        ``_commanded`` stand behind those of estimates, outputs and references. A name that is taken, also by a kind
+        of signal or the time, has its kind behind it.
+        """
+        found: dict[str, tuple[str, int]] = {}
+        taken = {"time", *ENDINGS, *(f"{kind}_{each}" for kind in ENDINGS for each in ("name", "unit"))}
+        for kind in (kind for kind in ENDINGS if kind in self.signals):
+            for column, own in enumerate(self.names[kind]):
+                name = own + ENDINGS[kind]
+                while name in taken:
+                    name += f"_{kind}"
+                taken.add(name)
+                found[name] = kind, column
+        return found
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """All signals as a flat pandas DataFrame: a row per sample, indexed by ``time`` (s), a column per signal, named
+        as in `columns`; ``.attrs["units"]`` has their units by name. Without pandas an InvalidInput."""
+        package = required_package("pandas", "pandas is not installed.", "pip install pandas")
+        table = package.DataFrame(
+            {name: self.signals[kind][:, column] for name, (kind, column) in self.columns.items()},
+            index=package.Index(self.time, name="time"),
+        )
+        table.attrs["units"] = {name: self.units[kind][k] for name, (kind, k) in self.columns.items()}
+        return table
 
     def signal(self, kind: str, name: str) -> np.ndarray:
         """One column (N,), for example ``signal("state", "link_position")``; unknown names are refused."""
@@ -138,7 +203,8 @@ class Trajectory(Summarised):
 
         overshoot_percent, settling_time_s and rise_time_s (see `flexhinf.loop.step_metrics`), steady_state_error
         (largest in the last tenth of the run), peak_input, tracking_rmse, and estimation_rmse, one per estimated
-        state, empty where the true state is not known. All None for a run that diverged.
+        state, empty where the true state is not known, NaN where the controller waited for its first measurement. All
+        None for a run that diverged.
         """
         tracked = [each for each in self.names.get("reference", ()) if each not in self.names["input"]]
         refuse_if(
@@ -195,12 +261,12 @@ class Trajectory(Summarised):
         np.savetxt(path, table, "%.17g", ",", header=header, comments="", encoding="utf-8")
 
     def _write_netcdf(self, path: str) -> None:
-        """`data` without signals that have no columns, as xarray would write it: importing that takes longer."""
+        """The kinds of `data` that have columns, as xarray would write them: importing that takes longer."""
         from scipy.io import netcdf_file
 
         with netcdf_file(path, "w", version=2) as file:
-            for key, value in {**self.settings, "status": self.status}.items():
-                setattr(file, key, str(value).encode())
+            for key, value in self._attributes.items():
+                setattr(file, key, value.encode())
             file.createDimension("time", len(self.time))
             _variable(file, "time", self.time, ("time",), units="s", long_name="time")
             for kind in (kind for kind, names in self.names.items() if names):
@@ -217,7 +283,8 @@ class Trajectory(Summarised):
         facts = {
             "status": self.message or self.status,
             "time": f"{number_text(float(self.time[-1]), 's')}, {len(self.time)} samples",
-            **({"started at": start} if start not in ("", STARTED, f"{STARTED}, at rest") else {}),
+            **({"start": start} if start else {}),
+            **({"doubtful estimate": f"{self.doubtful_samples} samples"} if self.doubtful_samples else {}),
         }
         if not self.judged or self.diverged_at is not None:
             return facts
