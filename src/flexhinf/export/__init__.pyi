@@ -5,10 +5,9 @@ from .compiled import (
     compile_controller as compile_controller,
     load_compiled as load_compiled,
 )
-from .controller_c import checked_identifier as checked_identifier, identifier_of as identifier_of
 from .fmu import export_fmu as export_fmu, export_plant_fmu as export_plant_fmu
+from .names import checked_identifier as checked_identifier, identifier_of as identifier_of
 from .package import (
-    check_room as check_room,
     checked_folder as checked_folder,
     controller_files as controller_files,
     export_c as export_c,
@@ -20,4 +19,10 @@ from .realtime import (
     check_log as check_log,
     run_realtime as run_realtime,
     write_log as write_log,
+)
+from .refusals import (
+    check_limits as check_limits,
+    check_room as check_room,
+    unlimited_inputs as unlimited_inputs,
+    with_measurement_limits as with_measurement_limits,
 )

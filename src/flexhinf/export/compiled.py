@@ -39,14 +39,25 @@ def compile_controller(
     path : path
         Of the file; replaced if it is there. It is machine code: load only what you trust.
     processor : {"portable", "any", "native"}
-        On which it runs: PCs since about 2015, also older ones (ten times slower), or those that have all that this one
-        has. The bits are the same. The file states the instructions it needs, and is refused where they are missing.
+        On which it runs: PCs since about 2015, also older ones (half as fast), or those that have all that this one
+        has. The file states the instructions it needs, and is refused where they are missing. For older ones its bits
+        are those of ``controller.fresh(fused=False)``, see `CompiledController`.
 
     Raises
     ------
     InvalidInput
         As `export_c`; for another choice of processors; or there is no C compiler (``CC``, cc, gcc, clang), or it
         fails.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> import tempfile
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=np.inf), None, 1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     fh.compile_controller(controller, f"{folder}/arm.so").name
+    'arm.so'
     """
     from flexhinf.export.controller_c import code_of, fill, template
 
@@ -59,7 +70,7 @@ def compile_controller(
         "reference": c.operating_reference.tolist(), "codes": {str(v): name for name, (v, _) in code.codes.items()},
         "starts_anywhere": code.starts_anywhere, "digest": code.digest,
         "status": [c.memory.places[name].start if name in c.memory.places else None for name in ("status", "stop")],
-        "rejected": code.rejected,
+        "rejected": code.rejected, "doubt": code.doubt,
     }  # fmt: skip
     # strings, each the name of a set that the compiler may use, with a space before it
     sets = "\n".join(f'#ifdef {macro}\n    " {name}"\n#endif' for macro, name in INSTRUCTIONS.items())
@@ -180,6 +191,8 @@ class CompiledController:
         Names of the elements of y, r, u and the estimate.
     digest : str
         Of the C of which it was compiled.
+    fused : bool
+        Whether its bits are those of ``Controller.fresh(fused=True)``, or of False.
     code : str
         How the last step ended: "OK", "PREDICTED", "BAD_MEASUREMENT", …
     estimate : (n,) array
@@ -189,6 +202,18 @@ class CompiledController:
     ------
     InvalidInput
         If this is no such library, is one of another machine, or needs instructions that this processor lacks.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> import tempfile
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=np.inf), None, 1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     compiled = fh.CompiledController(fh.compile_controller(controller, f"{folder}/arm.so"))
+    >>> x, goal = np.array([0.1, 0.0, 0.1, 0.0]), [0.0]
+    >>> bool(np.all(compiled.step(x, goal) == controller.step(x, goal)))
+    True
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -210,6 +235,7 @@ class CompiledController:
             )
             self._library = loaded(image, self.path.parent)
             self._library.flexhinf_state_size.restype = ctypes.c_size_t
+            self.fused = bool(self._library.flexhinf_fused())
         except InvalidInput:
             raise
         except (OSError, ValueError, AttributeError) as error:
@@ -225,6 +251,7 @@ class CompiledController:
         self.digest = str(about["digest"])
         self._status_places: list[int | None] = about["status"]
         self._rejected_place: int | None = about.get("rejected")
+        self._doubt_place: int | None = about.get("doubt")
         self.units: dict[str, str] = dict(about["units"])
         self.code_numbers = {int(value): name for value, name in about["codes"].items()}
         self._starts_anywhere = bool(about["starts_anywhere"])
@@ -280,8 +307,14 @@ class CompiledController:
     @property
     def status(self) -> int:
         """The bits of `Controller.status`: the memory is the first part of the state."""
-        place = self._status_places[0]
-        return 0 if place is None else int(self._state[place : place + 4] @ [1.0, 2.0, 4.0, 8.0])
+        place, doubt = self._status_places[0], self._doubt_place
+        watched = 0 if place is None else int(self._state[place : place + 4] @ [1.0, 2.0, 4.0, 8.0])
+        return watched if doubt is None else watched | int(16.0 * self._state[doubt])
+
+    @property
+    def doubtful_samples(self) -> int:
+        """As `Controller.doubtful_samples`."""
+        return 0 if self._doubt_place is None else int(self._state[self._doubt_place + 1])
 
     @property
     def rejected(self) -> np.ndarray:
@@ -354,12 +387,24 @@ class CompiledController:
 
 
 def load_compiled(path: str | os.PathLike[str]) -> CompiledController:
-    """A controller of `flexhinf compile`; see `CompiledController`."""
+    """A controller of `flexhinf compile`; see `CompiledController`.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> import tempfile
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=np.inf), None, 1e-3)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     compiled = fh.load_compiled(fh.compile_controller(controller, f"{folder}/arm.so"))
+    >>> compiled.measured
+    ('link_position', 'link_velocity', 'motor_position', 'motor_velocity')
+    """
     return CompiledController(path)
 
 
 #: What the manifest of a library begins with; a line of instruction sets, one of JSON and a zero byte follow.
-MARK = b"flexhinf library 2: instructions, then what it is\n"
+MARK = b"flexhinf library 3: instructions, then what it is\n"
 
 #: Instruction sets beyond the oldest processor of a platform that compilers use on their own for such code: the macro
 #: that says so, and LLVM's name without points.
@@ -377,7 +422,7 @@ INSTRUCTIONS = {
 #: Linux's names for some of them.
 OF_LINUX = {"pni": "sse3", "bmi1": "bmi", "abm": "lzcnt", "apx": "apxf"}
 
-#: PCs since about 2015: with a fused multiply-add, which every other operation of a step is.
+#: PCs since about 2015: fused multiply-adds, which every other operation of a step is, of four numbers at once.
 PORTABLE = {"avx2", "fma"}
 
 X86 = ("x86_64", "AMD64")
@@ -411,7 +456,7 @@ def compiler_flags(processor: str) -> tuple[str, ...]:
         "There is no such choice of processors.",
         processor,
         ("portable", "any", "native"),
-        "portable: PCs since about 2015; any: older ones too, slowly; native: those that are like this one",
+        "portable: PCs since about 2015; any: older ones too, half as fast; native: those that are like this one",
     )
     pc = platform.machine() in X86
     if processor == "native":

@@ -2,21 +2,18 @@
 
 The step is the program that `Controller.step` compiles, with the same rules for samples that fail (see
 `flexhinf.loop.controller.memory`), and a watchdog for measurements that are late or missing.
-
-Names in C: valid identifiers, names of signals, and text that is safe in a comment.
 """
 
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, reduce
 from importlib.resources import files
 from textwrap import wrap
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,74 +30,52 @@ from flexhinf.codegen import (
     Sweep,
     When,
 )
-from flexhinf.codegen.c import Real, Translator, constant
+from flexhinf.codegen.c import Real, Translator, comment, constant
 from flexhinf.codegen.program import Step
 from flexhinf.errors import InvalidInput, refuse_if
+from flexhinf.export.fragments import (
+    BEGINS,
+    DOUBTFUL,
+    DOUBTFUL_DECLARED,
+    EDGE,
+    HOLD,
+    MOVING,
+    MOVING_FIRST,
+    NAMED,
+    PLAUSIBLE,
+    PLAUSIBLE_TEXT,
+    PREDICTION,
+    QUEUED,
+    REJECTED,
+    REJECTED_DECLARED,
+    RESTING,
+    RESTING_FIRST,
+    STANDING,
+    STANDSTILL,
+    STANDSTILL_DECLARED,
+    START,
+    STATUS,
+    STATUS_BITS,
+)
+from flexhinf.export.names import (
+    checked_identifier,
+    constants,
+    named_parameters,
+    number_lines,
+    origin_facts,
+)
+from flexhinf.export.parameter_check import range_rows, ranges
 from flexhinf.loop import Controller, Status
+from flexhinf.loop.controller.measured import plausible
 from flexhinf.loop.controller.memory import SPACING, step_program
 from flexhinf.loop.controller.options import holding_function
+from flexhinf.plant import known, rcond_limit
 from flexhinf.plant.joints import standstill_function
-from flexhinf.validation import unknown_name, value_text
+from flexhinf.scalars import maximum, trace
+from flexhinf.validation import unknown_name
 
-#: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
-RESERVED = frozenset({
-    "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
-    "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
-    "inline", "int", "long", "main", "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
-    "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
-    "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
-    "while", "xor",
-    "assert", "complex", "ctype", "errno", "fenv", "inttypes", "iso646", "limits", "locale", "math", "memory", "setjmp",
-    "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "strings", "tgmath", "threads",
-    "time", "unistd", "wchar", "wctype",
-})  # fmt: skip
-
-LONGEST = 31  # characters that every linker keeps apart
-
-
-def checked_identifier(name: object) -> str:
-    """A name for functions and files.
-
-    Raises InvalidInput: if it is no identifier of C, is reserved, or is too long.
-    """
-    text = name if isinstance(name, str) else ""
-    whole = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text) is not None and len(text) <= LONGEST
-    refuse_if(
-        not whole or text.lower() in RESERVED,
-        "This is no name for C.",
-        f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
-        f"header of its library, got {value_text(name)}",
-        identifier_of(text) if text else "my_arm",
-    )
-    return text
-
-
-def identifier_of(text: str) -> str:
-    """A name for C that looks like the text."""
-    name = re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_").lower()[:LONGEST] or "controller"
-    if not name[0].isalpha() or name in RESERVED:
-        name = f"arm_{name}"[:LONGEST]
-    return name
-
-
-def constants(prefix: str, names: Sequence[str]) -> list[str]:
-    """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
-    chosen: list[str] = []
-    for k, name in enumerate(names):
-        full = f"{prefix}_{re.sub(r'[^A-Z0-9]+', '_', name.upper()).strip('_') or k}"
-        chosen.append(full if full not in chosen else f"{full}_{k}")
-    return chosen
-
-
-#: How characters of units and names are written in ASCII.
-ASCII = str.maketrans({"·": " ", "²": "^2", "³": "^3", "Ω": "Ohm", "°": "deg", "µ": "u", "−": "-"})
-
-
-def comment(text: str) -> str:
-    """A text made safe for a comment of one line: printable ASCII that neither ends nor continues it."""
-    plain = "".join(c if " " <= c <= "~" else "?" for c in text.translate(ASCII))
-    return plain.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
-
+if TYPE_CHECKING:
+    from flexhinf.robot import Robot
 
 #: Columns evaluated at once where the step is composed of loops over the points of a large estimator; a small one gains
 #: nothing by it, and a microcontroller has no vectors.
@@ -144,7 +119,7 @@ GEARS = (
 #: What the header says before them.
 ELEMENTS = "Elements of the arrays below. "
 
-NO_NUMBERS: Mapping[str, float] = MappingProxyType({})
+NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 class ControllerCode:
@@ -157,13 +132,23 @@ class ControllerCode:
     sample, (m,). `codes`: Return values of a step, of `CODES`. `signals`: Names of the elements of y, r, u and the
     state. `units`: Units of signals by name, as far as the model of the estimator has them. `belief`: Where the
     estimate begins, (n,), and the robot must be; None without an estimator. `oldest`: Age beyond which a measurement
-    counts as missing, s. `robot_numbers`: Those of the robot by name; the units of motors' signals state gear ratios.
+    counts as missing, s. `robot`: Its parameters have units, and the units of motors' signals state its gear ratios.
+    `origin`: Which design it is, by what each line states, for the header.
     """
 
     def __init__(
-        self, controller: Controller, name: str, real: Real, robot_numbers: Mapping[str, float] = NO_NUMBERS
+        self,
+        controller: Controller,
+        name: str,
+        real: Real,
+        robot: Robot | None = None,
+        origin: Mapping[str, str] = NOTHING,
     ) -> None:
-        self.controller, self.name, self.real, self.robot_numbers = controller, name, real, robot_numbers
+        self.controller, self.name, self.real, self.origin = controller, name, real, dict(origin)
+        self.robot, self.robot_numbers = robot, {} if robot is None else robot.nominal
+        self.parameter_units = {} if robot is None else {p.name: p.unit for p in robot.parameters}
+        if robot is not None:
+            self.origin = {"robot": robot.name, **self.origin}
         c, estimator = controller, controller.estimator
         self.sizes = {
             "y": len(c.measured), "r": max(1, len(c.commanded)), "data": c.data_vector.size, "memory": c.memory.size,
@@ -176,7 +161,7 @@ class ControllerCode:
         self.scratch = max(work, default=0)
         self.constants = self.sizes["data"] + self.sizes["memory"]
         own = 5 * self.sizes["memory"] + 2 * self.sizes["estimate"] + 2 * self.sizes["u"]
-        self.state_bytes = (own + max(1, self.scratch)) * real.bytes
+        self.state_bytes = (own + max(1, self.scratch) + max(1, self.translator.room)) * real.bytes
         self.initial_memory = c.initial_memory()
         self.safe_input = self.initial_memory[c.memory.places["u"]]
         self.codes = {code: row for code, row in CODES.items() if self.predicts or code != "PREDICTED"}
@@ -202,6 +187,16 @@ class ControllerCode:
     def upper(self, what: str) -> str:
         """A constant's name."""
         return f"{self.name.upper()}_{what}"
+
+    def _parameter_places(self, taken: set[str]) -> list[tuple[str, int, str]]:
+        """Constant, place among the numbers, and unit of each parameter of the estimator's model."""
+        named = list(named_parameters(self.controller, self.parameter_units))
+        texts = constants(self.upper("P"), [name for name, *_ in named])
+        first = self.controller.data.places["parameters"].start if named else 0
+        return [
+            (f"{text}_OF_MODEL" if text in taken else text, first + k, comment(unit) or "no unit stated")
+            for text, (_, k, unit) in zip(texts, named, strict=True)
+        ]
 
     def unit_text(self, name: str) -> str:
         """A signal's unit, and of a motor's where it is meant, with the gear ratio if the robot states one."""
@@ -234,15 +229,39 @@ class ControllerCode:
         """Header and source by the names of their files."""
         return {f"{self.name}.h": self.header, f"{self.name}.c": self.source}
 
-    @cached_property
+    @property
     def header(self) -> str:
         """The text of ``NAME.h``."""
+        return self._header.replace("@DIGEST@", self.digest)
+
+    @property
+    def source(self) -> str:
+        """The text of ``NAME.c``."""
+        return self._source.replace("@DIGEST@", self.digest)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of header and source but for itself, which determine every input that the code computes."""
+        return hashlib.sha256((self._header + self._source).encode()).hexdigest()
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What design it is, and what the controller says of itself."""
+        return {**origin_facts(self.controller, self.origin), **self.controller.summary()}
+
+    @property
+    def _summary(self) -> str:
+        return "\n * ".join(comment(f"{name}: {text}") for name, text in self.facts.items())
+
+    @cached_property
+    def _header(self) -> str:
         c, sizes = self.controller, self.sizes
         places = [
             (self.upper(f"P_{name.upper()}"), place.start, str(place.stop - place.start))
             for name, place in c.data.places.items()
             if place.stop > place.start
         ]
+        parameters = self._parameter_places({name for name, *_ in places})
         signals = []
         for kind, names in self.signals.items():
             texts = [f"{comment(name)}, {self.unit_text(name)}".rstrip(", ") for name in names]
@@ -253,69 +272,112 @@ class ControllerCode:
         return fill(
             template("controller.h"), self.name, self.real,
             PERIOD=constant(c.period, self.real), PERIOD_TEXT=f"{c.period:g}", VERSION=__version__,
-            SUMMARY="\n * ".join(comment(f"{name}: {text}") for name, text in c.summary().items()),
+            SUMMARY=self._summary, FIRST_LINES=self.first_lines,
             LATENCY=c.mode.latency, P=sizes["y"], K=len(c.commanded), M=sizes["u"],
             N=sizes["estimate"], DATA=sizes["data"], MEMORY=sizes["memory"], WORK=max(1, self.scratch), R=sizes["r"],
+            COLUMNS=max(1, self.translator.room),
             REJECTED="" if self.rejected is None else REJECTED_DECLARED,
+            DOUBTFUL=DOUBTFUL_DECLARED if self.doubt is not None else "",
             SIGNALS="\n".join(signals), OFFSETS=enumeration(places),
+            NAMED="" if not parameters else NAMED + enumeration(parameters),
             CODES=enumeration([(self.upper(name), *row) for name, row in self.codes.items()]),
             STATUS=enumeration([(self.upper(str(bit.name)), bit.value, text) for bit, text in zip(Status, STATUS)]),
             SETS="about another state" if self.starts_anywhere
             else "the estimate begins where that of @NAME@_init does",
             BEGINS=BEGINS if self.predicts else "the state is what is measured",
             STANDSTILL="" if self.standstill is None else STANDSTILL_DECLARED,
+            PLAUSIBLE=PLAUSIBLE_TEXT if c.mode.checks_measurements else "",
             GAPS=", not finite (NAN) where a sensor gave nothing" if self.predicts else "",
             ELEMENTS="\n * ".join(wrap(ELEMENTS + GEARS * self.has_motors, 112)),
             EDGE="".join(f"{line}\n * " for line in self.edge),
             COMMAND="\n * ".join(wrap(self.command_text, 112)), FIRST=c.first_input.text,
+            TOLERANCES="" if self.robot is None else " outside the tolerances of the robot file",
             HELD=c.first_input.text if self.starts_anywhere else "that of @NAME@_init",
         )  # fmt: skip
 
     @cached_property
-    def source(self) -> str:
-        """The text of ``NAME.c``."""
+    def _source(self) -> str:
         memory = self.controller.memory.places
-        start, standstill = self._start, self._standstill  # which may need functions
+        start, standstill, believed = (
+            self._start,
+            self._standstill,
+            self._plausible,
+        )  # which may need functions
         functions = str(self.translator).replace(f"{self.real.name} ", "real ")
         return fill(
             template("controller.c"), self.name, self.real,
-            START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
+            SUMMARY=self._summary, START=start, STANDSTILL=standstill, QUEUED=self._queued, VERSION=__version__,
             ARITHMETIC=arithmetic(self.name, self.real),
-            DEFAULTS=self.numbers(self.controller.data_vector, "        "),
+            DEFAULTS=number_lines(self.controller, self.defaults, self.real, self.parameter_units),
             OLDEST=constant(self.oldest, self.real), MISSING=MISSING_LIMIT if self.predicts else 0,
             INITIAL=self.numbers(self.initial_memory),
             FUNCTIONS=functions + (PREDICTION if self.predicts else ""), MEASURED=self._call("input->y"),
-            PREDICTED=f"{self.name}_predict(state, param, input)" if self.predicts else self.upper("STOPPED"),
+            PREDICTED=f"{self.name}_predict(state, param, input, in_time)" if self.predicts else self.upper("STOPPED"),
             PREDICTED_CALL=self._call("nothing") if self.predicts else "",
             THERE=f" && {self.name}_some(input->y)" if self.predicts else "",
+            BELIEVED=f" && {self.name}_believed(state, param, input->y)" if believed else "", PLAUSIBLE=believed,
             OR_PREDICTED=f" || code == {self.upper('PREDICTED')}" if self.predicts else "",
             U=memory["u"].start, REFERENCE=memory["reference"].start,
             COMMANDED=memory["reference"].stop - memory["reference"].start, SPACING=SPACING,
             REJECTED="" if self.rejected is None else REJECTED.format(f"state->memory[{self.rejected} + i]"),
             NONE_REJECTED="" if self.rejected is None else REJECTED.format("0").replace("\n", "\n    "),
+            DOUBTFUL="" if self.doubt is None else DOUBTFUL.format(self.doubt, self.doubt + 1),
+            NONE_DOUBTFUL="" if self.doubt is None else "\n        output->doubtful = 0;",
             STATUS=STATUS_BITS.format(memory["status"].start) if "status" in memory else "",
             PATH_RATE=f"state->memory[{memory['stop'].stop - 1}]" if "stop" in memory else constant(1.0, self.real),
-            ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(),
+            RANGES=range_rows(ranges(self.controller, self.defaults, self.robot), self.real),
+            ZERO=constant(0.0, self.real), F=self.real.suffix, SUFFIX=self.real.suffix.upper(), BYTES=self.real.bytes,
         )  # fmt: skip
 
     @property
+    def _plausible(self) -> str:
+        """C that says whether something plausible is measured; "" without limits of measurements."""
+        c, p = self.controller, self.sizes["y"]
+        if not c.mode.checks_measurements or c.estimator is None:
+            return ""
+        turns = c.estimator.plant.angle_places(c.estimator.plant.outputs)
+
+        def some(y: Any, seen: Any, *limits: Any) -> Any:
+            return np.array([reduce(maximum, known(plausible(turns, y, seen.reshape(3, p), *limits)[0]))])
+
+        call = self.translator.function(trace(some, p, 3 * p, 1, p, p, p, name="plausible"))
+        parts = ("PERIOD", "MEASUREMENT_LOWER", "MEASUREMENT_UPPER", "MEASUREMENT_RATE")
+        limits = ", ".join(f"param->value + {self.upper(f'P_{part}')}" for part in parts)
+        text = PLAUSIBLE.replace("@CALL@", call).replace("@LIMITS@", limits)
+        return text.replace("@SEEN@", str(c.memory.places["seen"].start))
+
+    @property
+    def doubt(self) -> int | None:
+        """Where the memory says whether the estimate is in doubt, and at how many samples it was, (2,); None of an
+        estimator that does not say."""
+        place = self.controller.memory.places.get("doubt")
+        return None if place is None else place.start
+
+    @property
+    def defaults(self) -> np.ndarray:
+        """Numbers of the step; what counts as lost digits is that of the type."""
+        numbers = np.array(self.controller.data_vector)
+        if self.doubt is not None:
+            eps = np.finfo(np.float64 if self.real.name == "double" else np.float32).eps
+            numbers[self.controller.data.places["rcond_limit"]] = rcond_limit(float(eps))
+        return numbers
+
+    @property
     def rejected(self) -> int | None:
-        """Where the memory counts the rejected measurements, (p,); None without a gate."""
-        estimator = self.controller.estimator
+        """Where the memory counts rejected measurements, (p,); None without a gate and limits of measurements."""
+        estimator, checks = self.controller.estimator, self.controller.mode.checks_measurements
+        if checks:
+            return self.controller.memory.places["seen"].start + 2 * self.sizes["y"]
         if estimator is None or "rejected" not in estimator.initial._fields:
             return None
         kept = [np.size(part) for part in estimator.initial]
         place = estimator.initial._fields.index("rejected")
         return self.controller.memory.places["belief"].start + sum(kept[:place])
 
-    @property
-    def digest(self) -> str:
-        """SHA-256 of header and source, which determine every input that the code computes."""
-        return hashlib.sha256((self.header + self.source).encode()).hexdigest()
-
     def _call(self, measurement: str) -> str:
         places = {"y": measurement, "r": "input->r", "data": "param->value", "scratch": "state->work"}
         arguments = [places.get(b.name, f"state->{b.name}") for b in self.program.buffers]
+        arguments += ["state->columns"] * (self.translator.room > 0)
         return f"{self.name}_sample({', '.join(arguments)})"
 
     @property
@@ -345,6 +407,16 @@ class ControllerCode:
             return STANDING if self.controller.commanded else "There is no command."
         later = ", @BIG@_LATENCY periods later" if self.controller.mode.latency else ""
         return MOVING.format(latency=later, resting="" if self.standstill is None else RESTING)
+
+    @property
+    def first_lines(self) -> str:
+        """The header's first lines, where a command of positions alone would be wrong."""
+        if not self.controller.mode.moving:
+            return ""
+        text = MOVING_FIRST.format(
+            len(self.controller.commanded), "" if self.standstill is None else RESTING_FIRST
+        )
+        return "".join(f" * {line}\n" for line in [*wrap(text, 112), ""]).replace(" * \n", " *\n")
 
     @property
     def edge(self) -> list[str]:
@@ -380,121 +452,12 @@ class ControllerCode:
         return False
 
 
-#: What a start assumes.
-BEGINS = """the estimate begins at the state that is stated with the constants
- * @BIG@_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs
- * may be as large as their limits. Call @NAME@_start where it is elsewhere"""
-
-#: The estimate at the start, where it can be set.
-START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
-        @NAME@_copy(estimate, state->start, @BIG@_STATES);
-        @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
-    }"""
-
-#: Inputs that wait at the start.
-QUEUED = """
-    for (int i = 0; i < @BIG@_LATENCY * @BIG@_INPUTS; ++i) {
-        state->start[@QUEUE@ + i] = state->start[@U@ + i % @BIG@_INPUTS];
-    }"""
-
-#: The input that holds it there.
-HOLD = """
-        if (!same(estimate, initial_memory, @BIG@_STATES)) {
-            real held[@BIG@_INPUTS];
-            @HOLDING@;
-            if (@NAME@_finite(held, @BIG@_INPUTS)) {
-                limit(param, held, state->start + @U@);
-            }
-        }"""
-
-#: What a command is: positions, or a motion; where the model says what rests; and how a workspace is braked at.
-STANDING = "input.r are the positions to go to. A jump is a step, and zeros are positions too."
-MOVING = (
-    "input.r is a motion: the state and the input that the robot has on its way when the output acts{latency}. At rest "
-    "it is an equilibrium and the input that holds it, never positions alone: with zeros behind them they are another "
-    "motion, the robot swings, and every step returns @BIG@_OK.{resting} On the way positions must not jump, nor their "
-    "velocities and accelerations: a quintic in time, for instance. In Python fh.Moving(plan, robot.inverse_dynamics) "
-    "gives all these numbers, .state(t) and .input(t), and robot.operating_point(q) those of rest."
-)
-RESTING = (
-    " At link positions q these are q, 0, q + g/K (of each joint the weight g and the spring K), 0, and the input that "
-    "holds g: @NAME@_rest computes them."
-)
-EDGE = (
-    "It brakes where a command is outside of the workspace, not before, and at a speed v rests up to v * {:g} s "
-    "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
-    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. From outside no way is "
-    "braked, further out neither."
-)
-
-#: The command that rests; as the header declares it, and its definition.
-STANDSTILL_DECLARED = """
-
-/* The command that rests at link positions (q): writes r, whose beginning q may be. Its first @BIG@_STATES numbers are
- * the state, and the others the input, with which @NAME@_start begins there. Returns @BIG@_BAD_COMMAND where r is not
- * finite. Not there with -D@BIG@_WITHOUT_REST. */
-int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r);"""
-STANDSTILL = """
-
-#ifndef @BIG@_WITHOUT_REST
-@TRACED@
-
-int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
-{
-    @CALL@(q, param->value + @BIG@_P_PARAMETERS, r);
-    return @NAME@_finite(r, @BIG@_COMMANDS) ? @BIG@_OK : @BIG@_BAD_COMMAND;
-}
-#endif"""
-
-#: Bits of the status, whose four numbers are a part of the memory.
-STATUS_BITS = """
-    for (int i = 0; i < 4; ++i) {{
-        output->status |= (state->memory[{} + i] > 0) << i;
-    }}"""
-
-#: Counts of rejected measurements, which are a part of the memory.
-REJECTED_DECLARED = """
-    int rejected[@BIG@_MEASUREMENTS];    /* how often each measurement was rejected as an outlier since the start */"""
-REJECTED = """
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {{
-        output->rejected[i] = (int){};
-    }}"""
-
-#: What these bits say.
-STATUS = (
-    "the command is outside of the positions that the design is for",
-    "an input swings to and fro while the command rests",
-    "an input has been at a limit for long",
-    "the command is replaced, or the path rate falls",
-)
-
-#: Whether something is measured; and the step where nothing is, in which a finite result has a code of its own.
-PREDICTION = """
-static int @NAME@_some(const real *y)
-{
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        if (isfinite(y[i])) {
-            return 1;
-        }
-    }
-    return 0;
-}
-
-static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input)
-{
-    real nothing[@BIG@_MEASUREMENTS];
-    int code;
-    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
-        nothing[i] = HUGE_VAL@SUFFIX@;
-    }
-    code = @PREDICTED_CALL@;
-    return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
-}
-"""
-
-
 def code_of(
-    controller: Controller, name: str, real: str, robot_numbers: Mapping[str, float] = NO_NUMBERS
+    controller: Controller,
+    name: str,
+    real: str,
+    robot: Robot | None = None,
+    origin: Mapping[str, str] = NOTHING,
 ) -> ControllerCode:
     """The code of a controller in a type, checked."""
     if real not in ("double", "float"):
@@ -507,7 +470,7 @@ def code_of(
     )
     if real == "float":  # for a microcontroller: less code counts more than the simulation's own bits
         controller = controller.in_pieces()
-    return ControllerCode(controller, checked_identifier(name), Real(real), robot_numbers)
+    return ControllerCode(controller, checked_identifier(name), Real(real), robot, origin)
 
 
 def _operations(step: Step) -> int:

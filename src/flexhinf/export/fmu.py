@@ -1,64 +1,41 @@
-"""FMUs of FMI 2.0 for co-simulation: a controller, or the plant itself, for Simulink, OpenModelica and others.
-
-An FMU is an archive: a description of its variables, the sources, and the library that this machine's C compiler makes
-of them.
-"""
+"""FMUs for co-simulation (FMI 2.0 or 3.0): a controller, or the plant itself, for Simulink, OpenModelica and others."""
 
 from __future__ import annotations
 
-import hashlib
-import io
 import os
-import platform
-import sys
-import uuid
-import zipfile
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
-from xml.sax.saxutils import quoteattr
+from typing import Any
 
 import numpy as np
 
-from flexhinf import __version__
-from flexhinf.codegen.c import Real, Translator
+from flexhinf.codegen.c import Translator
 from flexhinf.errors import refuse_if
-from flexhinf.export.compiled import shared_library
 from flexhinf.export.controller_c import (
     MISSING_LIMIT,
+    ControllerCode,
     arithmetic,
-    checked_identifier,
     code_of,
     fill,
     template,
 )
-from flexhinf.files import write_file
+from flexhinf.export.fmu_archive import DOUBLE, Variable, write_fmu
+from flexhinf.export.names import checked_identifier
+from flexhinf.export.refusals import check_limits
 from flexhinf.loop import Controller
 from flexhinf.loop.controller.options import checked_period
 from flexhinf.plant import Plant, sub_steps
-from flexhinf.validation import checked_path, real_array, value_text
-
-DOUBLE = Real("double")
-
-#: What a file is dated in the archive, so that the same model gives the same bytes.
-DATE = (2020, 1, 1, 0, 0, 0)
+from flexhinf.validation import real_array, value_text
 
 
-@dataclass(frozen=True)
-class Variable:
-    """A variable of a model; its reference is its place among those of its kind."""
-
-    name: str
-    causality: Literal["input", "output", "parameter"]
-    start: float
-    unit: str = ""
-    kind: Literal["Real", "Integer", "Boolean"] = "Real"
-    about: str = ""
-
-
-def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str = "controller") -> Path:
-    """Write a controller as an FMU for co-simulation (FMI 2.0).
+def export_fmu(
+    controller: Controller,
+    path: str | os.PathLike[str],
+    name: str = "controller",
+    fmi: str = "2.0",
+    limits: bool = True,
+) -> Path:
+    """Write a controller as an FMU for co-simulation.
 
     One communication step is one sample, or several with the inputs held: measurements and commands are read at its
     beginning, and ``u`` after it acts the controller's latency later: with one sample, at the
@@ -71,10 +48,27 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
         Of the file, ``.fmu`` by custom; replaced if it is there.
     name : str
         A C identifier.
+    fmi : {"2.0", "3.0"}
+        Version of the standard. Variables and results are the same.
+    limits : bool
+        As for `export_c`.
 
-    Raises InvalidInput: as `export_c`; or there is no C compiler (``CC``, cc, gcc, clang), or it fails.
+    Raises InvalidInput: as `export_c`; for another version; or there is no C compiler (``CC``, cc, gcc, clang), or it
+    fails.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> import tempfile
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=np.inf), None, 1e-3, 48.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     fh.export_fmu(controller, f"{folder}/controller.fmu").name
+    'controller.fmu'
     """
     code = code_of(controller, name, "double")
+    if limits:
+        check_limits(controller)
     c, signals, units = code.controller, code.signals, code.units
     if c.estimator is None:
         measured = np.asarray(c.law.operating_point, dtype=float)[: len(c.measured)]
@@ -84,6 +78,7 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
         measured = np.ravel(np.asarray(output, dtype=float))
     belief = code.belief if code.starts_anywhere else None
     y, r, u, x = (signals[kind] for kind in "YRUX")
+    starts = [f"start.{name}" for name in (() if belief is None else x)]
     rows = (
         ("measured", "input", y, measured, ""),
         ("command", "input", r, c.operating_reference, ""),
@@ -91,7 +86,7 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
         ("upper", "parameter", u, np.minimum(c.limits.upper, 1e300), "largest input"),
         ("start", "parameter", () if belief is None else x, () if belief is None else belief,
          "where the estimate begins"),
-        ("u", "output", u, code.safe_input, ""),
+        ("u", "output", u, code.safe_input, "", [(f"lower.{name}", f"upper.{name}", *starts) for name in u]),
         ("estimate", "output", x, np.zeros(len(x)), ""),
     )  # fmt: skip
     variables = [
@@ -112,18 +107,40 @@ def export_fmu(controller: Controller, path: str | os.PathLike[str], name: str =
             "output",
             0,
             kind="Integer",
-            about="bits: outside workspace, limit cycle, saturation, reacting",
+            about="bits: outside workspace, limit cycle, saturation, reacting, doubtful estimate",
         ),
+        *(Variable(name, "output", 0, kind="Integer", about=about) for name, about in _counts(code).items()),
         Variable("is_measured", "input", 1, kind="Boolean", about="whether there is a measurement"),
     ]
     model = fill(
         template("fmu_controller.h"), code.name, DOUBLE,
         PERIOD=repr(c.period), PERIOD_TEXT=f"{c.period:g}",
         START=code.numbers([variable.start for variable in variables if variable.kind == "Real"], "        "),
-        STARTS=0 if belief is None else len(belief),
+        STARTS=0 if belief is None else len(belief), **_counted(code),
     )  # fmt: skip
     sources = {f"{code.name}.c": code.source, f"{code.name}.h": code.header, f"{code.name}_model.h": model}
-    return _write(path, code.name, f"sampled controller of {c.period:g} s", c.period, variables, sources)
+    about = f"sampled controller of {c.period:g} s"
+    return write_fmu(path, code.name, about, c.period, variables, sources, fmi)
+
+
+def _counts(code: ControllerCode) -> dict[str, str]:
+    """Names of counts since the start, and what they count."""
+    doubt = {"doubtful": "samples at which the estimate was in doubt"} if code.doubt is not None else {}
+    outliers = [] if code.rejected is None else code.signals["Y"]
+    return {**doubt, **{f"rejected.{name}": "measurements that the gate rejected" for name in outliers}}
+
+
+def _counted(code: ControllerCode) -> dict[str, Any]:
+    """Marks of the model: how many counts there are, and statements that copy them."""
+    doubt, outliers = int(code.doubt is not None), 0 if code.rejected is None else len(code.signals["Y"])
+    copies = ["    model->integer[FIRST_COUNT] = output.doubtful;"] * doubt
+    if outliers:
+        copies += [
+            f"    for (int i = 0; i < {outliers}; ++i) {{",
+            f"        model->integer[FIRST_COUNT + {doubt} + i] = output.rejected[i];",
+            "    }",
+        ]
+    return {"COUNTS": doubt + outliers, "COUNTED": "".join(f"\n{line}" for line in copies)}
 
 
 def export_plant_fmu(
@@ -133,8 +150,9 @@ def export_plant_fmu(
     period: float = 1e-3,
     state: Any = None,
     input: Any = None,
+    fmi: str = "2.0",
 ) -> Path:
-    """Write a plant as an FMU for co-simulation (FMI 2.0): the elastic robot itself.
+    """Write a plant as an FMU for co-simulation: the elastic robot itself.
 
     Integrated as in `Loop`, by the classical Runge–Kutta method with as many steps per period as its fastest mode asks
     for. Inputs are those of the motors and the disturbances, outputs the measured signals and the state; the plant's
@@ -142,7 +160,7 @@ def export_plant_fmu(
 
     Parameters
     ----------
-    path, name
+    path, name, fmi
         As for `export_fmu`.
     period : float
         Smallest communication step, s.
@@ -164,13 +182,14 @@ def export_plant_fmu(
         for label, value in plant.parameters.values.items()
         for k in range(int(np.size(value)))
     ]
+    starts = [f"start.{label}" for label in plant.states]
     rows = (
         ("u", "input", plant.inputs, acting, ""),
         ("disturbance", "input", plant.disturbances, np.zeros(sizes[1]), ""),
         ("parameter", "parameter", labels, parameters, ""),
         ("start", "parameter", plant.states, start, ""),
-        ("measured", "output", plant.outputs, measured, ""),
-        ("state", "output", plant.states, start, ""),
+        ("measured", "output", plant.outputs, measured, "", _needed(plant, starts, labels)),
+        ("state", "output", plant.states, start, "", [(label,) for label in starts]),
     )
     variables = _variables(rows, plant.unit)
     steps = sub_steps(period, plant.fastest_mode(start))
@@ -184,7 +203,17 @@ def export_plant_fmu(
         START=",\n".join(f"        {variable.start!r}" for variable in variables[: sum(sizes)]),
     )  # fmt: skip
     about = f"plant in {steps} steps per {period:g} s"
-    return _write(path, name, about, period, variables, {f"{name}_model.h": model})
+    return write_fmu(path, name, about, period, variables, {f"{name}_model.h": model}, fmi)
+
+
+def _needed(plant: Plant, starts: Sequence[str], labels: Sequence[str]) -> list[tuple[str, ...]]:
+    """What each measured signal is computed from at the start."""
+    kinds = (starts, [f"u.{name}" for name in plant.inputs], [f"parameter.{label}" for label in labels])
+    output, needed = plant.traced_output, [[] for _ in plant.outputs]
+    for k, names in enumerate(kinds):
+        for row, column in zip(*output.jac_sparsity(0, k).get_triplet(), strict=True):
+            needed[row].append(names[column])
+    return [tuple(names) for names in needed]
 
 
 def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
@@ -199,73 +228,16 @@ def _start(start: Any, names: Sequence[str], what: str) -> np.ndarray:
 
 
 def _variables(rows: Iterable[tuple[Any, ...]], unit: Callable[[str], str]) -> list[Variable]:
+    """The variables of rows: prefix, causality, names, start values, description, and what each starts from."""
     return [
-        Variable(f"{prefix}.{name}", causality, float(value), unit(name), about=about)
-        for prefix, causality, names, values, about in rows
-        for name, value in zip(names, values, strict=True)
+        Variable(
+            f"{prefix}.{name}", causality, float(value), unit(name), about=about, starts_from=starts_from
+        )
+        for prefix, causality, names, values, about, *starts in rows
+        for name, value, starts_from in zip(names, values, *(starts or [[None] * len(names)]), strict=True)
     ]
 
 
 def _called(name: str, function: Any, arguments: Sequence[str], result: str) -> str:
     kept = [text for k, text in enumerate(arguments) if function.numel_in(k)]
     return f"{name}({', '.join([*kept, result])});"
-
-
-# The archive ------------------------------------------------------------------------------------------
-def _write(
-    path: str | os.PathLike[str], name: str, about: str, period: float, variables: Sequence[Variable],
-    sources: dict[str, str],
-) -> Path:  # fmt: skip
-    # period, s: smallest communication step, others are whole multiples; variables: those of a kind in the order of
-    # their references; sources: files of C without the shell
-    target, model = checked_path("The FMU", path), (name, about, period, variables, sources)
-    guid = "{" + str(uuid.UUID(hashlib.sha256(repr(model).encode()).hexdigest()[:32])) + "}"
-    own = [file for file in (f"{name}.c",) if file in sources]
-    text = _description(name, about, period, variables, [*own, f"{name}_fmu.c"], guid)
-    sources = {file: code.replace("@GUID@", guid) for file, code in sources.items()}
-    sources[f"{name}_fmi2.h"] = fill(template("fmi2.h"), name, DOUBLE)
-    sources[f"{name}_fmu.c"] = fill(template("fmu.c"), name, DOUBLE, VERSION=__version__)
-    system = {"Darwin": ("darwin", "dylib"), "Windows": ("win", "dll")}
-    short, ending = system.get(platform.system(), ("linux", "so"))
-    folder = short + ("64" if sys.maxsize > 2**32 else "32")
-    files: dict[str, bytes] = {
-        "modelDescription.xml": text.encode(),
-        **{f"sources/{file}": code.encode() for file, code in sources.items()},
-        f"binaries/{folder}/{name}.{ending}": shared_library(sources),
-    }
-    archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as packed:
-        for file, content in files.items():
-            packed.writestr(zipfile.ZipInfo(file, DATE), content, zipfile.ZIP_DEFLATED)
-    write_file(target, "FMU", lambda part: Path(part).write_bytes(archive.getvalue()))
-    return target
-
-
-def _description(
-    name: str, about: str, period: float, variables: Sequence[Variable], files: Sequence[str], guid: str
-) -> str:
-    references, entries = {"Real": 0, "Integer": 0, "Boolean": 0}, []
-    for variable in variables:
-        kind, parameter = variable.kind, variable.causality == "parameter"
-        start = str({"Real": float, "Integer": int, "Boolean": bool}[kind](variable.start)).lower()
-        continuous = kind == "Real" and variable.causality == "input"
-        variability = "fixed" if parameter else "continuous" if continuous else "discrete"
-        initial = "" if variable.causality == "input" else ' initial="exact"'
-        unit = f" unit={quoteattr(variable.unit)}" if variable.unit else ""
-        stated = f" description={quoteattr(variable.about)}" if variable.about else ""
-        entries.append(
-            f'    <ScalarVariable name={quoteattr(variable.name)} valueReference="{references[kind]}" '
-            f'causality="{variable.causality}" variability="{variability}"{initial}{stated}>'
-            f'<{kind} start="{start}"{unit}/></ScalarVariable>'
-        )
-        references[kind] += 1
-    units = sorted({variable.unit for variable in variables if variable.unit})
-    named = [f"    <Unit name={quoteattr(unit)}/>" for unit in units]
-    outputs = [k for k, variable in enumerate(variables, 1) if variable.causality == "output"]
-    return fill(
-        template("modelDescription.xml"), name, DOUBLE, GUID=guid, VERSION=__version__,
-        FILES="\n".join(f'      <File name="{name}"/>' for name in files), PERIOD=repr(period),
-        UNITS="\n".join(["  <UnitDefinitions>", *named, "  </UnitDefinitions>", ""]) if units else "",
-        OUTPUTS="\n".join(f'      <Unknown index="{k}"/>' for k in outputs), ABOUT=quoteattr(about),
-        VARIABLES="\n".join(entries),
-    )  # fmt: skip

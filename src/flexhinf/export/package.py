@@ -11,7 +11,6 @@ import os
 import re
 import subprocess
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,31 +20,33 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flexhinf import __version__
-from flexhinf.codegen.c import constant
+from flexhinf.codegen.c import comment, constant
 from flexhinf.errors import InvalidInput, NumericalFailure, refuse_if
-from flexhinf.export.compiled import build, cortex_m4_bytes
+from flexhinf.export.compiled import build, compiler_flags
 from flexhinf.export.controller_c import (
     GEARS,
     MISSING_LIMIT,
-    NO_NUMBERS,
+    NOTHING,
     ControllerCode,
     code_of,
-    comment,
     fill,
     template,
 )
+from flexhinf.export.names import PARTS
+from flexhinf.export.refusals import check_limits
+from flexhinf.export.ros2 import ros2_files
+from flexhinf.export.stack import stack_text
 from flexhinf.files import write_file
 from flexhinf.loop import Controller, Loop, Samples
 from flexhinf.loop.controller.options import equilibrium_line
-from flexhinf.validation import checked_path, value_text
+from flexhinf.validation import checked_path
 
 if TYPE_CHECKING:
     from flexhinf.robot import Robot
 
-#: Largest error of the test vector relative to an input's largest value. In double it is zero where the processor has a
-#: fused multiply-add, and what other roundings leave of ill-conditioned covariances where it has none (1e-10 was seen).
-#: In float it is that of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C compiler
-#: is at hand, and a controller beyond this is refused.
+#: Largest error of the test vector relative to an input's largest value: in double of the C library's functions, where
+#: they are called; in float of covariances and gains of 24 bits: 1e-6 to 2 % were seen, so it is measured where a C
+#: compiler is at hand, and a controller beyond this is refused.
 TOLERANCE = {"double": 1e-9, "float": 5e-2}
 
 #: What a test vector in float allows: this many times what was measured, as other processors round otherwise.
@@ -55,7 +56,8 @@ SPARE, MIN_TOLERANCE = 5.0, 1e-5
 AROUND = {
     "main.c": "main.c", "Makefile": "Makefile", "CMakeLists.txt": "CMakeLists.txt",
     "cortex_m4/board.c": "cortex_m4/board.c", "cortex_m4/board.ld": "cortex_m4/board.ld",
-    "templates/NAME.ino": "sketch.ino", "templates/NAME_ros2_controller.cpp": "ros2_controller.cpp",
+    "cortex_m4/periodic.c": "cortex_m4/periodic.c", "cortex_m4/recorded.c": "cortex_m4/recorded.c",
+    "templates/NAME.ino": "sketch.ino", "templates/NAME_freertos.c": "freertos.c",
 }  # fmt: skip
 
 
@@ -66,6 +68,8 @@ def export_c(
     real: str = "double",
     force: bool = False,
     robot: Robot | None = None,
+    origin: Mapping[str, str] = NOTHING,
+    limits: bool = True,
 ) -> Path:
     """Write a controller as dependency-free C99: header, source, test vector, and further files for firmware.
 
@@ -83,7 +87,11 @@ def export_c(
     force : bool
         Write into a folder that is not empty: files of the same names are replaced, others stay.
     robot : Robot, optional
-        Whose gear ratios stand with the units of motors' signals.
+        Whose name, parameters with units, and gear ratios stand in the header.
+    origin : mapping of str to str, optional
+        Lines for header and README that say which design this is: ``{"drawing": "A-1234, revision C"}``.
+    limits : bool
+        Whether every input must have limits; False exports a controller that may ask for any value.
 
     Returns
     -------
@@ -93,12 +101,26 @@ def export_c(
     Raises
     ------
     InvalidInput
-        If the name is none for C, the type is unknown, the folder is not empty, or numbers or law do not fit the type.
+        If the name is none for C, the type is unknown, the folder is not empty, an input has no limits, or numbers or
+        law do not fit the type.
     Unsupported
         If law or estimator need an operation that has no form in C.
+
+    Examples
+    --------
+    >>> import flexhinf as fh
+    >>> import numpy as np
+    >>> import tempfile
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=np.inf), None, 1e-3, 48.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     written = fh.export_c(controller, f"{folder}/c")
+    ...     (written / "controller.h").is_file()
+    True
     """
-    target = checked_folder(folder, force)
-    write_files(target, controller_files(controller, name, real, robot))
+    target, files = checked_folder(folder, force), controller_files(controller, name, real, robot, origin)
+    if limits:
+        check_limits(controller)
+    write_files(target, files)
     return target
 
 
@@ -135,87 +157,27 @@ def write_files(folder: Path, files: Mapping[str, str | bytes]) -> None:
         write_file(path, "exported file", lambda part, data=data: Path(part).write_bytes(data))
 
 
-def check_room(controller: Controller, real: str, period: str = "", flash: str = "", ram: str = "") -> str:
-    """Refuse a controller that does not fit a firmware; a note on what could not be counted, or "".
-
-    `period`: Of the firmware's loop, such as "1ms"; empty for any. `flash`, `ram`: Room for
-    code and constants, and for the state, such as "32kB"; empty for any. The code is counted for a Cortex-M4F where
-    arm-none-eabi-gcc is installed. Raises InvalidInput: if the period is another one, or code, constants or state are
-    larger.
-    """
-    refuse_if(
-        period and abs(_quantity(period, SECONDS) - controller.period) > 1e-9 * controller.period,
-        "The firmware's period is not the controller's.",
-        f"expected {controller.period:g} s, for which law and estimator are made, got {value_text(period)}",
-        "a design with --period of that length",
-    )
-    code = code_of(controller, "controller", real)
-    whole, constants = cortex_m4_bytes(code) if flash else None, code.constants * code.real.bytes
-    kind, where = (
-        ("constants", "") if whole is None else ("code and constants", ", compiled for a Cortex-M4F")
-    )
-    rows = (
-        ("--flash", flash, f"{kind} need", constants if whole is None else whole, where,
-         "--degrees 2 at the design, --real float"),
-        ("--ram", ram, "state needs", code.state_bytes, "",
-         "--real float, an extended Kalman filter (--estimator ekf), --degrees 2"),
-    )  # fmt: skip
-    for option, stated, what, needed, where, advice in rows:
-        refuse_if(
-            stated and needed > _quantity(stated, BYTES),
-            f"The controller does not fit: its {what} more room.",
-            f"expected at most {value_text(stated)} ({option}), got {needed} bytes in the type {real}{where}",
-            advice,
-        )
-    return NOT_COUNTED.format(constants) if flash and whole is None else ""
-
-
-#: What --flash says where the code cannot be compiled.
-NOT_COUNTED = (
-    "--flash was compared with the constants alone, {} bytes: the code is counted where arm-none-eabi-gcc is "
-    "installed, and is usually several times as large."
-)
-
-
-#: Units of times and sizes.
-SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
-BYTES = {"": 1.0, "b": 1.0, "kb": 1e3, "kib": 1024.0, "mb": 1e6, "mib": 1024.0**2}
-
-
-def _quantity(text: str, units: Mapping[str, float]) -> float:
-    match = re.fullmatch(r"\s*([0-9.]+(?:e[-+]?[0-9]+)?)\s*([a-zµ]*)\s*", text.lower())
-    value = -1.0
-    with suppress(ValueError, KeyError):
-        value = float(match.group(1)) * units[match.group(2)] if match else value
-    refuse_if(
-        not 0.0 < value < 1e30,
-        "This is no positive quantity.",
-        f"expected a number and one of {', '.join(unit for unit in units if unit)}, got {value_text(text)}",
-        f"1{list(units)[2]}",
-    )
-    return value
-
-
 def controller_files(
-    controller: Controller, name: str = "controller", real: str = "double", robot: Robot | None = None
+    controller: Controller,
+    name: str = "controller",
+    real: str = "double",
+    robot: Robot | None = None,
+    origin: Mapping[str, str] = NOTHING,
 ) -> dict[str, str]:
     """The files of `export_c`: relative path to text; raises as it does."""
-    code = code_of(controller, name, real, NO_NUMBERS if robot is None else robot.nominal)
+    code = code_of(controller, name, real, robot, origin)
     run = record(code.controller, exact=np.float32 if real == "float" else np.float64)
+    runs = (run,) if real == "float" else with_both_roundings(code.controller, run)
     allowed, accuracy = _accuracy(code, run)
-
-    commands, measured = (
-        ", ".join('"' + comment(name).replace('"', "'") + '"' for name in code.signals[kind]) for kind in "UY"
-    )
     text, home = _home(code)
     marks = {
         "VERSION": __version__, "PERIOD_US": round(1e6 * code.controller.period), "R": code.sizes["r"],
         "HOME": ", ".join(constant(float(v), code.real) for v in home), "HOME_TEXT": text,
-        "COMMAND_INTERFACES": commands, "STATE_INTERFACES": measured,
+        "FABS": f"fabs{code.real.suffix}", "MISSING": _missing(code),
     }  # fmt: skip
     return {
         **code.files,
-        f"{name}_test.c": _test(code, run, allowed),
+        f"{name}_test.c": _test(code, runs, allowed),
         "README.md": _readme(code, run, accuracy),
         **{
             path.replace("NAME", name): fill(
@@ -223,6 +185,7 @@ def controller_files(
             )
             for path, file in AROUND.items()
         },
+        **ros2_files(code, home),
     }
 
 
@@ -240,7 +203,9 @@ def _home(code: ControllerCode) -> tuple[str, np.ndarray]:
 
 
 #: The array of the command in the templates.
-COMMAND_ARRAYS = {"main.c": "input.r", "sketch.ino": "r", "ros2_controller.cpp": "reference_"}
+COMMAND_ARRAYS = {
+    "main.c": "input.r", "sketch.ino": "r", "cortex_m4/periodic.c": "input.r", "freertos.c": "input.r",
+}  # fmt: skip
 
 
 def _standstill(code: ControllerCode, file: str) -> str:
@@ -257,13 +222,12 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
     In float it is measured with this machine's C compiler, if there is one. Raises InvalidInput if more is lost than a
     test vector may allow.
     """
-    most = TOLERANCE[code.real.name]
+    most, plainly = TOLERANCE[code.real.name], (f"-D{code.upper('PLAIN')}",)
     if code.real.name == "double":
-        return (
-            most,
-            f"the simulation's bits with fused multiply-adds, {most:.0e} of the largest value without",
-        )
-    fused, plain = (_measured_error(code, run, flags) for flags in ((), (f"-D{code.upper('PLAIN')}",)))
+        same = f"nothing, if {code.name}_fused is 1 in a simulation with fused multiply-adds, and else in one without"
+        called = f"{same}, but for the C library's functions: the test vector allows {most:.0e}"
+        return (most, called) if code.translator.calls_library else (0.0, same)
+    fused, plain = (_measured_error(code, run, flags) for flags in (compiler_flags("portable"), plainly))
     vector = "the test vector allows"
     if fused is None or plain is None:
         return most, f"not measured: no C compiler for this machine was found; {vector} {100 * most:g} %"
@@ -285,12 +249,11 @@ def _accuracy(code: ControllerCode, run: Recording) -> tuple[float, str]:
 
 def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) -> float | None:
     """Largest error in the test vector, built for this machine; infinite where a result is not finite."""
-    texts = {**code.files, "test.c": _test(code, run, TOLERANCE[code.real.name])}
+    texts = {**code.files, "test.c": _test(code, (run,), TOLERANCE[code.real.name])}
     try:
         with TemporaryDirectory() as work:
-            output = subprocess.run(
-                [build(texts, Path(work), ("-O1", *flags))], capture_output=True, text=True, check=False
-            ).stdout
+            built = build(texts, Path(work), ("-O1", *flags))
+            output = subprocess.run([built], capture_output=True, text=True, check=False).stdout
     except (InvalidInput, OSError):  # there is none, or the one that CC names compiles for another machine
         return None
     match = re.search(r"largest relative error (\S+)", output)
@@ -299,10 +262,11 @@ def _measured_error(code: ControllerCode, run: Recording, flags: Sequence[str]) 
     return None if refused else error if math.isfinite(error) else math.inf
 
 
-def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
-    """The test vector as C; its stored inputs are exact, so that C and Python compute with the same numbers."""
-    size = np.maximum(np.abs(run.u).max(axis=0), 1e-30)
+def _test(code: ControllerCode, runs: Sequence[Recording], allowed: float) -> str:
+    """The test vector as C, of one run for both roundings or one for each; stored inputs are exact, as in Python."""
+    run, size = runs[-1], np.maximum(np.abs(runs[-1].u).max(axis=0), 1e-30)
     codes = [str(code.codes[kind][0]) for kind in run.codes]
+    status = [_lines([str(bits) if code.real.bytes == 8 else "-1" for bits in run.status]) for run in runs]
 
     def rows(values: np.ndarray) -> str:
         texts = [
@@ -313,13 +277,22 @@ def _test(code: ControllerCode, run: Recording, allowed: float) -> str:
 
     return fill(
         template("test.c"), code.name, code.real,
-        VERSION=__version__, SAMPLES=len(codes), TOLERANCE=constant(allowed, code.real),
-        R=code.sizes["r"], Y=rows(run.y), COMMANDS=rows(run.r), U=rows(run.u),
+        VERSION=__version__, SAMPLES=len(codes), TOLERANCE=constant(allowed, code.real), RUNS=len(runs),
+        R=code.sizes["r"], Y=rows(run.y), COMMANDS=rows(run.r), RUN=f"{code.name}_fused" if len(runs) > 1 else 0,
+        U="\n}, {\n".join(rows(run.u) for run in runs),
         SIZES="    " + ", ".join(constant(float(v), code.real) for v in size),
-        CODES=",\n".join("    " + ", ".join(codes[k : k + 20]) for k in range(0, len(codes), 20)),
+        CODES=_lines(codes), STATUS="\n}, {\n".join(status), MISSING=_missing(code),
         ZERO=constant(0.0, code.real), FABS=f"fabs{code.real.suffix}",
-        MISSING=code.codes["STOPPED"][0] if not code.predicts else code.codes["PREDICTED"][0],
     )  # fmt: skip
+
+
+def _missing(code: ControllerCode) -> int:
+    """What a step returns for a sample without a measurement."""
+    return code.codes["PREDICTED" if code.predicts else "STOPPED"][0]
+
+
+def _lines(numbers: Sequence[str]) -> str:
+    return ",\n".join("    " + ", ".join(numbers[k : k + 20]) for k in range(0, len(numbers), 20))
 
 
 def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
@@ -346,22 +319,25 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     at_limit = int(((run.u <= c.limits.lower) | (run.u >= c.limits.upper)).any(axis=1).sum())
     none = f"none: set `{code.upper('P_LOWER')}` and `{code.upper('P_UPPER')}` to what the drives take"
     facts = {
-        **c.summary(),
+        **code.facts,
+        "digest": code.digest,
         "saturation": c.summary().get("saturation", none),
         "type": code.real.name,
         "inputs differ from the simulation's by": accuracy,
         "memory of one controller": f"{code.state_bytes} bytes, given by the caller (`{code.name}_state`)",
+        "stack of a step": stack_text(code.files, code.name, code.real.name),
         "constants": f"{code.constants} numbers",
         "arithmetic operations of one step": f"about {code.operations}; `make cortex-m4` counts instructions",
     }
     return fill(
-        template("README.md"), code.name, code.real,
+        template("README.md").replace("@EXAMPLE@", _example(code)), code.name, code.real,
         VERSION=__version__, PERIOD_TEXT=f"{c.period:g}", SAMPLES=len(run.u), OLDEST=f"{code.oldest:g}",
         MISSING=MISSING_LIMIT if code.predicts else 0, BEGINS=begins,
         GEARS="\n".join(["", *wrap(GEARS, 118), ""]) if code.has_motors else "",
         COMMAND="\n".join(wrap(code.command_text, 118)),
         STANDSTILL_USE="" if code.standstill is None else STANDSTILL_USE,
         EDGE="".join(f"{line}\n" for line in code.edge),
+        TOLERANCES="" if code.robot is None else " outside\nthe tolerances of the robot file",
         AT_LIMIT=AT_LIMIT.format(at_limit) if at_limit else "",
         FACTS=_table(("", ""), [(key, comment(text)) for key, text in facts.items()]),
         SIGNALS=_table(("array", "element", "signal", "unit", "at the start"), signals),
@@ -380,6 +356,36 @@ def _readme(code: ControllerCode, run: Recording, accuracy: str) -> str:
     )  # fmt: skip
 
 
+def _example(code: ControllerCode) -> str:
+    """The first lines of C in the README, with the command that the controller takes."""
+    c = code.controller
+    count, drive = len(c.commanded), "        drive_motors(output.u); /* yours{} */\n"
+    if code.standstill is not None:
+        command = (
+            f"@NAME@_rest(&@NAME@_defaults, q, input.r); /* all {count} numbers: rest at link positions q */"
+        )
+    elif c.mode.moving:
+        command = f"read_motion(input.r); /* yours: {count} numbers of one motion, never positions alone */"
+    else:
+        command = f"read_command(input.r); /* yours: {count} position{'s' * (count > 1)} */" if count else ""
+    late = c.mode.latency > 0
+    before, after = drive.format(": what the step before gave") * late, drive.format("") * (not late)
+    return EXAMPLE.replace("@COMMAND@", command).replace("@LATE@", before).replace("@NOW@", after)
+
+
+#: The first example of the README.
+EXAMPLE = """    static @NAME@_state state;
+    @NAME@_input input = {0};
+    @NAME@_output output = {0};
+
+    @NAME@_init(&state); /* the robot rests where "Signals" says */
+    @COMMAND@
+    @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* no measurement yet: the input that holds the robot */
+    for (;;) { /* every @PERIOD_TEXT@ s; change input.r to move */
+        input.measured = read_sensors(input.y); /* yours; 0 where there is no measurement */
+@LATE@        @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+@NOW@    }"""
+
 #: Why a test vector may saturate.
 AT_LIMIT = "; in {} of them an input is at its limit, as its commands swing faster than a robot should"
 
@@ -392,37 +398,6 @@ Its code is about as large as that of the model, and not counted by `--flash`; `
 `flexhinf run DIR --mujoco --log run.csv` writes a whole move, in columns `reference/…`; a sample needs the row that is
 `@BIG@_LATENCY` periods later.
 """
-
-#: What the numbers of a controller are.
-PARTS = {
-    "period": "sampling period, s; the code is made for this one",
-    "law": "coefficients of the law",
-    "operating_point": "state, then integrals, about which the law is",
-    "operating_input": "input there",
-    "lower": "least input",
-    "upper": "largest input",
-    "integral_gain": "slope of the input by the integrals, for the anti-windup",
-    "parameters": "parameters of the estimator's model",
-    "process_noise": "covariance of the process noise per sample",
-    "measurement_noise": "covariance of the measurement noise",
-    "inverse_slope": "integrals by input, where a law takes over",
-    "decay": "factor per sample of what no integral reaches after a law took over",
-    "closer": "how much closer another law's point must be before it takes over",
-    "input_rate": "largest change of the input, per s",
-    "command_lower": "least command",
-    "command_upper": "largest command",
-    "command_rate": "largest change of the command, per s",
-    "workspace": "least and largest commanded positions that the design is for",
-    "swings": "of each input: how near to a limit counts as at it, the smallest swing, and how many make a limit cycle",
-    "watching": "samples of the longest swing and of a saturation that lasts; fraction of the braking per sample",
-    "offset_decay": "factor per sample of the offsets of the first measurement",
-    "integral_dead_zone": "errors up to this size are not integrated",
-    "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
-    "windup_spread": "how much more they push, likewise",
-    "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
-    "balance_state": "what each estimated load moves the equilibrium's state by",
-    "balance_input": "and its input",
-}
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
@@ -451,7 +426,7 @@ class Recording:
 
     `y`, `r`: (K, p), (K, max(1, k)) arrays, measurements and commands. `u`, `estimate`: (K, m), (K, n) arrays, outputs
     of the controller, held where the sample was refused. `codes`: "OK", "PREDICTED" or "BAD_MEASUREMENT", one for each
-    sample.
+    sample. `status`: bits of `Controller.status`, likewise.
     """
 
     y: np.ndarray
@@ -459,6 +434,7 @@ class Recording:
     u: np.ndarray
     estimate: np.ndarray
     codes: list[str]
+    status: list[int]
 
 
 def record(
@@ -470,10 +446,9 @@ def record(
     """Run a closed loop of the controller and the plant that its estimator believes in, with noise.
 
     The noise is that of the estimator's model: without it, measurements equal predictions, and a wrong gain would not
-    be seen. The plant starts where the estimator believes it, as the design's own step does: started elsewhere, the
-    estimate may be so wrong that the inputs stay at their limits, and any code would answer that. The commands swing
-    about the operating point, a moving reference along its equilibria; without an estimator there is no plant, and the
-    states swing too.
+    be seen. The plant starts where the estimator believes it: started elsewhere, inputs may stay at their limits, and
+    any code would answer that. The commands swing about the operating point within the limits of the states, a moving
+    reference along its equilibria; without an estimator there is no plant, and the states swing too.
 
     `controller`: Only read. `interrupted`: Replay what was measured with samples left out and samples that are not
     finite. `exact`: Of numbers that hold the measurements and commands as they are.
@@ -511,7 +486,7 @@ def record(
 
 def _room(controller: Controller, count: int) -> np.ndarray:
     """Share (k,) of the swing for which each tracked state has room in its limits, about the operating point."""
-    if not controller.mode.moving or controller.estimator is None:
+    if controller.estimator is None:
         return np.ones(count)
     plant, share = controller.estimator.plant, []
     for name in controller.tracked:
@@ -535,6 +510,15 @@ def _standstills(controller: Controller) -> np.ndarray:
     return np.zeros((len(controller.commanded), len(places))) if slope[0] is None else np.vstack(slope)
 
 
+def with_both_roundings(controller: Controller, run: Recording) -> tuple[Recording, Recording]:
+    """A recording of the controller, as it is without and with fused multiply-adds."""
+    from flexhinf.codegen import machine
+
+    once = machine.host().fused if controller.fused is None else controller.fused
+    other = replay(controller.fresh(not once), run.y, run.r[:, : len(controller.commanded)], run.codes)
+    return (other, run) if once else (run, other)
+
+
 def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str]) -> Recording:
     """Feed samples to a fresh controller.
 
@@ -543,7 +527,7 @@ def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str
     """
     fresh, y = controller.fresh(), np.array(y, dtype=float)
     held = np.asarray(fresh.input_before(), dtype=float)
-    inputs, estimates, codes = [], [], []
+    inputs, estimates, codes, status = [], [], [], []
     for k, kind in enumerate(kinds):
         code = kind
         if kind == GAP:
@@ -557,5 +541,6 @@ def replay(controller: Controller, y: np.ndarray, r: np.ndarray, kinds: list[str
         codes.append(code)
         inputs.append(held)
         estimates.append(np.nan_to_num(fresh.estimate))
+        status.append(int(fresh.status))
     r = r if r.shape[1] else np.zeros((len(y), 1))
-    return Recording(y, r, np.array(inputs), np.array(estimates), codes)
+    return Recording(y, r, np.array(inputs), np.array(estimates), codes, status)

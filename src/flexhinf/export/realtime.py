@@ -40,7 +40,7 @@ from flexhinf.files import write_file
 from flexhinf.loop import Loop, Trajectory
 from flexhinf.loop.simulation.closed_loop import AT_ONCE, Pacing
 from flexhinf.loop.simulation.inputs import sample_count
-from flexhinf.validation import checked_path, value_text
+from flexhinf.validation import checked_path, install_advice, value_text
 
 #: Percentiles by which jitter is told; the last one is the largest value.
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9, "p99.99": 99.99, "max": 100.0}
@@ -214,18 +214,19 @@ def run_realtime(
         Steps instead of the loop's controller, of which it was compiled.
     real_time : bool
         Whether samples wait for the clock; otherwise they follow each other as fast as possible.
-    priority : int, optional
-        Of SCHED_FIFO, 1 to 99, where the system permits it.
-    core : int, optional
-        The processor core that the loop is kept on, where the system permits it.
+    priority, core : int, optional
+        Of SCHED_FIFO, 1 to 99, and of the processor that the loop is kept on, where the system permits it.
     watch : callable, optional
         Called after a sample every `watch_every` seconds of the run, for a view; False ends the run.
 
-    Raises
-    ------
-    InvalidInput
-        As `Loop.run`; for a plant that does not integrate itself, a library of another controller, or a priority or a
-        core that there is not.
+    Raises InvalidInput: as `Loop.run`; for a plant that does not integrate itself, a library of another controller, or
+    a priority or a core that there is not.
+
+    >>> import flexhinf as fh
+    >>> class Still(fh.BlackBox):  # an arm that does not move
+    ...     reset, step, output = (lambda *_: None,) * 2 + (lambda self: [0.0] * 4,)
+    >>> controller = fh.Controller(fh.linear_law(fh.paper_arm().problem(), gamma=200.0), None, 1e-3)
+    >>> run = fh.run_realtime(fh.Loop(Still(), controller), duration=0.05)
     """
     for what, number, (low, high), advice in (
         ("real-time priority", priority, PRIORITIES, "80: above everything but the kernel's own threads"),
@@ -233,10 +234,8 @@ def run_realtime(
     ):
         refuse_if(
             number is not None and (not isinstance(number, int) or not low <= number <= high),
-            f"There is no such {what}.",
-            f"expected {low} to {high}, got {value_text(number)}",
-            advice,
-        )
+            f"There is no such {what}.", f"expected {low} to {high}, got {value_text(number)}", advice,
+        )  # fmt: skip
     initial_input = loop.controller.input_before(initial_input, initial_estimate)
     settings: dict[str, Any] = {
         "reference": reference, "disturbance": disturbance, "noise": noise, "initial_state": initial_state,
@@ -317,6 +316,7 @@ class _Clock:
 
     estimate = property(attrgetter("_stepped.estimate"))
     path_rate = property(attrgetter("_stepped.path_rate"))
+    doubtful_samples = property(attrgetter("_stepped.doubtful_samples"))
 
     def begin(self, k: int) -> bool:
         """Return when sample k is due; False where the run is to end."""
@@ -568,7 +568,7 @@ def check_log(path: str | os.PathLike[str]) -> Path:
         missing,
         f"A log in {path.suffix[1:]} needs another package.",
         f"expected the package {', '.join(missing[:1])!r}, which is not installed, for {path.name}",
-        f"pip install 'flexhinf[log]', or {csv}",
+        f"{install_advice('log')}; or {csv}",
     )
     return check_place(path, "log")
 

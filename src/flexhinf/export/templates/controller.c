@@ -1,24 +1,34 @@
-/* @NAME@: see @NAME@.h. Made by flexhinf @VERSION@; not to be edited. */
+/* @NAME@: see @NAME@.h. Made by flexhinf @VERSION@; not to be edited.
+ *
+ * @SUMMARY@
+ *
+ * SPDX-License-Identifier: 0BSD */
 #include "@NAME@.h"
 
 #include <math.h>
 
 @ARITHMETIC@
-/* a·b + c, rounded once where the processor can: then the numbers are those of the simulation, bit by bit. Compile
- * with -D@BIG@_PLAIN for two roundings, -D@BIG@_FUSED for one whatever it costs. Not every <math.h> says what the
- * compiler knows: the macro with underscores is the compiler's. */
-#if defined(FP_FAST_FMA@SUFFIX@) || defined(__FP_FAST_FMA@SUFFIX@) || defined(__x86_64__) || \
-    defined(__SSE2_MATH__)
-#define FAST_FMA
-#endif
-#if !defined(@BIG@_PLAIN) && (defined(@BIG@_FUSED) || defined(FAST_FMA))
+/* a*b + c, rounded once where the compiler says that the processor has an instruction for it (on a PC with -mfma), and
+ * twice elsewhere, or with -D@BIG@_PLAIN: no function of a library is ever called for it. Each of the two has its own bits
+ * on every machine, and @NAME@_fused says which they are. */
+#if !defined(@BIG@_PLAIN) && (defined(__GNUC__) || defined(__clang__)) && \
+    (defined(__FMA__) || defined(__FMA4__) || defined(__FP_FAST_FMA@SUFFIX@) || \
+     (defined(__ARM_FEATURE_FMA) && defined(__ARM_FP) && (__ARM_FP & @BYTES@)))
 #define FUSED
-#define FMA(a, b, c) fma@F@(a, b, c)
+#define FMA(a, b, c) __builtin_fma@F@(a, b, c)
 #else
 #define FMA(a, b, c) ((a) * (b) + (c))
 #endif
 
 typedef @NAME@_real real;
+
+const char @NAME@_version[] = "@VERSION@";
+const char @NAME@_digest[] = "@DIGEST@";
+#ifdef FUSED
+const int @NAME@_fused = 1;
+#else
+const int @NAME@_fused = 0;
+#endif
 
 const @NAME@_param @NAME@_defaults = {
     {
@@ -150,7 +160,7 @@ static void hold(const @NAME@_state *state, const @NAME@_param *param, @NAME@_ou
     for (int i = 0; i < @BIG@_STATES; ++i) {
         output->estimate[i] = isfinite(state->estimate[i]) ? state->estimate[i] : @ZERO@;
     }
-    output->status = 0;@STATUS@@REJECTED@
+    output->status = 0;@STATUS@@DOUBTFUL@@REJECTED@
     output->path_rate = @PATH_RATE@;
 }
 
@@ -164,12 +174,12 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
             output->estimate[i] = @ZERO@;
         }
         output->status = 0;
-        output->path_rate = @ZERO@;@NONE_REJECTED@
+        output->path_rate = @ZERO@;@NONE_DOUBTFUL@@NONE_REJECTED@
         return @BIG@_NOT_INITIALISED;
     }
     if (state->refused == REFUSED) {
         code = REFUSED;
-    } else if (in_time) {
+    } else if (in_time@BELIEVED@) {
         code = @MEASURED@;
         if (code != @BIG@_BAD_MEASUREMENT) {
             state->missing = 0;
@@ -198,4 +208,54 @@ int @NAME@_step(@NAME@_state *state, const @NAME@_param *param, const @NAME@_inp
     }
     hold(state, param, output);
     return code;
-}@STANDSTILL@
+}
+
+#ifndef @BIG@_WITHOUT_CHECK
+/* Numbers that may differ from the design's: of which other they are less (-1: of none), what is physical, and what the
+ * design was made for. */
+static const struct {
+    int place, below;
+    real least, most, low, high;
+} ranges[] = {
+@RANGES@
+};
+
+static real number(const @NAME@_param *param, int place)
+{
+    return (place < @BIG@_PARAMETERS)    ? param->value[place]
+           : (place == @BIG@_PARAMETERS) ? param->oldest
+                                         : (real)param->missing_limit;
+}
+
+int @NAME@_check(const @NAME@_param *param, int *place)
+{
+    const int rows = (int)(sizeof(ranges) / sizeof(ranges[0]));
+    int worst = @BIG@_PARAM_OK;
+    for (int i = 0, row = 0; i < @BIG@_PARAMETERS + 2; ++i) {
+        const real value = number(param, i), design = number(&@NAME@_defaults, i);
+        const int ranged = row < rows && ranges[row].place == i, equal = value >= design && value <= design;
+        int found = (ranged || equal) ? @BIG@_PARAM_OK : @BIG@_PARAM_BEYOND_DESIGN;
+        if (ranged) {
+            const int below = ranges[row].below;
+            if (value < ranges[row].low || value > ranges[row].high) {
+                found = @BIG@_PARAM_BEYOND_DESIGN;
+            }
+            if (value < ranges[row].least || value > ranges[row].most ||
+                (below >= 0 && value >= number(param, below))) {
+                found = @BIG@_PARAM_NOT_PHYSICAL;
+            }
+            row += 1;
+        }
+        if (!isfinite(value) && !equal) {
+            found = @BIG@_PARAM_NOT_FINITE;
+        }
+        if (found > worst) {
+            worst = found;
+            if (place != 0) {
+                *place = i;
+            }
+        }
+    }
+    return worst;
+}
+#endif@STANDSTILL@

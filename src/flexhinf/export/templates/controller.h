@@ -1,6 +1,8 @@
 /* @NAME@: a sampled controller of @PERIOD_TEXT@ s, made by flexhinf @VERSION@.
  *
- * @SUMMARY@
+@FIRST_LINES@ * @SUMMARY@
+ *
+ * SPDX-License-Identifier: 0BSD (use it in any product; flexhinf claims no rights in what it writes for you)
  *
  * Call @NAME@_init once, then @NAME@_step once per sample, from one thread; a step without it says so. No memory is
  * allocated, nothing is static but constants; several controllers are several states. Compiled with flags that change
@@ -15,6 +17,17 @@ extern "C" {
 
 typedef @REAL@ @NAME@_real;
 
+/* Which code this header belongs to: @NAME@_digest of the source that is linked must be the same text. */
+#define @BIG@_VERSION "@VERSION@"
+#define @BIG@_DIGEST "@DIGEST@"
+extern const char @NAME@_version[]; /* of flexhinf */
+extern const char @NAME@_digest[];  /* SHA-256 of header and source */
+
+/* Which bits the compiled source computes: 1 with fused multiply-adds, which it uses where the compiler has them as
+ * instructions, and those of Controller.step in Python on such a processor; 0 with two roundings, and those of
+ * Controller.fresh(fused=False). */
+extern const int @NAME@_fused;
+
 /* Sampling period, s. */
 #define @BIG@_PERIOD @PERIOD@
 
@@ -26,19 +39,20 @@ enum {
     @BIG@_STATES = @N@,
     @BIG@_PARAMETERS = @DATA@,
     @BIG@_MEMORY = @MEMORY@,
-    @BIG@_WORK = @WORK@
+    @BIG@_WORK = @WORK@,
+    @BIG@_COLUMNS = @COLUMNS@
 };
 
 /* @ELEMENTS@ */
 @SIGNALS@
 
 /* First elements of the parameters, with how many there are. */
-@OFFSETS@
+@OFFSETS@@NAMED@
 
 /* What a step returns. */
 @CODES@
 
-/* What it says of itself: bits of output.status, 0 where the controller watches nothing. What it does about it stands
+/* What it says of itself: bits of output.status. What it does about it stands
  * above as reactions. Where it brakes, output.path_rate falls from 1 to 0 and stays there: the program that makes the
  * command advances its time along the path by path_rate periods a sample, and one that does not read it is not braked.
  * @EDGE@To begin again where the robot then rests: @NAME@_start with output.estimate and output.u. Another reaction is
@@ -54,7 +68,22 @@ typedef struct {
 
 extern const @NAME@_param @NAME@_defaults;
 
-/* What one sample is given.
+/* What @NAME@_check returns; of several faults the gravest. */
+enum {
+    @BIG@_PARAM_OK = 0,
+    @BIG@_PARAM_BEYOND_DESIGN = 1, /* a limit wider or a rate faster than the design's, a parameter of the model@TOLERANCES@,
+                                      or another number that is not the design's */
+    @BIG@_PARAM_NOT_PHYSICAL = 2,  /* a mass, stiffness or inertia that is not positive, a friction or a variance below
+                                      zero, a lower limit that is not below the upper one */
+    @BIG@_PARAM_NOT_FINITE = 3     /* NaN, or infinite where the design's number is not */
+};
+
+/* Whether parameters may be used; no step asks. Where they may not, *place is the first number at fault: an element of
+ * value, @BIG@_PARAMETERS for oldest, one more for missing_limit; place may be a null pointer. Not there with
+ * -D@BIG@_WITHOUT_CHECK. */
+int @NAME@_check(const @NAME@_param *param, int *place);
+
+@PLAUSIBLE@/* What one sample is given.
  *
  * @COMMAND@ */
 typedef struct {
@@ -68,8 +97,8 @@ typedef struct {
 typedef struct {
     @NAME@_real u[@BIG@_INPUTS];         /* inputs of the plant, always finite and within their limits */
     @NAME@_real estimate[@BIG@_STATES];  /* estimated state; zero before the first sample */
-    int status;                          /* bits of the last good sample, see @BIG@_LIMIT_CYCLE */
-    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking */@REJECTED@
+    int status;                          /* bits of the last good sample, as above, from @BIG@_OUTSIDE_WORKSPACE on */
+    @NAME@_real path_rate;               /* fraction of a period by which the time along a path advances: 1 but for braking */@DOUBTFUL@@REJECTED@
 } @NAME@_output;
 
 /* What is remembered between samples, and memory to work in. Its parts are not for the caller. */
@@ -78,7 +107,7 @@ typedef struct {
     @NAME@_real after[@BIG@_MEMORY];
     @NAME@_real estimate[@BIG@_STATES], estimated[@BIG@_STATES];
     @NAME@_real u[@BIG@_INPUTS], held[@BIG@_INPUTS];
-    @NAME@_real work[@BIG@_WORK];
+    @NAME@_real work[@BIG@_WORK], columns[@BIG@_COLUMNS];
     int missing, failed, began_again, samples, waiting, refused;
     unsigned int mark;
 } @NAME@_state;

@@ -10,7 +10,7 @@ typedef struct {
     fmi2CallbackFunctions call;
     char name[128];
     double time;
-    int logs;
+    int logs, starting; /* starting: what is set changes outputs at once, until the initialisation ends */
 } instance;
 
 static fmi2Status refuse(const instance *one, const char *text)
@@ -66,6 +66,7 @@ EXPORT fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String 
     strncpy(one->name, name != NULL ? name : MODEL_NAME, sizeof one->name - 1);
     one->name[sizeof one->name - 1] = '\0';
     one->time = 0.0;
+    one->starting = 0;
     model_reset(&one->model);
     return one;
 }
@@ -90,12 +91,13 @@ EXPORT fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerant, fmi
 
 EXPORT fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 {
-    (void)c;
+    ((instance *)c)->starting = 1;
     return fmi2OK;
 }
 
 EXPORT fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
+    ((instance *)c)->starting = 0;
     model_begin(&((instance *)c)->model);
     return fmi2OK;
 }
@@ -109,14 +111,21 @@ EXPORT fmi2Status fmi2Terminate(fmi2Component c)
 EXPORT fmi2Status fmi2Reset(fmi2Component c)
 {
     ((instance *)c)->time = 0.0;
+    ((instance *)c)->starting = 0;
     model_reset(&((instance *)c)->model);
     return fmi2OK;
 }
 
+/* Whether a reference is among the first ones; of a model, there may be none. */
+static int within(fmi2ValueReference which, fmi2ValueReference count) { return which < count; }
+
 /* Variables ---------------------------------------------------------------------------------------------- */
 EXPORT fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference which[], size_t count, fmi2Real value[])
 {
-    const instance *one = c;
+    instance *one = c;
+    if (one->starting) {
+        model_begin(&one->model);
+    }
     for (size_t i = 0; i < count; ++i) {
         if (which[i] >= MODEL_REALS) {
             return refuse(one, "no such real variable");
@@ -142,7 +151,7 @@ EXPORT fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference which
 {
     const instance *one = c;
     for (size_t i = 0; i < count; ++i) {
-        if (which[i] >= MODEL_INTEGERS) {
+        if (!within(which[i], MODEL_INTEGERS)) {
             return refuse(one, "no such integer variable");
         }
         value[i] = one->model.integer[which[i]];
@@ -155,7 +164,7 @@ EXPORT fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference which
 {
     instance *one = c;
     for (size_t i = 0; i < count; ++i) {
-        if (which[i] >= MODEL_SETTABLE_INTEGERS) {
+        if (!within(which[i], MODEL_SETTABLE_INTEGERS)) {
             return refuse(one, "no such integer input or parameter");
         }
         one->model.integer[which[i]] = value[i];
@@ -167,7 +176,7 @@ EXPORT fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference which
 {
     const instance *one = c;
     for (size_t i = 0; i < count; ++i) {
-        if (which[i] >= MODEL_BOOLEANS) {
+        if (!within(which[i], MODEL_BOOLEANS)) {
             return refuse(one, "no such boolean variable");
         }
         value[i] = one->model.boolean[which[i]];
@@ -180,7 +189,7 @@ EXPORT fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference which
 {
     instance *one = c;
     for (size_t i = 0; i < count; ++i) {
-        if (which[i] >= MODEL_BOOLEANS) {
+        if (!within(which[i], MODEL_BOOLEANS)) {
             return refuse(one, "no such boolean variable");
         }
         one->model.boolean[which[i]] = value[i] != 0;

@@ -25,7 +25,9 @@ enum {
     MODEL_SETTABLE_INTEGERS = 1,
     CODE = 1,
     STATUS = 2,
-    MODEL_INTEGERS = 3,
+    FIRST_COUNT = 3, /* samples in doubt and rejected measurements, as far as the controller counts them */
+    COUNTS = @COUNTS@,
+    MODEL_INTEGERS = FIRST_COUNT + COUNTS,
     MEASURED = 0,
     MODEL_BOOLEANS = 1
 };
@@ -52,7 +54,9 @@ static void model_reset(model_instance *model)
     model->param = @NAME@_defaults;
     model->integer[MISSING_LIMIT] = model->param.missing_limit;
     model->integer[CODE] = @BIG@_OK;
-    model->integer[STATUS] = 0;
+    for (int i = STATUS; i < MODEL_INTEGERS; ++i) {
+        model->integer[i] = 0;
+    }
     model->boolean[MEASURED] = 1;
     @NAME@_init(&model->state);
 }
@@ -91,7 +95,7 @@ static int model_step(model_instance *model)
     }
     input.measured = model->boolean[MEASURED];
     model->integer[CODE] = @NAME@_step(&model->state, &model->param, &input, &output);
-    model->integer[STATUS] = output.status;
+    model->integer[STATUS] = output.status;@COUNTED@
     model->real[PATH_RATE] = output.path_rate;
     for (int i = 0; i < @BIG@_INPUTS; ++i) {
         model->real[FIRST_U + i] = output.u[i];

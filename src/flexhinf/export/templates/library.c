@@ -12,6 +12,7 @@ EXPORT const char flexhinf_manifest[] =
 @INSTRUCTIONS@
     "\n" @DESCRIPTION@;
 EXPORT size_t flexhinf_state_size(void) { return sizeof(@NAME@_state); }
+EXPORT int flexhinf_fused(void) { return @NAME@_fused; }
 EXPORT int flexhinf_start(void *state, const double *estimate, const double *input)
 {
     return @NAME@_start(state, &@NAME@_defaults, estimate, input);

@@ -5,27 +5,35 @@
 #include <math.h>
 #include <stdio.h>
 
-enum { SAMPLES = @SAMPLES@ };
+enum { SAMPLES = @SAMPLES@, RUNS = @RUNS@ };
+
+/* Of the runs without and with fused multiply-adds, the one that this build repeats. */
+#define RUN @RUN@
 
 /* Largest error, relative to the largest value of each signal. */
 #define TOLERANCE @TOLERANCE@
 
-/* Measurements and commands; what must come of them; and the code of each step. */
+/* Measurements and commands; what must come of them in each run; and the code and the status of each step, -1 where
+ * rounding may decide about it. */
 static const @NAME@_real given_y[SAMPLES][@BIG@_MEASUREMENTS] = {
 @Y@
 };
 static const @NAME@_real given_r[SAMPLES][@R@] = {
 @COMMANDS@
 };
-static const @NAME@_real expected_u[SAMPLES][@BIG@_INPUTS] = {
+static const @NAME@_real expected_u[RUNS][SAMPLES][@BIG@_INPUTS] = {{
 @U@
-};
+}};
 static const @NAME@_real size_of_u[@BIG@_INPUTS] = {
 @SIZES@
 };
 static const int expected_code[SAMPLES] = {
 @CODES@
 };
+
+static const int expected_status[RUNS][SAMPLES] = {{
+@STATUS@
+}};
 
 static @NAME@_state state;
 
@@ -50,8 +58,11 @@ int main(void)
         if (@NAME@_step(&state, &@NAME@_defaults, &input, &output) != expected_code[k]) {
             wrong_codes += 1;
         }
+        if (expected_status[RUN][k] >= 0 && output.status != expected_status[RUN][k]) {
+            wrong_codes += 1;
+        }
         for (int i = 0; i < @BIG@_INPUTS; ++i) {
-            const @NAME@_real error = @FABS@(output.u[i] - expected_u[k][i]) / size_of_u[i];
+            const @NAME@_real error = @FABS@(output.u[i] - expected_u[RUN][k][i]) / size_of_u[i];
             if (!(error <= worst)) {
                 worst = error;
             }

@@ -23,6 +23,7 @@ static const uint32_t PAINT = 0xa5a5a5a5u;
 extern uint32_t data_begin[], data_end[], data_stored[], bss_begin[], bss_end[], stack_top[];
 extern void initialise_monitor_handles(void); /* of the C library: its output goes to QEMU */
 extern int main(void);
+extern void tick(void) __attribute__((weak)); /* the handler of SysTick, where there is one */
 
 static uint32_t steps, most_instructions, deepest;
 static uint64_t all_instructions;
@@ -78,8 +79,11 @@ static void reset(void)
     TIMER_CONTROL = 1;
     initialise_monitor_handles();
     failed = main();
+    if (steps == 0) {
+        exit(failed);
+    }
     printf("@NAME@ on a Cortex-M4F: %lu instructions in a step, at most %lu; %lu bytes of stack\n",
-           (unsigned long)(all_instructions / (steps > 0 ? steps : 1)), (unsigned long)most_instructions,
+           (unsigned long)(all_instructions / steps), (unsigned long)most_instructions,
            (unsigned long)deepest);
     exit(failed);
 }
@@ -93,4 +97,5 @@ static void fault(void)
 static const struct {
     uint32_t *stack;
     void (*handlers[15])(void);
-} vectors __attribute__((section(".vectors"), used)) = {stack_top, {reset, fault, fault, fault, fault, fault}};
+} vectors __attribute__((section(".vectors"), used)) = {
+    stack_top, {reset, fault, fault, fault, fault, fault, 0, 0, 0, 0, 0, 0, 0, 0, tick}};

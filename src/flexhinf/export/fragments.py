@@ -1,0 +1,147 @@
+"""Pieces of exported C and its comments that stand there only where the controller's options need them."""
+
+from __future__ import annotations
+
+#: What the header says before the parameters of the model.
+NAMED = "\n\n/* Parameters of the estimator's model, with their units. */\n"
+
+#: What a start assumes.
+BEGINS = """the estimate begins at the state that is stated with the constants
+ * @BIG@_X_ above. The robot must be there, at rest: the estimator trusts it, and from another place the first inputs
+ * may be as large as their limits. Call @NAME@_start where it is elsewhere"""
+
+#: The estimate at the start, where it can be set.
+START = """    if (estimate != 0 && @NAME@_finite(estimate, @BIG@_STATES)) {
+        @NAME@_copy(estimate, state->start, @BIG@_STATES);
+        @NAME@_copy(estimate, state->estimate, @BIG@_STATES);@HOLD@
+    }"""
+
+#: Inputs that wait at the start.
+QUEUED = """
+    for (int i = 0; i < @BIG@_LATENCY * @BIG@_INPUTS; ++i) {
+        state->start[@QUEUE@ + i] = state->start[@U@ + i % @BIG@_INPUTS];
+    }"""
+
+#: The input that holds it there.
+HOLD = """
+        if (!same(estimate, initial_memory, @BIG@_STATES)) {
+            real held[@BIG@_INPUTS];
+            @HOLDING@;
+            if (@NAME@_finite(held, @BIG@_INPUTS)) {
+                limit(param, held, state->start + @U@);
+            }
+        }"""
+
+#: What a command is: positions, or a motion; where the model says what rests; and how a workspace is braked at.
+STANDING = "input.r are the positions to go to. A jump is a step, and zeros are positions too."
+MOVING = (
+    "input.r is a motion: the state and the input that the robot has on its way when the output acts{latency}. At rest "
+    "it is an equilibrium and the input that holds it, never positions alone: with zeros behind them they are another "
+    "motion, the robot swings, and every step returns @BIG@_OK.{resting} On the way positions must not jump, nor their "
+    "velocities and accelerations: a quintic in time, for instance. In Python fh.Moving(plan, robot.inverse_dynamics) "
+    "gives all these numbers, .state(t) and .input(t), and robot.operating_point(q) those of rest."
+)
+MOVING_FIRST = "The command input.r is {} numbers of one motion: never write positions alone into it.{}"
+RESTING_FIRST = " @NAME@_rest computes all of them for a robot that rests at given link positions."
+RESTING = (
+    " At link positions q these are q, 0, q + g/K (of each joint the weight g and the spring K), 0, and the input that "
+    "holds g: @NAME@_rest computes them."
+)
+EDGE = (
+    "It brakes where a command is outside of the workspace, not before, and at a speed v rests up to v * {:g} s "
+    "beyond. Where the workspace ends with the mechanical limits, that is beyond them: keep paths so far inside, or "
+    "narrow the box, param.value + @BIG@_P_WORKSPACE: the least positions, then the largest. If the arm is already "
+    "outside, the controller does not brake, whichever way it moves."
+)
+
+#: The command that rests; as the header declares it, and its definition.
+STANDSTILL_DECLARED = """
+
+/* The command that rests at link positions (q): writes r, whose beginning q may be. Its first @BIG@_STATES numbers are
+ * the state, and the others the input, with which @NAME@_start begins there. Returns @BIG@_BAD_COMMAND where r is not
+ * finite. Not there with -D@BIG@_WITHOUT_REST. */
+int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r);"""
+STANDSTILL = """
+
+#ifndef @BIG@_WITHOUT_REST
+@TRACED@
+
+int @NAME@_rest(const @NAME@_param *param, const @NAME@_real *q, @NAME@_real *r)
+{
+    @CALL@(q, param->value + @BIG@_P_PARAMETERS, r);
+    return @NAME@_finite(r, @BIG@_COMMANDS) ? @BIG@_OK : @BIG@_BAD_COMMAND;
+}
+#endif"""
+
+#: Bits of the status, whose four numbers are a part of the memory.
+STATUS_BITS = """
+    for (int i = 0; i < 4; ++i) {{
+        output->status |= (state->memory[{} + i] > 0) << i;
+    }}"""
+
+#: Whether the estimate is in doubt, and at how many samples it was, which are a part of the memory.
+DOUBTFUL_DECLARED = """
+    int doubtful;                        /* samples since the start with @BIG@_DOUBTFUL_ESTIMATE */"""
+DOUBTFUL = """
+    output->status |= (state->memory[{}] > 0) << 4;
+    output->doubtful = (int)state->memory[{}];"""
+
+#: Counts of rejected measurements (by a gate, or by their limits), which are a part of the memory.
+REJECTED_DECLARED = """
+    int rejected[@BIG@_MEASUREMENTS];    /* how often each measurement was rejected since the start */"""
+REJECTED = """
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {{
+        output->rejected[i] = (int){};
+    }}"""
+
+#: What these bits say.
+STATUS = (
+    "the command is outside of the positions that the design is for",
+    "an input swings to and fro while the command rests",
+    "an input has been at a limit for long",
+    "the command is replaced, or the path rate falls",
+    "the estimate is in doubt: rounding may move it by over 0.001 of its standard deviation, or it was repaired",
+)
+
+#: Whether something is measured; and the step where nothing is, in which a finite result has a code of its own.
+PREDICTION = """
+static int @NAME@_some(const real *y)
+{
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        if (isfinite(y[i])) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+@PLAUSIBLE@static int @NAME@_predict(@NAME@_state *state, const @NAME@_param *param, const @NAME@_input *input,
+                          int in_time)
+{
+    real nothing[@BIG@_MEASUREMENTS]; /* what is there, and not plausible, is counted */
+    int code;
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        nothing[i] = in_time ? input->y[i] : HUGE_VAL@SUFFIX@;
+    }
+    code = @PREDICTED_CALL@;
+    return (code == @BIG@_OK) ? @BIG@_PREDICTED : code;
+}
+"""
+
+#: Whether something that is measured is plausible.
+PLAUSIBLE = """static int @NAME@_believed(const @NAME@_state *state, const @NAME@_param *param, const real *y)
+{
+    real some[1];
+    @CALL@(y, state->memory + @SEEN@, @LIMITS@, some);
+    return some[0] > 0;
+}
+
+"""
+
+#: What the header says of limits of measurements.
+PLAUSIBLE_TEXT = """/* An element of y is missing where it is below param.value[@BIG@_P_MEASUREMENT_LOWER + i] or
+ * above _UPPER, in its unit, or moved by more than _RATE per s since it was last plausible; output.rejected counts it.
+ * The line "measurements:" above has the limits of the design; HUGE_VAL is none. Where no element is plausible, the
+ * sample counts as one without a measurement. */
+
+"""

@@ -1,0 +1,173 @@
+"""What exported C is called: names that C takes, the design's numbers by name, the terms of the law, and its origin.
+
+Names in C: valid identifiers, names of signals, and text that is safe in a comment.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from flexhinf.codegen.c import Real, comment, constant
+from flexhinf.errors import refuse_if
+from flexhinf.loop import Controller
+from flexhinf.loop.controller.step import LawCode
+from flexhinf.validation import value_text
+
+#: Words of C99 and of C++, and names of their headers: NAME.h must not be found in the place of one.
+RESERVED = frozenset({
+    "asm", "auto", "bool", "break", "case", "catch", "char", "class", "const", "continue", "default", "delete", "do",
+    "double", "else", "enum", "explicit", "export", "extern", "false", "float", "for", "friend", "goto", "if",
+    "inline", "int", "long", "main", "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
+    "public", "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct", "switch", "template",
+    "this", "throw", "true", "try", "typedef", "typename", "union", "unsigned", "using", "virtual", "void", "volatile",
+    "while", "xor",
+    "assert", "complex", "ctype", "errno", "fenv", "inttypes", "iso646", "limits", "locale", "math", "memory", "setjmp",
+    "signal", "stdarg", "stdbool", "stddef", "stdint", "stdio", "stdlib", "string", "strings", "tgmath", "threads",
+    "time", "unistd", "wchar", "wctype",
+})  # fmt: skip
+
+LONGEST = 31  # characters that every linker keeps apart
+
+
+def checked_identifier(name: object) -> str:
+    """A name for functions and files.
+
+    Raises InvalidInput: if it is no identifier of C, is reserved, or is too long.
+    """
+    text = name if isinstance(name, str) else ""
+    whole = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text) is not None and len(text) <= LONGEST
+    refuse_if(
+        not whole or text.lower() in RESERVED,
+        "This is no name for C.",
+        f"expected a letter, then up to {LONGEST - 1} letters, digits and underscores, no word of C and no "
+        f"header of its library, got {value_text(name)}",
+        identifier_of(text) if text else "my_arm",
+    )
+    return text
+
+
+def identifier_of(text: str) -> str:
+    """A name for C that looks like the text."""
+    name = re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_").lower()[:LONGEST] or "controller"
+    if not name[0].isalpha() or name in RESERVED:
+        name = f"arm_{name}"[:LONGEST]
+    return name
+
+
+def constants(prefix: str, names: Sequence[str]) -> list[str]:
+    """Names of constants for signals, each once: ``ARM_Y_LINK_POSITION``."""
+    chosen: list[str] = []
+    for k, name in enumerate(names):
+        full = f"{prefix}_{re.sub(r'[^A-Z0-9]+', '_', name.upper()).strip('_') or k}"
+        chosen.append(full if full not in chosen else f"{full}_{k}")
+    return chosen
+
+
+#: What the numbers of a controller are.
+PARTS = {
+    "period": "sampling period, s; the code is made for this one",
+    "law": "coefficients of the law",
+    "operating_point": "state, then integrals, about which the law is",
+    "operating_input": "input there",
+    "lower": "least input",
+    "upper": "largest input",
+    "integral_gain": "slope of the input by the integrals, for the anti-windup",
+    "parameters": "parameters of the estimator's model",
+    "process_noise": "covariance of the process noise per sample",
+    "measurement_noise": "covariance of the measurement noise",
+    "inverse_slope": "integrals by input, where a law takes over",
+    "decay": "factor per sample of what no integral reaches after a law took over",
+    "closer": "how much closer another law's point must be before it takes over",
+    "input_rate": "largest change of the input, per s",
+    "command_lower": "least command",
+    "command_upper": "largest command",
+    "command_rate": "largest change of the command, per s",
+    "measurement_lower": "least measurement; an element beyond it is missing, and counted in output.rejected",
+    "measurement_upper": "largest measurement, likewise",
+    "measurement_rate": "largest change of a measurement, per s, since it was last plausible, likewise",
+    "workspace": "least and largest commanded positions that the design is for",
+    "swings": "of each input: how near to a limit counts as at it, the smallest swing, and how many make a limit cycle",
+    "watching": "samples of the longest swing and of a saturation that lasts; fraction of the braking per sample",
+    "offset_decay": "factor per sample of the offsets of the first measurement",
+    "integral_dead_zone": "errors up to this size are not integrated",
+    "windup_line": "what integrals push at rest, by command from the operating point: of inputs without near limits",
+    "windup_spread": "how much more they push, likewise",
+    "windup_limit": "how much more they push at the operating point; infinite for an input that its limits keep nearer",
+    "rcond_limit": "reciprocal condition of a correction below which the estimate is in doubt: eps over 0.001",
+    "balance_state": "what each estimated load moves the equilibrium's state by",
+    "balance_input": "and its input",
+}
+
+
+def named_parameters(controller: Controller, units: Mapping[str, str]) -> Iterator[tuple[str, int, str]]:
+    """Name, place from the first of them, and unit of each parameter of the estimator's model; arrays are numbered."""
+    if controller.estimator is None:
+        return
+    first = 0
+    for name, value in controller.estimator.plant.parameters.values.items():
+        for k in range(value.size):
+            yield (name if not value.ndim else f"{name}_{k}"), first + k, units.get(name, "")
+        first += value.size
+
+
+def law_terms(controller: Controller) -> list[str]:
+    """What each number of the law multiplies, as ``motor_voltage: link_position^2 motor_velocity``, where the law is a
+    polynomial in the deviations from its operating point; empty where it is not. Integrals are those of the errors."""
+    code = LawCode(controller.laws[0], controller.composed)
+    table, inputs = code.law.law_table, tuple(code.law.input_names)
+    if table is None:
+        return []
+    states = [*code.law.state_names, *(f"integral_{k}" for k in range(table.n))][: table.n]
+    terms = [_monomial(states, powers) for powers in table.exponents]
+    if code.table is None:
+        rows = [f"{name}: {term}" for name in inputs for term in terms]
+    else:
+        padded = [*inputs, *["unused"] * (code.columns - len(inputs))]
+        rows = [f"{name}: {term}" for term in terms for name in padded]
+    return rows * len(controller.laws)
+
+
+def _monomial(states: Sequence[str], powers: np.ndarray) -> str:
+    factors = [
+        name if k == 1 else f"{name}^{k}" for name, k in zip(states, powers.tolist(), strict=True) if k
+    ]
+    return " ".join(factors)
+
+
+#: The law up to so many numbers has one in a line, with what it multiplies.
+LONGEST_LAW = 2000
+
+
+def number_lines(controller: Controller, values: np.ndarray, real: Real, units: Mapping[str, str]) -> str:
+    """The numbers of a controller as constants of C, each group under a comment that says what it is."""
+    places = {name: place for name, place in controller.data.places.items() if place.stop > place.start}
+    meanings = {
+        "law": law_terms(controller),
+        "parameters": [
+            f"{name}, {comment(unit)}".rstrip(", ") for name, _, unit in named_parameters(controller, units)
+        ],
+    }
+    lines = []
+    for name, place in places.items():
+        texts = [constant(float(value), real) for value in values[place]]
+        texts = [text + "," * (place.start + k + 1 < len(values)) for k, text in enumerate(texts)]
+        lines.append(f"/* {name}: {comment(PARTS[name])} */")
+        if len(meanings.get(name, [])) == len(texts) <= LONGEST_LAW:
+            lines += [f"{text} /* {what} */" for text, what in zip(texts, meanings[name], strict=True)]
+        else:
+            lines += [" ".join(texts[k : k + 4]) for k in range(0, len(texts), 4)]
+    return "\n".join(f"        {line}" for line in lines)
+
+
+def origin_facts(controller: Controller, origin: Mapping[str, str]) -> dict[str, str]:
+    """Lines for header and README: which robot and design it is, with which γ and degree, and by which command."""
+    from flexhinf.hinf import HJISolution
+
+    law = controller.law
+    solved = (
+        {"gamma": f"{law.gamma:.6g}", "degree of V": str(law.degree)} if isinstance(law, HJISolution) else {}
+    )
+    return {**solved, **origin}

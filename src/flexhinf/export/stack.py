@@ -1,0 +1,103 @@
+"""The stack of a step, computed: what the compiler says of every function, added up along the deepest calls."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from flexhinf.errors import NumericalFailure
+
+#: Compilers of the GNU family, for which machine, and flags of it; a double is one of the M7's own.
+MACHINES = {
+    "double": (
+        ("arm-none-eabi-gcc", "Cortex-M7", ("-mcpu=cortex-m7", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv5-d16")),
+        ("gcc", "this PC", ()),
+    ),
+    "float": (
+        ("arm-none-eabi-gcc", "Cortex-M4F", ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16")),
+        ("gcc", "this PC", ()),
+    ),
+}  # fmt: skip
+
+#: How the room of a call is told, and who calls whom.
+NODE = re.compile(r'node: { title: "([^"]+)" label: "[^"]*\\n(\d+) bytes \((static|dynamic,bounded)\)')
+EDGE = re.compile(r'edge: { sourcename: "([^"]+)" targetname: "([^"]+)"')
+
+#: What the number leaves out.
+BESIDE = "without functions of the C library"
+
+
+def stack_text(files: Mapping[str, str], name: str, real: str) -> str:
+    """The stack of ``NAME_step`` by machine, with what computed it, for a README.
+
+    `files`: Texts of the exported header and source by name. `real`: "double" or "float".
+    """
+    texts = [
+        f"{size} bytes on {machine} ({compiler} -O2)"
+        for compiler, machine, flags in MACHINES[real]
+        if (size := stack_bytes(files, f"{name}_step", compiler, ("-O2", *flags))) is not None
+    ]
+    if not texts:
+        return "not computed: no gcc was found; `gcc -fcallgraph-info=su` tells it of every function"
+    return f"{', '.join(texts)}; computed from -fcallgraph-info=su along the deepest calls, {BESIDE}"
+
+
+def stack_bytes(files: Mapping[str, str], function: str, compiler: str, flags: tuple[str, ...]) -> int | None:
+    """Bytes of stack of a function and all that it calls, but for other libraries; None without such a compiler.
+
+    Raises NumericalFailure: a function calls itself, or needs room that the compiler does not bound.
+    """
+    if shutil.which(compiler) is None:
+        return None
+    with TemporaryDirectory() as work:
+        for name, text in files.items():
+            (Path(work) / name).write_text(text, encoding="utf-8")
+        source = next(name for name in files if name.endswith(".c"))
+        command = [compiler, "-std=c99", *flags, "-fcallgraph-info=su", "-S", source, "-o", "code.s"]
+        done = subprocess.run(command, cwd=work, capture_output=True, check=False)
+        graph = Path(work) / "code.ci"
+        if done.returncode or not graph.is_file():  # too old, or clang by that name
+            return None
+        return deepest(graph.read_text(encoding="utf-8"), function)
+
+
+def deepest(graph: str, function: str) -> int:
+    """Bytes of the deepest calls of a function, from the text of a call graph of gcc; raises as `stack_bytes`."""
+    own = {title: int(size) for title, size, _ in NODE.findall(graph)}
+    if "bytes (dynamic)" in graph:
+        raise _unbounded("a function's stack has no bound")
+    calls: dict[str, set[str]] = {}
+    for caller, called in EDGE.findall(graph):
+        calls.setdefault(caller, set()).add(called)
+
+    @cache
+    def below(title: str) -> int:
+        return own.get(title, 0) + max(map(below, calls.get(title, ())), default=0)
+
+    start = next(title for title in own if title.rpartition(":")[2] == function)
+    if any(title in set(_reached(title, calls)) for title in own):
+        raise _unbounded("a function calls itself")
+    return below(start)
+
+
+def _reached(title: str, calls: Mapping[str, set[str]]) -> Iterator[str]:
+    """All functions that one calls, itself only if it does."""
+    seen: set[str] = set()
+    waiting = list(calls.get(title, ()))
+    while waiting:
+        called = waiting.pop()
+        if called not in seen:
+            seen.add(called)
+            waiting += calls.get(called, ())
+            yield called
+
+
+def _unbounded(what: str) -> NumericalFailure:
+    return NumericalFailure(
+        "The stack of the exported C has no bound.", what, "report it: no exported C does so"
+    )

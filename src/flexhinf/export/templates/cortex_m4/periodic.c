@@ -1,0 +1,66 @@
+/* @NAME@ in a timer interrupt of a Cortex-M: SysTick calls it once per period, and the main program is free.
+ * Replace the functions that are marked. `make cortex-m4-periodic` runs it in QEMU with those of recorded.c. */
+#include "@NAME@.h"
+
+#include <stdint.h>
+
+#ifndef CORE_HZ
+#define CORE_HZ 25000000.0 /* clock of your processor; this is that of the emulated board */
+#endif
+
+#define REGISTER(address) (*(volatile uint32_t *)(address))
+#define SYSTICK_CONTROL REGISTER(0xe000e010u)
+#define SYSTICK_RELOAD REGISTER(0xe000e014u)
+#define SYSTICK_VALUE REGISTER(0xe000e018u)
+#define INTERRUPT_STATE REGISTER(0xe000ed04u)
+#define SYSTICK_PENDING (1u << 26)
+
+/* Of your board, as in main.c. */
+extern int read_sensors(@NAME@_real *y);
+extern void read_command(@NAME@_real *r, @NAME@_real path_rate);
+extern void drive_motors(const @NAME@_real *u);
+extern void report(int code);
+
+void tick(void); /* the handler of SysTick: in some vector tables it is called SysTick_Handler */
+
+static @NAME@_state state;
+static @NAME@_input input;
+static @NAME@_output output;
+static int late; /* whether the sample before took longer than a period */
+
+/* @HOME_TEXT@, where @NAME@_init believes the robot. */
+static const @NAME@_real home[] = {@HOME@};
+
+void tick(void)
+{
+    int code;
+    input.measured = read_sensors(input.y) && !late; /* an old measurement is none: it is predicted over */
+    read_command(input.r, output.path_rate);
+    if (@BIG@_LATENCY > 0) { /* the input of the sample before acts from here on; further samples are the drive's */
+        drive_motors(output.u);
+    }
+    code = @NAME@_step(&state, &@NAME@_defaults, &input, &output);
+    if (@BIG@_LATENCY == 0) {
+        drive_motors(output.u);
+    }
+    if (code != @BIG@_OK) {
+        report(code);
+    }
+    late = (INTERRUPT_STATE & SYSTICK_PENDING) != 0u;
+}
+
+int main(void)
+{
+    if (@NAME@_init(&state) != @BIG@_OK) { /* the robot must be where @NAME@.h says; elsewhere @NAME@_start */
+        report(@BIG@_BAD_ARITHMETIC);      /* compiled with flags that change results */
+        return 1;
+    }
+    @STANDSTILL@ /* the command until there is another */
+    @NAME@_step(&state, &@NAME@_defaults, &input, &output); /* without a measurement: the input before the first */
+    SYSTICK_RELOAD = (uint32_t)(CORE_HZ * (double)@BIG@_PERIOD + 0.5) - 1u;
+    SYSTICK_VALUE = 0;
+    SYSTICK_CONTROL = 7; /* the core's clock, its interrupt, on */
+    for (;;) {
+        __asm volatile("wfi"); /* whatever else the firmware does */
+    }
+}

@@ -1,0 +1,53 @@
+/* A board for examples in QEMU: its sensors and commands are those of the test vector, and what drives the motors is
+ * compared with it. Ends the emulation after the last sample. Not for a project of yours. */
+#define main of_the_test_vector /* which has the numbers */
+#include "../@NAME@_test.c"
+#undef main
+
+#include <stdlib.h>
+
+int read_sensors(@NAME@_real *y);
+void read_command(@NAME@_real *r, @NAME@_real path_rate);
+void drive_motors(const @NAME@_real *u);
+void report(int code);
+
+static int samples, code_before, failed;
+static @NAME@_real largest;
+
+int read_sensors(@NAME@_real *y)
+{
+    failed += samples > 0 && code_before != expected_code[samples - 1];
+    code_before = @BIG@_OK;
+    if (samples == SAMPLES) {
+        failed += !(largest <= TOLERANCE);
+        printf("@NAME@ in a periodic task: %d samples, largest relative error %.3g: %s\n", samples, (double)largest,
+               failed ? "FAILED" : "passed");
+        exit(failed != 0);
+    }
+    for (int i = 0; i < @BIG@_MEASUREMENTS; ++i) {
+        y[i] = given_y[samples][i];
+    }
+    samples += 1;
+    return expected_code[samples - 1] != @MISSING@;
+}
+
+void read_command(@NAME@_real *r, @NAME@_real path_rate)
+{
+    (void)path_rate;
+    for (int i = 0; i < @R@; ++i) {
+        r[i] = given_r[samples - 1][i];
+    }
+}
+
+void drive_motors(const @NAME@_real *u)
+{
+    const int sample = samples - 1 - (@BIG@_LATENCY > 0);
+    for (int i = 0; i < @BIG@_INPUTS && sample >= 0; ++i) {
+        const @NAME@_real error = @FABS@(u[i] - expected_u[RUN][sample][i]) / size_of_u[i];
+        if (!(error <= largest)) {
+            largest = error;
+        }
+    }
+}
+
+void report(int code) { code_before = code; }

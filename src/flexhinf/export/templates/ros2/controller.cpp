@@ -1,0 +1,435 @@
+// The controller @NAME@ for ros2_control (Humble and later), made by flexhinf @VERSION@. SPDX-License-Identifier: 0BSD
+#include "@PACKAGE@/controller.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <exception>
+#include <functional>
+#include <limits>
+#include <optional>
+#include <type_traits>
+#include <utility>
+
+#include "pluginlib/class_list_macros.hpp"
+@AT_REST_HEADER@
+namespace @PACKAGE@
+{
+namespace
+{
+constexpr double PERIOD = static_cast<double>(@BIG@_PERIOD);
+constexpr std::size_t ROW = @R@;  // numbers of a command
+
+// Names of the signals in parameters and in the published state, in the order of @NAME@.h.
+const std::array<const char *, @BIG@_MEASUREMENTS> MEASURED = {@MEASURED@};
+const std::array<const char *, @BIG@_INPUTS> INPUTS = {@INPUTS@};
+const std::array<const char *, @BIG@_STATES> STATES = {@STATES@};
+
+// Default interfaces; the parameters state others.
+const std::array<const char *, @BIG@_MEASUREMENTS> STATE_INTERFACES = {@STATE_INTERFACES@};
+const std::array<const char *, @BIG@_INPUTS> COMMAND_INTERFACES = {@COMMAND_INTERFACES@};
+
+// Of each joint: the places of its link's and its motor's position among the measurements, -1 where it is not measured,
+// and among the states. Of each number of the command: whether it is a velocity.
+[[maybe_unused]] constexpr std::size_t JOINTS = @JOINTS@;
+[[maybe_unused]] constexpr std::array<int, JOINTS> LINK_MEASURED = {@LINK_MEASURED@};
+[[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_MEASURED = {@MOTOR_MEASURED@};
+[[maybe_unused]] constexpr std::array<int, JOINTS> MOTOR_STATE = {@MOTOR_STATE@};
+[[maybe_unused]] constexpr std::array<bool, ROW> IS_VELOCITY = {@IS_VELOCITY@};
+
+// Loaned interfaces return a number in Humble, and since Jazzy an optional one.
+template <class Interface, class = void>
+struct gives_optional : std::false_type
+{
+};
+template <class Interface>
+struct gives_optional<Interface, std::void_t<decltype(std::declval<const Interface &>().get_optional())>>
+: std::true_type
+{
+};
+
+template <class Interface>
+double value_of(const Interface & interface)
+{
+  if constexpr (gives_optional<Interface>::value) {
+    return interface.get_optional().value_or(std::numeric_limits<double>::quiet_NaN());
+  } else {
+    return interface.get_value();
+  }
+}
+
+// Writing returns nothing in Humble, and since Jazzy whether it was done.
+template <class Interface>
+bool write_to(Interface & interface, double value)
+{
+  if constexpr (std::is_void_v<decltype(interface.set_value(value))>) {
+    interface.set_value(value);
+    return true;
+  } else {
+    return interface.set_value(value);
+  }
+}
+
+// So with publishers, whose message was filled by the caller before.
+template <class Publisher, class = void>
+struct takes_message : std::false_type
+{
+};
+template <class Publisher>
+struct takes_message<
+  Publisher, std::void_t<decltype(std::declval<Publisher &>().try_publish(std::declval<const Report &>()))>>
+: std::true_type
+{
+};
+
+template <class Publisher>
+void publish_if_free(Publisher & publisher, const Report & report)
+{
+  if constexpr (takes_message<Publisher>::value) {
+    publisher.try_publish(report);
+  } else if (publisher.trylock()) {
+    publisher.msg_ = report;
+    publisher.unlockAndPublish();
+  }
+}
+
+template <class Interfaces>
+bool find(const Interfaces & interfaces, Signal & signal)
+{
+  for (std::size_t i = 0; i < interfaces.size(); ++i) {
+    if (interfaces[i].get_name() == signal.interface) {
+      signal.place = i;
+      return true;
+    }
+  }
+  return false;
+}
+
+template <class Signals>
+controller_interface::InterfaceConfiguration individual(const Signals & signals)
+{
+  controller_interface::InterfaceConfiguration wanted{
+    controller_interface::interface_configuration_type::INDIVIDUAL, {}};
+  for (const Signal & signal : signals) {
+    wanted.names.push_back(signal.interface);
+  }
+  return wanted;
+}
+}  // namespace
+
+// Set-up -------------------------------------------------------------------------------------------------------
+CallbackReturn Controller::on_init()
+{
+  try {
+    auto_declare<double>("period", PERIOD);
+    auto_declare<std::int64_t>("publish_every", 10);
+    auto_declare<bool>("zero_on_deactivate", false);
+    for (std::size_t i = 0; i < measurements_.size(); ++i) {
+      const std::string name = std::string("measurements.") + MEASURED[i];
+      auto_declare<std::string>(name + ".interface", STATE_INTERFACES[i]);
+      auto_declare<double>(name + ".factor", 1.0);
+    }
+    for (std::size_t i = 0; i < inputs_.size(); ++i) {
+      const std::string name = std::string("inputs.") + INPUTS[i];
+      auto_declare<std::string>(name + ".interface", COMMAND_INTERFACES[i]);
+      auto_declare<double>(name + ".factor", 1.0);
+      auto_declare<double>(name + ".lower", static_cast<double>(@NAME@_defaults.value[@BIG@_P_LOWER + i]));
+      auto_declare<double>(name + ".upper", static_cast<double>(@NAME@_defaults.value[@BIG@_P_UPPER + i]));
+    }
+  } catch (const std::exception & error) {
+    RCLCPP_ERROR(get_node()->get_logger(), "a parameter cannot be declared: %s", error.what());
+    return CallbackReturn::ERROR;
+  }
+  return CallbackReturn::SUCCESS;
+}
+
+controller_interface::InterfaceConfiguration Controller::command_interface_configuration() const
+{
+  return individual(inputs_);
+}
+
+controller_interface::InterfaceConfiguration Controller::state_interface_configuration() const
+{
+  return individual(measurements_);
+}
+
+bool Controller::read_parameters()
+{
+  const auto node = get_node();
+  const auto logger = node->get_logger();
+  const auto number = [&node](const std::string & name) { return node->get_parameter(name).as_double(); };
+  const double period = number("period");
+  const unsigned int rate = get_update_rate();  // Hz; 0: that of the controller manager, which update() looks at
+  publish_every_ = node->get_parameter("publish_every").as_int();
+  zero_on_deactivate_ = node->get_parameter("zero_on_deactivate").as_bool();
+  if (!(std::fabs(period / PERIOD - 1.0) <= 1e-6)) {
+    RCLCPP_ERROR(logger, "expected a period of %g s, for which @NAME@ is made, got %g", PERIOD, period);
+    return false;
+  }
+  if (rate != 0 && std::fabs(rate * PERIOD - 1.0) > 0.001) {
+    RCLCPP_ERROR(logger, "expected an update_rate of %g Hz, for which @NAME@ is made, got %u", 1.0 / PERIOD, rate);
+    return false;
+  }
+  if (publish_every_ < 1) {
+    RCLCPP_ERROR(logger, "expected publish_every from 1 on, got %ld", static_cast<long>(publish_every_));
+    return false;
+  }
+  std::vector<std::string> taken;
+  const auto read = [&](const std::string & name, Signal & signal) {
+    signal.interface = node->get_parameter(name + ".interface").as_string();
+    signal.factor = number(name + ".factor");
+    const std::string own = name.substr(0, 6) + signal.interface;
+    const bool once = std::find(taken.begin(), taken.end(), own) == taken.end();
+    taken.push_back(own);
+    if (signal.interface.find('/') == std::string::npos || !once) {
+      RCLCPP_ERROR(
+        logger, "expected an interface such as joint/position in %s, each once, got \"%s\"", name.c_str(),
+        signal.interface.c_str());
+      return false;
+    }
+    if (!std::isfinite(signal.factor) || signal.factor == 0.0) {
+      RCLCPP_ERROR(logger, "expected a factor other than 0 in %s, got %g", name.c_str(), signal.factor);
+      return false;
+    }
+    return true;
+  };
+  param_ = @NAME@_defaults;
+  for (std::size_t i = 0; i < measurements_.size(); ++i) {
+    if (!read(std::string("measurements.") + MEASURED[i], measurements_[i])) {
+      return false;
+    }
+  }
+  for (std::size_t i = 0; i < inputs_.size(); ++i) {
+    const std::string name = std::string("inputs.") + INPUTS[i];
+    const double lower = number(name + ".lower"), upper = number(name + ".upper");
+    if (!read(name, inputs_[i])) {
+      return false;
+    }
+    if (!(lower < upper)) {
+      RCLCPP_ERROR(logger, "expected a lower limit below the upper one in %s, got %g and %g", name.c_str(), lower, upper);
+      return false;
+    }
+    param_.value[@BIG@_P_LOWER + i] = static_cast<@NAME@_real>(lower);
+    param_.value[@BIG@_P_UPPER + i] = static_cast<@NAME@_real>(upper);
+  }
+  return true;
+}
+
+CallbackReturn Controller::on_configure(const rclcpp_lifecycle::State &)
+{
+  if (std::strcmp(@NAME@_digest, @BIG@_DIGEST) != 0) {
+    RCLCPP_ERROR(get_node()->get_logger(), "@NAME@.c and @NAME@.h are of two exports");
+    return CallbackReturn::ERROR;
+  }
+  try {
+    if (!read_parameters()) {
+      return CallbackReturn::ERROR;
+    }
+  } catch (const std::exception & error) {
+    RCLCPP_ERROR(get_node()->get_logger(), "a parameter is missing or of another type: %s", error.what());
+    return CallbackReturn::ERROR;
+  }
+  if (@BIG@_COMMANDS > 0) {
+    subscription_ = get_node()->create_subscription<Command>(
+      "~/command", rclcpp::SystemDefaultsQoS(),
+      [this](const std::shared_ptr<Command> message) { receive(*message); });
+  }
+  rclcpp::Publisher<Report>::SharedPtr publisher =
+    get_node()->create_publisher<Report>("~/state", rclcpp::SystemDefaultsQoS());
+  publisher_ = std::make_unique<realtime_tools::RealtimePublisher<Report>>(publisher);
+  prepare_report();
+  return CallbackReturn::SUCCESS;
+}
+
+// Start --------------------------------------------------------------------------------------------------------
+bool Controller::find_places()
+{
+  const auto logger = get_node()->get_logger();
+  for (Signal & signal : measurements_) {
+    if (!find(state_interfaces_, signal)) {
+      RCLCPP_ERROR(logger, "the state interface %s is missing", signal.interface.c_str());
+      return false;
+    }
+  }
+  for (Signal & signal : inputs_) {
+    if (!find(command_interfaces_, signal)) {
+      RCLCPP_ERROR(logger, "the command interface %s is missing", signal.interface.c_str());
+      return false;
+    }
+  }
+  return true;
+}
+
+void Controller::read_measurements()
+{
+  for (std::size_t i = 0; i < measurements_.size(); ++i) {
+    const Signal & signal = measurements_[i];
+    input_.y[i] = static_cast<@NAME@_real>(signal.factor * value_of(state_interfaces_[signal.place]));
+  }
+  input_.measured = 1;
+}
+
+// At rest at the measured pose; false where that is not measured, or the code is refused.
+bool Controller::start_where_the_robot_is()
+{
+@START@
+}
+
+CallbackReturn Controller::on_activate(const rclcpp_lifecycle::State &)
+{
+  if (!find_places()) {
+    return CallbackReturn::ERROR;
+  }
+  input_ = {};
+  read_measurements();
+  if (!start_where_the_robot_is()) {
+    RCLCPP_ERROR(
+      get_node()->get_logger(), "@NAME@ cannot start: a position is not measured, or it is compiled with flags that "
+      "change results");
+    return CallbackReturn::ERROR;
+  }
+  input_.measured = 0;  // the output is then the input before the first sample
+  code_ = @NAME@_step(&state_, &param_, &input_, &output_);
+  playing_ = received_.load();  // older commands are over
+  has_path_ = false;
+  samples_ = late_ = missed_writes_ = 0;
+  elapsed_ = 0.0;
+  stopped_ = false;
+  return CallbackReturn::SUCCESS;
+}
+
+CallbackReturn Controller::on_deactivate(const rclcpp_lifecycle::State &)
+{
+  if (zero_on_deactivate_) {  // else the last input stays
+    std::fill(std::begin(output_.u), std::end(output_.u), static_cast<@NAME@_real>(0));
+    drive();
+  }
+  return CallbackReturn::SUCCESS;
+}
+
+// Command ------------------------------------------------------------------------------------------------------
+void Controller::receive(const Command & message)
+{
+  const std::vector<double> & data = message.data;
+  const bool finite = std::all_of(data.begin(), data.end(), [](double value) { return std::isfinite(value); });
+  if (data.empty() || data.size() % ROW != 0 || !finite) {
+    RCLCPP_WARN(
+      get_node()->get_logger(), "a command is ignored: expected rows of %zu finite numbers, got %zu numbers", ROW,
+      data.size());
+    return;
+  }
+  const auto path = std::make_shared<Path>();
+  path->rows = data.size() / ROW;
+  path->numbers.assign(data.begin(), data.end());
+  path->number = received_.load() + 1;
+  paths_.writeFromNonRT(path);
+  received_.store(path->number);
+}
+
+void Controller::follow()
+{
+  const Path * path = paths_.readFromRT()->get();  // the buffer keeps it: nothing is freed here
+  if (path != nullptr && path->number > playing_) {
+    playing_ = path->number;
+    has_path_ = true;
+    at_ = 0.0;
+  } else {
+    at_ += static_cast<double>(output_.path_rate);
+  }
+  if (!has_path_) {
+    return;
+  }
+  const double last = static_cast<double>(path->rows - 1);
+  at_ = std::min(at_, last);
+  const std::size_t row = static_cast<std::size_t>(at_);
+  const @NAME@_real part = static_cast<@NAME@_real>(at_ - static_cast<double>(row));
+  const @NAME@_real * now = path->numbers.data() + row * ROW;
+  for (std::size_t i = 0; i < ROW; ++i) {
+    input_.r[i] = (part > 0) ? now[i] + part * (now[i + ROW] - now[i]) : now[i];
+  }
+@SLOWER@
+}
+
+// Loop ---------------------------------------------------------------------------------------------------------
+void Controller::drive()
+{
+  for (std::size_t i = 0; i < inputs_.size(); ++i) {
+    const double value = inputs_[i].factor * static_cast<double>(output_.u[i]);
+    missed_writes_ += write_to(command_interfaces_[inputs_[i].place], value) ? 0 : 1;
+  }
+}
+
+// Whether the manager calls at another rate than that of the design: the mean of 20 samples, then of 500.
+bool Controller::wrong_rate(double seconds)
+{
+  const double periods = seconds / PERIOD;
+  if (samples_ > 0) {  // the first duration may begin before the activation
+    late_ += (periods > 1.5) ? 1 : 0;
+    elapsed_ += periods;
+  }
+  const bool early = samples_ == 20 && std::fabs(elapsed_ / 20.0 - 1.0) > 0.5;
+  const bool later = samples_ == 500 && std::fabs(elapsed_ / 500.0 - 1.0) > 0.05;
+  samples_ += 1;
+  return early || later;
+}
+
+controller_interface::return_type Controller::update(const rclcpp::Time & time, const rclcpp::Duration & period)
+{
+  if (wrong_rate(period.seconds())) {
+    stopped_ = true;
+    RCLCPP_ERROR(get_node()->get_logger(), "expected a period of %g s, for which @NAME@ is made", PERIOD);
+  }
+  if (stopped_) {  // the last input stays
+    return controller_interface::return_type::ERROR;
+  }
+  read_measurements();
+  follow();
+  if (@BIG@_LATENCY > 0) {  // the input of the sample before acts from here on; further samples are the drive's
+    drive();
+  }
+  code_ = @NAME@_step(&state_, &param_, &input_, &output_);
+  if (@BIG@_LATENCY == 0) {
+    drive();
+  }
+  if (samples_ % publish_every_ == 0) {
+    publish(time);
+  }
+  const bool refused = code_ == @BIG@_BAD_ARITHMETIC || code_ == @BIG@_NOT_INITIALISED;
+  return refused ? controller_interface::return_type::ERROR : controller_interface::return_type::OK;
+}
+
+// Health -------------------------------------------------------------------------------------------------------
+void Controller::prepare_report()
+{
+  const auto group = [this](const char * name, std::vector<std::string> names) {
+    report_.joint_names.push_back(name);
+    report_.interface_values.emplace_back();
+    report_.interface_values.back().values.assign(names.size(), 0.0);
+    report_.interface_values.back().interface_names = std::move(names);
+  };
+  report_ = Report();
+  group("health", {@HEALTH@});
+  group("input", {INPUTS.begin(), INPUTS.end()});
+  group("measured", {MEASURED.begin(), MEASURED.end()});
+  group("estimate", {STATES.begin(), STATES.end()});
+}
+
+void Controller::publish(const rclcpp::Time & time)
+{
+  const auto fill = [this](std::size_t group, const auto & values) {
+    std::copy(std::begin(values), std::end(values), report_.interface_values[group].values.begin());
+  };
+  const std::array<double, @HEALTH_COUNT@> health = {
+    static_cast<double>(code_), static_cast<double>(output_.status), static_cast<double>(output_.path_rate),
+    static_cast<double>(late_), static_cast<double>(missed_writes_)@HEALTH_VALUES@};
+  report_.header.stamp = time;
+  fill(0, health);
+  fill(1, output_.u);
+  fill(2, input_.y);
+  fill(3, output_.estimate);
+  publish_if_free(*publisher_, report_);
+}
+
+}  // namespace @PACKAGE@
+
+PLUGINLIB_EXPORT_CLASS(@PACKAGE@::Controller, controller_interface::ControllerInterface)

@@ -1,0 +1,99 @@
+// The controller @NAME@ for ros2_control (Humble and later), made by flexhinf @VERSION@. SPDX-License-Identifier: 0BSD
+#ifndef @PACKAGE_BIG@__CONTROLLER_HPP_
+#define @PACKAGE_BIG@__CONTROLLER_HPP_
+
+#include <array>
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "control_msgs/msg/dynamic_joint_state.hpp"
+#include "controller_interface/controller_interface.hpp"
+#include "rclcpp/rclcpp.hpp"
+#if __has_include("realtime_tools/realtime_publisher.hpp")
+#include "realtime_tools/realtime_buffer.hpp"
+#include "realtime_tools/realtime_publisher.hpp"
+#else
+#include "realtime_tools/realtime_buffer.h"
+#include "realtime_tools/realtime_publisher.h"
+#endif
+#include "std_msgs/msg/float64_multi_array.hpp"
+
+#include "@NAME@.h"
+
+namespace @PACKAGE@
+{
+using Command = std_msgs::msg::Float64MultiArray;
+using Report = control_msgs::msg::DynamicJointState;
+using controller_interface::CallbackReturn;
+
+/// A hardware interface of one signal.
+struct Signal
+{
+  std::string interface;
+  double factor = 1.0;
+  std::size_t place = 0;  // among the loaned interfaces, once active
+};
+
+/// Rows of a command, one for each period; the last one stays.
+struct Path
+{
+  std::uint64_t number = 0;  // counts received commands
+  std::size_t rows = 0;
+  std::vector<@NAME@_real> numbers;
+};
+
+class Controller : public controller_interface::ControllerInterface
+{
+public:
+  CallbackReturn on_init() override;
+  controller_interface::InterfaceConfiguration command_interface_configuration() const override;
+  controller_interface::InterfaceConfiguration state_interface_configuration() const override;
+  CallbackReturn on_configure(const rclcpp_lifecycle::State & previous) override;
+  CallbackReturn on_activate(const rclcpp_lifecycle::State & previous) override;
+  CallbackReturn on_deactivate(const rclcpp_lifecycle::State & previous) override;
+  controller_interface::return_type update(const rclcpp::Time & time, const rclcpp::Duration & period) override;
+
+private:
+  bool read_parameters();
+  bool find_places();
+  void read_measurements();
+  bool start_where_the_robot_is();
+  void receive(const Command & message);
+  void follow();
+  void drive();
+  bool wrong_rate(double seconds);
+  void prepare_report();
+  void publish(const rclcpp::Time & time);
+
+  std::array<Signal, @BIG@_MEASUREMENTS> measurements_;
+  std::array<Signal, @BIG@_INPUTS> inputs_;
+  bool zero_on_deactivate_ = false;
+  std::int64_t publish_every_ = 10, samples_ = 0;
+
+  @NAME@_param param_ = @NAME@_defaults;
+  @NAME@_state state_{};
+  @NAME@_input input_{};
+  @NAME@_output output_{};
+  int code_ = @BIG@_OK;
+
+  rclcpp::Subscription<Command>::SharedPtr subscription_;
+  realtime_tools::RealtimeBuffer<std::shared_ptr<Path>> paths_;
+  std::atomic<std::uint64_t> received_{0};
+  std::uint64_t playing_ = 0;  // number of the path that is played; those up to it are over
+  double at_ = 0.0;            // place on it, rows
+  bool has_path_ = false;
+
+  std::unique_ptr<realtime_tools::RealtimePublisher<Report>> publisher_;
+  Report report_;
+  double elapsed_ = 0.0;
+  std::int64_t late_ = 0, missed_writes_ = 0;
+  bool stopped_ = false;
+};
+
+}  // namespace @PACKAGE@
+
+#endif
